@@ -1,11 +1,11 @@
 """Answers of tests: what a worker process is asked to do with a task."""
 
+import json
 import os
 import signal
 from pathlib import Path
 
-from ocptip.basics.sums import write_sums
-from ocptip.basics.write import write_json
+from ocptip.basics.outputs import replace_folder
 from ocptip.cli.command import Report
 
 
@@ -29,10 +29,7 @@ class Told(Report):
         return {**found, "versions": {"ocptip": "a version"}}
 
     def write(self):
-        self.one.directory.mkdir(exist_ok=True)
-        write_json(self.one.directory / "plan.json", self.to_dict())
-        write_sums(self.one.directory, ["plan.json"])
-        yield self.one.directory / "plan.json"
+        yield from replace_folder(self.one.directory, {"plan.json": json.dumps(self.to_dict()).encode()})
 
 
 def work(one, options, executor):

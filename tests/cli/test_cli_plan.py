@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from ocptip.basics import errors
+from ocptip.basics.outputs import OUTPUTS
+from ocptip.basics.write import MARK
 from ocptip.cli import plan as command
 from ocptip.cli.main import main
-from ocptip.cli.options import OUTPUTS
 from ocptip.cli.plan import PlanReport, progress_bar
 from ocptip.motion.execution import Execution
 from ocptip.motion.objective import ENERGY, TIME, priced
@@ -388,20 +389,28 @@ def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
     (other / "plan.json").write_text('{"energy_J": 3}')  # not from ocptip
     assert run(capsys, "C", "--no-figures")[0] == 2
     assert run(capsys, "C", "--no-figures", "--overwrite")[0] == 0
-    assert files_in(other) == sorted([*FILES, "notes.txt"])
+    assert files_in(other) == sorted([*FILES, "notes.txt", "plan.png"])
 
 
 def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path):
     assert run(capsys, "C", "--no-figures")[0] == 0
     directory = tmp_path / "ocptip-plan-C"
     for name in ("plan.png", "friction.png", "mine.png"):
-        (directory / name).write_text("old")
+        (directory / name).write_text(f"old, {MARK}")
+    assert run(capsys, "C", "--no-figures")[0] == 0
+    assert files_in(directory) == sorted([*FILES, "mine.png"])
+    (directory / "plan.png").write_text("mine")
+    assert run(capsys, "C", "--no-figures")[0] == 2
+    assert run(capsys, "C", "--no-figures", "--overwrite")[0] == 0  # replaces, but does not delete
+    assert (directory / "plan.png").read_text() == "mine"
+    assert run(capsys, "C", "--overwrite")[0] == 0
+    assert MARK.encode() in (directory / "plan.png").read_bytes()
     assert run(capsys, "C", "--no-figures")[0] == 0
     assert files_in(directory) == sorted([*FILES, "mine.png"])
 
 
 def test_the_names_of_all_files_are_known():
-    figures = [f"{name}.png" for name in (*motion_plots._FIGURES, "stops", "feet")]
+    figures = [f"{name}.png" for name in (*motion_plots._FIGURES, "stops", "feet", "gears")]
     assert OUTPUTS["plan"] == (*FILES, *figures)
 
 

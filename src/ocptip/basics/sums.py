@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+import re
 from pathlib import Path, PurePosixPath
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.read import only_inside, read_bytes, read_text
 from ocptip.basics.text import some
-from ocptip.basics.toml import read_text
-from ocptip.basics.write import write_text
 
 SUMS = "SHA256SUMS"
+_DIGEST = re.compile(r"[0-9a-f]{64}")
 _MOST = 4  # files named at once
-
-
-def write_sums(folder: Path, names: Iterable[str]) -> Path:
-    """Write the hashes of files of a folder into its file `SUMS`, and return that.
-
-    Args:
-        folder: where they are.
-        names: relative to it, with "/".
-
-    Raises:
-        OSError: a file cannot be read or written; names it.
-    """
-    write_text(folder / SUMS, "".join(f"{_digest(folder / name)}  {name}\n" for name in names))
-    return folder / SUMS
 
 
 def read_sums(folder: Path) -> dict[str, str]:
@@ -36,23 +22,18 @@ def read_sums(folder: Path) -> dict[str, str]:
         InputError: there is no such file, or it is broken.
     """
     found = {}
-    for number, line in enumerate(read_text(folder / SUMS).splitlines(), 1):
+    with only_inside(folder):
+        text = read_text(folder / SUMS)
+    for number, line in enumerate(text.removesuffix("\n").split("\n"), 1):
         digest, _, name = line.partition("  ")
-        outside = PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts
-        if len(digest) != 64 or not name or outside:
+        path = PurePosixPath(name)
+        outside = path.is_absolute() or ".." in path.parts or f"{path}" != name  # or written in another way
+        if not _DIGEST.fullmatch(digest) or not name or outside or name in found:
             raise InputError(
                 f"line {number}: expected a hash and a name, got {line!r}", "", f"{folder / SUMS}"
             )
         found[name] = digest
     return found
-
-
-def written_names(folder: Path) -> list[str]:
-    """Names of the files that have hashes; none where there is no list, or a broken one."""
-    try:
-        return list(read_sums(folder))
-    except InputError:
-        return []
 
 
 def require_unchanged(folder: Path) -> None:
@@ -64,15 +45,11 @@ def require_unchanged(folder: Path) -> None:
     wrong = []
     for name, digest in read_sums(folder).items():
         try:
-            if _digest(folder / name) != digest:
+            with only_inside(folder):
+                content = read_bytes(folder / name)
+            if hashlib.sha256(content).hexdigest() != digest:
                 wrong.append(f"{name} is not what was written")
-        except FileNotFoundError:
-            wrong.append(f"{name} is missing")
-        except OSError as error:
-            wrong.append(f"{name} cannot be read ({error.strerror})")
+        except InputError as error:
+            wrong.append(f"{name} is missing" if error.text == "no such file" else f"{name} {error.text}")
     if wrong:
         raise InputError(f"{some(wrong, _MOST)} (hashes in {SUMS})", "", str(folder))
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,6 +33,7 @@ from ocptip.basics.errors import (
     whole_number,
 )
 from ocptip.basics.named_files import NamedFiles, Rename
+from ocptip.basics.read import parse_toml, read_text
 from ocptip.basics.text import did_you_mean, of_known
 
 if TYPE_CHECKING:
@@ -49,23 +49,6 @@ _MOST_COMPLAINTS = 8  # shown at once
 _UNKNOWN = "unknown key"
 
 T = TypeVar("T")
-
-
-def read_text(path: Path) -> str:
-    """Return the content of a text file.
-
-    Raises:
-        InputError: it cannot be read; one line that names it.
-    """
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        problem = "no such file"
-    except UnicodeDecodeError as error:
-        problem = f"not a text file in UTF-8 (byte {error.start})"
-    except (OSError, ValueError) as error:
-        problem = f"cannot be read: {getattr(error, 'strerror', None) or error}"
-    raise InputError(problem, "", str(path))
 
 
 MARK = "#>"
@@ -111,12 +94,9 @@ class Table:
         path = Path(source)
         text = read_text(path)
         try:
-            return cls(tomllib.loads(text), path.name, folder=path.parent)
-        except ValueError as error:
-            problem = str(error)
-        except RecursionError:
-            problem = "nested too deeply"
-        raise InputError(f"broken TOML: {problem}", "", path.name)
+            return cls(parse_toml(text), path.name, folder=path.parent)
+        except InputError as error:
+            raise InputError(error.text, "", path.name) from None
 
     def __contains__(self, key: str) -> bool:
         return key in self._data

@@ -20,6 +20,8 @@ from ocptip.basics.version import version
 
 PACKAGES = ("casadi", "numpy", "scipy", "numba", "clarabel", "pin")
 """The packages that decide the numbers of plans and placements."""
+MARK = "written by ocptip"
+"""In files whose format has room for it: such a file may be replaced by the next run."""
 
 
 @contextmanager
@@ -30,7 +32,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         OSError: it cannot be written; names `path`.
     """
     path, stream = Path(path), None
-    temporary = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+    temporary = _temporary(path)
     try:
         with temporary.open("xb") as stream:
             yield stream
@@ -41,6 +43,44 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
+
+
+def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
+    """Write several files into a folder; none takes its place before all are on the disk.
+
+    Args:
+        folder: made if it does not exist; the one above it must.
+        contents: by name, relative, with "/"; they take their places in this order.
+
+    Returns:
+        The paths.
+
+    Raises:
+        OSError: a file or folder cannot be written; names it.
+    """
+    folder.mkdir(exist_ok=True)
+    path, ready = folder, dict[Path, Path]()
+    try:
+        for name, content in contents.items():
+            path = folder / name
+            ready[path] = _temporary(folder / "any")
+            with ready[path].open("xb") as stream:
+                stream.write(content)
+        for path in list(ready):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(ready[path], path)
+            del ready[path]
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+    finally:
+        for temporary in ready.values():
+            temporary.unlink(missing_ok=True)
+    return [folder / name for name in contents]
+
+
+def _temporary(path: Path) -> Path:
+    """A new name beside a file, short enough wherever the file's own is."""
+    return path.parent / f".ocptip-{secrets.token_hex(8)}.part"
 
 
 def file_target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import naming
+from ocptip.basics.outputs import OUTPUTS, remove_figures, require_replaceable
 from ocptip.basics.text import quantity
 from ocptip.basics.write import plain, versions, write_json
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.cycles import CycleReport, cycle_with_options, report_of
 from ocptip.cli.layout import summary, table, under
 from ocptip.cli.many import Asked, digest_of
-from ocptip.cli.options import OUTPUTS, output_directory, remove_figures, require_least
+from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.place import refusal_lines, where_text
 from ocptip.cli.progress import say_if_compiling
 from ocptip.placement.for_cycle import CyclePlacement, CyclePlacements, place_for_cycle
@@ -41,6 +42,10 @@ def run(options: Namespace) -> Report:
             cell = cell.within(load_tolerance(options.tolerance))
     cycle_with_options(cell.cycle, options)  # complains before anything is computed
     directory = output_directory(options, cell.name)
+    source = cell.cycle.source
+    with naming("--out"):
+        further = source.places if source else ()
+        require_replaceable(directory / PLAN_FOLDER, "plan", further, overwrite=options.overwrite)
     say_if_compiling()
     try:
         found = place_for_cycle(
@@ -112,11 +117,11 @@ class CellReport(Report):
 
     def write(self) -> Iterator[Path]:
         """Write cell.json, the figure of the places, and the folder of the plan."""
-        remove_figures(self.directory, "cell")
         self.directory.mkdir(exist_ok=True)
         path = self.directory / OUTPUTS["cell"][0]
         write_json(path, self.entries())
         yield path
+        remove_figures(self.directory, "cell")
         if self.figures:
             from ocptip.pictures.placement import draw_places
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.toml import read_text
+from ocptip.basics.read import read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.result import Certificate, claims

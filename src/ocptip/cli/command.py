@@ -120,6 +120,7 @@ class Command:
         codes: what the exit codes 0 and 1 mean.
         arguments: all but --json.
         preload: modules that its processes need.
+        files: options that name files which are written.
     """
 
     name: str
@@ -128,6 +129,7 @@ class Command:
     codes: str
     arguments: Sequence[Argument]
     preload: Sequence[str] = ()
+    files: Sequence[str] = ()
 
     def prepare(self, options: argparse.Namespace) -> None:
         """Let the processes of the command start while the command itself loads what it needs."""
@@ -136,17 +138,32 @@ class Command:
 
             prepare_workers(self.preload)
 
+    def _refuse_targets(self, options: argparse.Namespace) -> None:
+        """Refuse, before anything is computed, to replace files that ocptip did not write."""
+        given = [(name, path) for name in self.files if (path := getattr(options, name)) is not None]
+        for name, path in given:
+            from ocptip.basics.errors import naming
+            from ocptip.basics.outputs import require_replaceable_file
+
+            with naming(f"--{name}"):
+                for one in (path, os.path.splitext(path)[0] + ".h") if name == "c" else (path,):
+                    require_replaceable_file(one, overwrite=options.overwrite)
+
     def add_to(self, commands: Any) -> None:
         """Add it to the subparsers of the command line."""
         epilog = f"exit code: {self.codes}, {BAD_INPUT} bad input"
         parser = commands.add_parser(self.name, help=self.help, description=self.description, epilog=epilog)
         for add in self.arguments:
             add(parser)
+        if self.files:
+            named = f"replace {' and '.join(f'--{name}' for name in self.files)}, written by ocptip or not"
+            parser.add_argument("--overwrite", action="store_true", help=named)
         parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
     def execute(self, options: argparse.Namespace, own_process: bool = False) -> int:
         """Run, write, print; every error becomes one line on stderr. Returns the exit code."""
         try:
+            self._refuse_targets(options)
             if own_process:
                 self.prepare(options)
             module = import_module(f"ocptip.cli.{self.name}")

@@ -118,6 +118,7 @@ COMMANDS = (
                 type=float,
             ),
         ),
+        files=("plot",),
     ),
     Command(
         "plan",
@@ -305,6 +306,7 @@ COMMANDS = (
             *OF_FILE,
             argument("--out", "FILE", "write the certificate (JSON)"),
         ),
+        files=("out",),
     ),
     Command(
         "view",
@@ -318,6 +320,7 @@ COMMANDS = (
             argument("--html", "FILE", "write one file that needs nothing else (default: serve it here)"),
             argument("--task", "TASK.toml", "of a placement: its task file"),
         ),
+        files=("html",),
     ),
     Command(
         "export",
@@ -330,6 +333,7 @@ COMMANDS = (
             argument("--mjcf", "FILE", "write a MuJoCo model with feet, friction and motion"),
             argument("--urdf", "FILE", "write a URDF: bodies and joints only"),
         ),
+        files=("mjcf", "urdf"),
     ),
     Command(
         "simulate",
@@ -376,6 +380,7 @@ COMMANDS = (
             ),
             argument("--plot", "FILE", "draw both into a .png, .pdf or .svg file"),
         ),
+        files=("plot",),
     ),
     Command(
         "identify",
@@ -406,6 +411,7 @@ COMMANDS = (
             SEED,
             argument("--out", "FILE", "write the tables of a task file (.toml); motion: its samples (.csv)"),
         ),
+        files=("out",),
     ),
     Command(
         "report",
@@ -417,6 +423,7 @@ COMMANDS = (
             argument("--cases", "FILE.toml", "poses, payloads, tilts and pushes, see docs/report.md"),
             argument("--out", "FILE", ".html or .pdf (default: ocptip-report-NAME.html)"),
         ),
+        files=("out",),
     ),
     Command(
         "rate",
@@ -499,6 +506,7 @@ COMMANDS = (
                 default=[],
             ),
         ),
+        files=("plot",),
     ),
     Command(
         "init",
@@ -574,6 +582,7 @@ COMMANDS = (
                 choices=("S", "X", "Z", "A", "AA"),
             ),
         ),
+        files=("c", "urdf", "mjcf", "plot"),
     ),
     Command(
         "examples",

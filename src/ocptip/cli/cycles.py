@@ -8,17 +8,18 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.basics.outputs import remove_figures
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import check_rows, gear_rows, summary, table, under, use_of_reserves
 from ocptip.cli.many import Asked
-from ocptip.cli.options import given_limits, remove_figures, step_of
+from ocptip.cli.options import given_limits, step_of
 from ocptip.cli.progress import Progress
 from ocptip.cli.stops import (
     price_line,
@@ -157,6 +158,7 @@ class CycleReport(Report):
     """
 
     early = True
+    command: ClassVar[str] = "plan"
     plan: CyclePlan
     executions: list[Execution]
     motion: MotionSequence
@@ -195,10 +197,10 @@ class CycleReport(Report):
 
     def write(self) -> Iterator[Path]:
         """Write plan.json, tables and figures."""
-        remove_figures(self.directory, "plan")
         samples = cycle_samples(self.plan.task, self.motion)
         how = {"samples": samples, "extra": self.entries(), "effort": self.effort}
         yield from write_cycle(self.directory, self.plan, executions=self.executions, **how)
+        remove_figures(self.directory, self.command)
         if self.figures:
             from ocptip.pictures.cycle import draw_cycle
 

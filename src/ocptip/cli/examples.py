@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.outputs import require_files
+from ocptip.basics.read import read_bytes
 from ocptip.basics.write import atomic_file
 from ocptip.cli.command import Report
 
@@ -53,11 +55,13 @@ def run(options: Namespace) -> ExamplesReport:
     directory, missing, present, different = Path(options.directory), {}, [], []
     if directory.exists() and not directory.is_dir():
         raise InputError(f"{directory}: not a directory")
-    for path, example in _tree(directory, files("ocptip").joinpath("examples")):
+    examples = list(_tree(directory, files("ocptip").joinpath("examples")))
+    require_files(directory, (path.relative_to(directory).as_posix() for path, _ in examples))
+    for path, example in examples:
         content = example.read_bytes()
         if not path.exists():
             missing[path] = content
-        elif path.is_file() and path.read_bytes() == content:
+        elif read_bytes(path) == content:
             present.append(path)
         else:
             different.append(f"{path.relative_to(directory)}")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming
+from ocptip.basics.outputs import require_replaceable_file
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
@@ -37,6 +38,8 @@ def run(options: Namespace) -> ExportReport:
                 files[_path(options.mjcf, segment)] = model
             if options.urdf is not None:
                 files[_path(options.urdf, segment)] = to_urdf(part.robot, **own)
+    for path in files:
+        require_replaceable_file(path, overwrite=options.overwrite)
     return ExportReport(name, parts, files)
 
 

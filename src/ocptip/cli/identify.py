@@ -13,10 +13,10 @@ import numpy as np
 
 from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.read import read_text
 from ocptip.basics.text import percent, some, with_error
-from ocptip.basics.toml import read_text
 from ocptip.basics.toml_text import toml_text
-from ocptip.basics.write import versions, write_text
+from ocptip.basics.write import MARK, versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under, use_of_reserves
 from ocptip.cli.options import given_columns
@@ -44,6 +44,9 @@ _FAR, _WORSE = 5.0, 1.2  # standard errors, and rms over that of plain least squ
 
 def run(options: Namespace) -> IdentifyReport:
     """Read what was measured, and identify what is asked for."""
+    ending = ".csv" if options.what == "motion" else ".toml"
+    if options.out is not None and Path(options.out).suffix.lower() != ending:
+        raise InputError(f"--out: expected a {ending} file, got {options.out!r}")
     if options.what == "motion":
         return _excited(options)
     if options.what == "power":
@@ -296,8 +299,6 @@ class ExcitationReport(Report):
         """Samples of it."""
         if self.out:
             path, motion = Path(self.out), self.found.motion
-            if path.suffix.lower() != ".csv":
-                raise InputError(f"--out: expected a .csv file, got {self.out!r}")
             kinds = (
                 ("q{}_rad", motion.angles),
                 ("qd{}_rad_s", motion.speeds),
@@ -343,7 +344,5 @@ class IdentifyReport(Report):
         """The tables, to be put into a task file."""
         if self.out:
             path = Path(self.out)
-            if path.suffix.lower() != ".toml":
-                raise InputError(f"--out: expected a .toml file, got {self.out!r}")
-            write_text(path, toml_text(self.tables))
+            write_text(path, f"# {MARK}: tables of a task file\n{toml_text(self.tables)}")
             yield path

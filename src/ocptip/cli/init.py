@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -80,7 +81,7 @@ def run(options: Namespace) -> InitReport:
     if Path(options.robot).suffix == ".toml":
         raise InputError(f"{options.robot}: expected a URDF")
     path = Path(options.out or f"{Path(options.robot).stem}.toml")
-    if path.exists():
+    if os.path.lexists(path):
         raise InputError(f"{path}: exists; give another file by --out")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.sums import require_unchanged
 from ocptip.basics.version import version
 from ocptip.basics.write import plain
 from ocptip.cli.command import Report, explained, suspicions, written
 from ocptip.cli.layout import table
-from ocptip.cli.options import OUTPUTS, in_folder
+from ocptip.cli.options import in_folder
 from ocptip.motion.source import TaskSource
 from ocptip.numerics.workers import worker_pool
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 import tempfile
 from argparse import Namespace
@@ -13,29 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
+from ocptip.basics.outputs import require_replaceable
 from ocptip.basics.toml import Table
+from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask
 from ocptip.task_files.tolerance import load_tolerance
 from ocptip.trajectories.arm_motion import checked_rise_times
-
-OUTPUTS = {
-    "plan": (
-        "plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", "SHA256SUMS",
-        "plan.png",
-        "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
-        "friction.png", "clearance.png", "stops.png", "feet.png",
-    ),
-    "retime": (
-        "plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", "SHA256SUMS",
-        "plan.png",
-        "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
-        "friction.png", "clearance.png", "feet.png", "phase_plane.png",
-    ),
-    "place": ("placement.json", "placement.png", "map.png"),
-    "cell": ("cell.json", "placement.png"),
-}  # fmt: skip
-"""What the commands write into a directory; the first one tells whose the others are."""
-
 
 _LIMITS = (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2, ("foot_lift",) * 2)
 
@@ -108,10 +90,15 @@ def require_least(options: Namespace, **least: int) -> None:
             raise InputError(f"--{name}: must be >= {bound}, got {value}")
 
 
-def output_directory(options: Namespace, name: str) -> Path:
+def output_directory(options: Namespace, name: str, source: TaskSource | None = None) -> Path:
     """Where files go; InputError before anything is computed if they cannot be written there.
 
-    Neither if they would replace files that an earlier run of the command did not write.
+    The same if they would replace files that an earlier run of the command did not write.
+
+    Args:
+        options: of the command.
+        name: of the task.
+        source: of the task, which is written with all that it names.
     """
     own = re.sub(r"[^\w.-]+", "-", name)
     path = Path(options.out or f"ocptip-{options.command}-{own}")
@@ -127,30 +114,12 @@ def output_directory(options: Namespace, name: str) -> Path:
             pass
     except OSError as error:
         raise InputError(f"--out: cannot write into {place}: {error.strerror}") from None
-    others = [name for name in OUTPUTS[options.command] if (path / name).exists()]
-    if others and not options.overwrite and not _is_own(path / OUTPUTS[options.command][0]):
-        raise InputError(
-            f"--out: {path} holds files that ocptip {options.command} did not write and would replace: "
-            f"{', '.join(others)}; choose another directory, or --overwrite"
-        )
+    further = source.places if source else ()
+    with naming("--out"):
+        require_replaceable(path, options.command, further, overwrite=options.overwrite)
     return path
 
 
 def in_folder(options: Namespace, task: str) -> Namespace:
     """The options of one of many tasks: --out names the folder of its folder."""
     return Namespace(**{**vars(options), "task": task, "many": True})
-
-
-def remove_figures(directory: Path, command: str) -> None:
-    """Remove the figures of an earlier run, which may not be drawn again."""
-    for name in OUTPUTS[command]:
-        if name.endswith(".png"):
-            (directory / name).unlink(missing_ok=True)
-
-
-def _is_own(path: Path) -> bool:
-    """Whether a file is JSON that says which version of ocptip wrote it."""
-    try:
-        return "ocptip" in json.loads(path.read_bytes())["versions"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return False

@@ -14,10 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import naming
+from ocptip.basics.outputs import remove_figures
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.many import Asked, answer_many
-from ocptip.cli.options import output_directory, remove_figures, require_least
+from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import scope_of
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
@@ -130,8 +131,8 @@ class PlaceReport(Report):
 
     def write(self) -> Iterator[Path]:
         """Write placement.json and figures."""
-        remove_figures(self.directory, "place")
         yield write_placement(self.directory, self.entries())
+        remove_figures(self.directory, "place")
         if self.figures:
             from ocptip.pictures.placement import draw_placement
 

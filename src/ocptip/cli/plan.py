@@ -10,9 +10,10 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, TextIO
+from typing import Any, ClassVar, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
+from ocptip.basics.outputs import remove_figures
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.cycles import RISE_TIME, cycle_with_options, plan_it
 from ocptip.cli.layout import (
@@ -25,7 +26,7 @@ from ocptip.cli.layout import (
     use_of_reserves,
 )
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
-from ocptip.cli.options import output_directory, remove_figures, require_least, step_of, with_limits
+from ocptip.cli.options import output_directory, require_least, step_of, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import (
     price_line,
@@ -83,7 +84,7 @@ def _asked(options: Namespace) -> Asked:
     else:
         task = _with_objective(_with_rise_time(task, options), options)
         task = with_safe_stops(task, options.stop_safe)
-    return Asked(task, task.name, output_directory(options, task.name), digest, base)
+    return Asked(task, task.name, output_directory(options, task.name, task.source), digest, base)
 
 
 def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report:
@@ -262,6 +263,7 @@ class PlanReport(Report):
     """
 
     early = True
+    command: ClassVar[str] = "plan"
     plan: MotionPlan
     execution: Execution
     time_scale: list[tuple[float, MotionCheck]] = field(default_factory=list)
@@ -301,11 +303,11 @@ class PlanReport(Report):
 
     def write(self) -> Iterator[Path]:
         """Write plan.json, tables and figures."""
-        remove_figures(self.directory, "plan")
         motion = self.execution.motion
         samples = self.samples or sample_motion(self.plan.task.robot, motion)
         how = {"samples": samples, "extra": self.entries(), "effort": self.effort}
         yield from write_plan(self.directory, self.plan, execution=self.execution, **how)
+        remove_figures(self.directory, self.command)
         if self.figures:
             drawing = self.drawing or begin_plan(_seen(self.plan, motion, self.check), samples)
             yield from drawing.save(self.directory)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.toml import read_text
+from ocptip.basics.read import read_text
 from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import table

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import naming
+from ocptip.basics.outputs import require_replaceable_file
 from ocptip.basics.sums import SUMS, read_sums
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
@@ -71,6 +72,7 @@ def run(options: Namespace) -> DocumentReport:
     path = Path(options.plan)
     with naming("--out"):
         out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
+        require_replaceable_file(out, overwrite=options.overwrite)
     folder = read_plan_folder(path) if path.is_dir() else None
     task = folder.task if folder else read_task(path)
     robots = arms_of(task, "report is about", path)

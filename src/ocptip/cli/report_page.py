@@ -9,6 +9,7 @@ from io import BytesIO
 from typing import Any
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.write import MARK
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
@@ -27,7 +28,8 @@ _LONG = 60  # characters: texts that are longer are broken
 
 def page(title: str, parts: Iterable[str]) -> bytes:
     """A whole page of parts made by the functions below."""
-    head = f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escape(title)}</title>"
+    about = f"<meta charset='utf-8'><meta name='generator' content='{MARK}'><title>{escape(title)}</title>"
+    head = f"<!doctype html><html lang='en'><head>{about}"
     return f"{head}<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n".encode()
 
 
@@ -100,6 +102,7 @@ def pdf(title: str, parts: Iterable[str]) -> bytes:
         raise InputError("--out: a .pdf needs fpdf2 (pip install 'ocptip[report]'); .html does not") from None
     document = FPDF(format="A4")
     document.set_title(title)
+    document.set_keywords(MARK)
     document.add_page()
     document.set_font("helvetica", size=9)
     text = "".join(parts).replace("&nbsp;", " ")

@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.cycles import CycleReport
 from ocptip.cli.given_motion import task_of
 from ocptip.cli.layout import use_of_reserves
-from ocptip.cli.options import given_columns, given_limits, output_directory, rate_of, remove_figures, step_of
+from ocptip.cli.options import given_columns, given_limits, output_directory, rate_of, step_of
 from ocptip.cli.plan import PlanReport
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
@@ -52,7 +52,7 @@ def run(options: Namespace) -> Report:
     task, path = task_of(options, WORKSHOP)
     how = {"tolerance": options.path_tolerance, "unit": options.unit, "rate": rate_of(options)}
     given = load_path(path, task, columns=given_columns(options), **how)
-    directory = output_directory(options, task.name)
+    directory = output_directory(options, task.name, task.source)
     say_if_compiling()
     motions: Sequence[Motion | None] = given.motions or [None] * len(given.paths)
     tasks = [task] if isinstance(task, MotionTask) else [segment.task for segment in task.segments]
@@ -215,6 +215,7 @@ class RetimeReport(PlanReport):
         timing: with the evidence.
     """
 
+    command: ClassVar[str] = "retime"
     timing: Timing | None = None
 
     def found(self) -> list[tuple[str, str]]:
@@ -229,7 +230,6 @@ class RetimeReport(PlanReport):
 
     def write(self) -> Iterator[Path]:
         """Write what a plan has, and the phase plane."""
-        remove_figures(self.directory, "retime")
         yield from super().write()
         if self.figures and self.timing:
             from ocptip.pictures.phase_plane import draw_phase_plane
@@ -276,6 +276,7 @@ class RetimedCycleReport(CycleReport):
         timings: of the segments.
     """
 
+    command: ClassVar[str] = "retime"
     timings: Sequence[Timing] = ()
 
     def found(self) -> list[tuple[str, str]]:
@@ -287,8 +288,6 @@ class RetimedCycleReport(CycleReport):
     def write(self) -> Iterator[Path]:
         """Write what a cycle has, and the phase plane of each segment."""
         names = [f"phase_plane-{k}" for k in range(1, len(self.timings) + 1)]
-        for name in names:
-            (self.directory / f"{name}.png").unlink(missing_ok=True)
         yield from super().write()
         if self.figures:
             from ocptip.pictures.phase_plane import draw_phase_plane

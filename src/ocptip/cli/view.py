@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.toml import read_text
+from ocptip.basics.outputs import OUTPUTS
+from ocptip.basics.read import read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.cell import PLAN_FOLDER
 from ocptip.cli.command import Report
-from ocptip.cli.options import OUTPUTS
 from ocptip.contact.resting import solve_resting
 from ocptip.pictures.view import HERE, Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
 from ocptip.placement.output import PLACEMENT

@@ -32,7 +32,7 @@ import numpy as np
 
 from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml import read_text
+from ocptip.basics.read import read_text
 from ocptip.measured.time_bases import on_one_clock
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.errors import positive_number
-from ocptip.basics.sums import write_sums, written_names
-from ocptip.basics.write import plain, versions, write_bytes, write_text
+from ocptip.basics.outputs import replace_folder
+from ocptip.basics.write import plain, versions, write_text
 from ocptip.motion.execution import Execution
 from ocptip.motion.source import TASK, TaskSource, source_of
 from ocptip.reserves.equal_compliance import reported_normal_forces
@@ -238,25 +238,14 @@ def write_folder(
         task: content of the task's file.
 
     Raises:
+        InputError: see `ocptip.basics.outputs.replace_folder`.
         OSError: a file or the directory cannot be written; names it.
     """
-    directory.mkdir(exist_ok=True)
-    earlier = written_names(directory)
-    for name, text in texts.items():
-        write_text(directory / name, text)
-    names = [*texts, *(_write_task(directory, source, task) if source else ())]
-    for name in set(earlier) - set(names):
-        (directory / name).unlink(missing_ok=True)
-    return [*(directory / name for name in names), write_sums(directory, names)]
-
-
-def _write_task(directory: Path, source: TaskSource, text: str) -> list[str]:
-    """Write the task's file and what it names; returns names within the directory."""
-    beside = {(Path(TASK).parent / name).as_posix(): content for name, content in source.files.items()}
-    for name, content in {TASK: text.encode("utf-8"), **beside}.items():
-        (directory / name).parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(directory / name, content)
-    return [TASK, *beside]
+    contents = {name: text.encode("utf-8") for name, text in texts.items()}
+    if source:
+        contents[TASK] = task.encode("utf-8")
+        contents |= {source.place(name): content for name, content in source.files.items()}
+    return replace_folder(directory, contents)
 
 
 class _OneSided:

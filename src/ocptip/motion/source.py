@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import PurePosixPath
 from typing import Any
 
 from ocptip.basics.toml_text import toml_text
@@ -33,6 +34,16 @@ class TaskSource:
     data: Mapping[str, Any]
     robot: StandingMechanism
     files: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def places(self) -> list[str]:
+        """Names of `files` within a plan's folder."""
+        return [self.place(name) for name in self.files]
+
+    @staticmethod
+    def place(name: str) -> str:
+        """The same of one file."""
+        return (PurePosixPath(TASK).parent / name).as_posix()
 
     def text(
         self,

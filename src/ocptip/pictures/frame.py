@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.write import atomic_file, write_bytes
+from ocptip.basics.write import MARK, atomic_file, write_bytes
 from ocptip.numerics.fork_server import cores, ready
 from ocptip.numerics.workers import Workers
 
@@ -170,8 +170,11 @@ def save_figures(
 def save_figure(figure: Figure, path: str | os.PathLike[str], dpi: int) -> Path:
     """Write a figure into a .png, .pdf or .svg file, which appears complete or not at all."""
     path = Path(path)
+    kind = path.suffix[1:].lower()
+    key = {"png": "Comment", "pdf": "Keywords", "svg": "Description"}.get(kind)
+    about = {key: MARK} if key else None
     with atomic_file(path) as stream:
-        figure.savefig(stream, format=path.suffix[1:].lower(), dpi=dpi)
+        figure.savefig(stream, format=kind, dpi=dpi, metadata=about)
     return path
 
 
@@ -193,6 +196,7 @@ def _png(draw: Callable[[], Figure], dpi: int) -> bytes:
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
     figure = draw()
     figure.set_dpi(dpi)
@@ -201,7 +205,9 @@ def _png(draw: Callable[[], Figure], dpi: int) -> bytes:
         canvas.draw()
     stream = io.BytesIO()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    picture.save(stream, format="png", dpi=(dpi, dpi), compress_level=3)
+    about = PngInfo()
+    about.add_text("Comment", MARK)
+    picture.save(stream, format="png", dpi=(dpi, dpi), compress_level=3, pnginfo=about)
     return stream.getvalue()
 
 

@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity
+from ocptip.basics.write import MARK
 from ocptip.contact.support import Support
 from ocptip.motion.cycles.output import samples_joined
 from ocptip.pictures import view_bodies as bodies
@@ -72,7 +73,7 @@ def to_html(show: Show) -> str:
             frame(k)
         if len(show.times) > 1:
             recorder.insert_sleep(1.0)
-        return recorder.as_html()
+        return f"{recorder.as_html()}\n<!-- {MARK} -->\n"
 
 
 def serve(show: Show, say: Callable[[str], None]) -> None:

@@ -18,8 +18,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.read import read_text
 from ocptip.basics.text import did_you_mean
-from ocptip.basics.toml import read_text
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 TOOLS = (

@@ -135,7 +135,9 @@ def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
     limits = content.get("limits", {})
     if isinstance(limits, dict):
         motions["limits"] = {key: value for key, value in limits.items() if key not in _only_of_places()}
-    cycle = read_cycle(Table(motions, path.name, folder=path.parent), path.stem, _end)
+    table = Table(motions, path.name, folder=path.parent)
+    cycle = read_cycle(table, path.stem, _end)
+    cycle = replace(cycle, source=task_source(table, cycle.robot))
     objectives = {(own.task.objective.name, own.task.objective.time_weight) for own in cycle.segments}
     if len(objectives) > 1:
         raise data.error("segments of a cell have one objective; give it in [motion]", "segment")

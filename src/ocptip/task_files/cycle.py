@@ -11,7 +11,8 @@ import numpy as np
 
 from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml import MARK, Table, read_text
+from ocptip.basics.read import read_text
+from ocptip.basics.toml import MARK, Table
 from ocptip.motion.cycles.task import CycleTask, Segment
 from ocptip.motion.task import MotionTask
 from ocptip.robots.inverse.pose_target import PoseTarget

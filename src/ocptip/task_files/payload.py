@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.read import read_text
 from ocptip.basics.text import did_you_mean
-from ocptip.basics.toml import Table, read_text
+from ocptip.basics.toml import Table
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import AXES, PATH, SHARE, TIME, ProcessWrench
 from ocptip.trajectories.read_csv import csv_table

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.read import read_text
 from ocptip.basics.sums import SUMS, require_unchanged
-from ocptip.basics.toml import read_text
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.output import PLAN
 from ocptip.motion.source import TASK

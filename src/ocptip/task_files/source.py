@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from ocptip.basics.toml import Table, read_text
+from ocptip.basics.read import read_text
+from ocptip.basics.toml import Table
 from ocptip.motion.source import TASK, TaskSource
 from ocptip.robots.urdf_file import with_files
 from ocptip.standing.mechanism import StandingMechanism

@@ -7,7 +7,8 @@ from typing import Any, get_args
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml import DEGREES, Table, read_text
+from ocptip.basics.read import read_text
+from ocptip.basics.toml import DEGREES, Table
 from ocptip.placement.ground import Bump, HeightField, HeightGrid, Wave
 from ocptip.placement.terrain import Attitude, Patch, plane, rough_ground
 

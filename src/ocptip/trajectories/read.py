@@ -12,7 +12,7 @@ import numpy as np
 
 from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, naming, positive_number, refuse_huge
-from ocptip.basics.toml import read_text
+from ocptip.basics.read import read_text
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.read_csv import motion_from_csv, require_units
