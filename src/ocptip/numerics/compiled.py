@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property, update_wrapper
+from pathlib import Path
 from types import FunctionType
 from typing import Any, Literal
 
 import numpy as np
+
+from ocptip.numerics.private import complaint, trusted
 
 _interpreting = False  # in all of this process, see `interpreted`
 
@@ -45,10 +48,29 @@ class Kernel:
             options["fastmath"] = {"reassoc", "nsz", "contract"}
         try:
             made = numba.njit(cache=True, **options)(function)
+            if self._moved(made):
+                made = numba.njit(cache=True, **options)(function)
         except RuntimeError:
             return numba.njit(**options)(function)
         _watch(made, callees.values())
         return made
+
+    def _moved(self, made: Any) -> bool:
+        """Whether Numba keeps machine code where others could put theirs; then it gets a private folder."""
+        from numba.core import config
+
+        kept = getattr(getattr(made, "_cache", None), "cache_path", None)
+        beside = Path(self._function.__code__.co_filename).parent / "__pycache__"
+        if kept is None or Path(kept) == beside:  # as safe as the source itself
+            return False
+        folder = Path(kept)
+        if complaint(folder) and not any(folder.iterdir()):  # made by Numba just now
+            with suppress(OSError):
+                folder.chmod(0o700)
+        instead = trusted(folder)
+        if instead != folder:
+            vars(config)["CACHE_DIR"] = str(instead)
+        return instead != folder
 
 
 def compiled(function: Callable) -> Kernel:

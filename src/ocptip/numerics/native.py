@@ -22,7 +22,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import config
 
-from ocptip.basics.write import write_bytes
+from ocptip.numerics.private import read_private, trusted, write_private
 
 LANES = 8
 """States at a time where there are many."""
@@ -236,17 +236,15 @@ def _path(key: bytes) -> Path | None:
         folder = (Path(base) if base else Path.home() / ".cache") / "ocptip"
     except RuntimeError:  # no home
         return None
+    folder = trusted(folder)
     processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
     made_by = f"{_VERSION} {llvmlite.__version__} {llvm.get_process_triple()} {processor} "
     return folder / f"{hashlib.sha256(made_by.encode() + key).hexdigest()}.tape"
 
 
 def _read(path: Path | None) -> bytes | None:
-    """The code in a file that is whole."""
-    try:
-        text = path.read_bytes() if path else b""
-    except OSError:
-        return None
+    """The code in a file that is whole, in a folder where only this user can have put it."""
+    text = (path and read_private(path)) or b""
     digest, code = text[:32], text[32:]
     return code if code and hashlib.sha256(code).digest() == digest else None
 
@@ -256,8 +254,7 @@ def _write(path: Path | None, code: bytes) -> None:
     if path is None:
         return
     with contextlib.suppress(OSError):
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_bytes(path, hashlib.sha256(code).digest() + code)
+        write_private(path, hashlib.sha256(code).digest() + code)
         files = sorted(path.parent.glob("*.tape"), key=lambda one: one.stat().st_mtime)
         for old in files[:-KEPT]:
             old.unlink(missing_ok=True)
