@@ -2,6 +2,10 @@
 
 import sys
 
-from ocptip.cli.main import main
+try:
+    from ocptip.cli.main import main
+except KeyboardInterrupt:
+    print("ocptip: interrupted", file=sys.stderr)
+    sys.exit(130)
 
 sys.exit(main())

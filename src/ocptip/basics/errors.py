@@ -150,7 +150,10 @@ def number_from(name: str, value: Any) -> float:
     """Return `value` as a finite float, or raise InputError naming it."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(f"{name}: expected a number, got {value!r}")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise InputError(f"{name}: number too large") from None
     if not isfinite(number):
         raise InputError(f"{name}: must be finite, got {value!r}")
     return number

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
 import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +20,9 @@ from ocptip.cli.piped import lines_while
 
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
+_LONGEST = 4000  # characters of a message
+_NO_MEMORY = "Cannot allocate memory"
+_FILES, _FILES_PER_JOB = 32, 8
 
 
 @dataclass
@@ -134,8 +138,9 @@ class Command:
     def prepare(self, options: argparse.Namespace) -> None:
         """Let the processes of the command start while the command itself loads what it needs."""
         if self.preload and options.jobs != 1 and not getattr(options, "scheduler", None):
-            from ocptip.numerics.fork_server import prepare_workers
+            from ocptip.numerics.fork_server import cores, prepare_workers
 
+            _require_files(options.jobs or cores())
             prepare_workers(self.preload)
 
     def _refuse_targets(self, options: argparse.Namespace) -> None:
@@ -182,11 +187,26 @@ class Command:
             text = report.to_json() if options.json else report.to_text()
             if rest := text.removeprefix(answer).lstrip("\n"):
                 _print(rest)
-            return report.exit_code if failure is None else _say(*explained(failure))
+            return report.exit_code if failure is None else say(*explained(failure))
         except KeyboardInterrupt as stop:
-            return _say(INTERRUPTED, f"interrupted {stop}".rstrip())
+            return say(INTERRUPTED, f"interrupted {stop}".rstrip())
         except Exception as error:  # Python itself would exit with 1, which means "no"
-            return _say(*explained(error))
+            return say(*explained(error))
+
+
+def _require_files(jobs: int) -> None:
+    """Raise OSError where the system allows this process fewer open files than its workers need."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = _FILES + _FILES_PER_JOB * jobs
+    if most == resource.RLIM_INFINITY or limit < needed <= most:
+        limit = max(limit, needed)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, most))
+    if limit < needed:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
 
 @contextmanager
@@ -202,7 +222,9 @@ def suspicions() -> Iterator[list[str]]:
             if not issubclass(category, InputWarning):
                 return others(message, category, *rest, **named)
             said.append(f"{message}")
-            return print(f"warning: {message}", file=sys.stderr)
+            with suppress(OSError):  # stderr may be full
+                print(f"warning: {message}", file=sys.stderr)
+            return None
 
         warnings.showwarning = show
         warnings.simplefilter("always", InputWarning)
@@ -221,6 +243,11 @@ def written(report: Report) -> OSError | None:
 
 def explained(error: Exception) -> tuple[int, str]:
     """The exit code, and what is said."""
+    causes = list(_causes(error))
+    if any(isinstance(cause, KeyboardInterrupt) for cause in causes):  # turned into an error by a library
+        return INTERRUPTED, "interrupted"
+    if lack := next(filter(None, map(_lack, causes)), ""):
+        return BAD_INPUT, lack
     from ocptip.basics.errors import InputError, OcptipError
 
     if isinstance(error, InputError):
@@ -237,14 +264,59 @@ def explained(error: Exception) -> tuple[int, str]:
     return INTERNAL_ERROR, f"internal error: {text}"
 
 
-def _say(code: int, message: str) -> int:
-    print("ocptip: " + " ".join(message.splitlines()), file=sys.stderr)
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """The error and those behind it."""
+    told: list[BaseException] = []
+    while error is not None and error not in told:
+        told.append(error)
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _lack(error: BaseException) -> str:
+    """What the system has too little of, if that is the cause; empty where it is not."""
+    code, text = getattr(error, "errno", None), f"{error}"
+    if isinstance(error, MemoryError) or code == errno.ENOMEM or "bad_alloc" in text or _NO_MEMORY in text:
+        return f"out of memory{_allowed('RLIMIT_AS', 'ulimit -v', 2**20, 'MiB')}"
+    if code in (errno.EMFILE, errno.ENFILE):
+        return f"too many open files{_allowed('RLIMIT_NOFILE', 'ulimit -n', 1, 'files')}"
+    if "can't start new thread" in text:
+        return f"the system starts no more threads{_allowed('RLIMIT_NPROC', 'ulimit -u', 1, 'processes')}"
+    if code in (errno.ENOSPC, errno.EDQUOT):
+        return f"{getattr(error, 'filename', None) or 'stdout'}: {os.strerror(code)}"
+    return ""
+
+
+def _allowed(name: str, command: str, unit: int, word: str) -> str:
+    """How much of something this process may have, where that is limited."""
+    try:
+        import resource
+
+        limit = resource.getrlimit(getattr(resource, name))[0]
+    except (ImportError, AttributeError):
+        return ""
+    return (
+        ""
+        if limit == resource.RLIM_INFINITY
+        else f"; this process may have {limit // unit} {word} ({command})"
+    )
+
+
+def say(code: int, message: str) -> int:
+    """Say one line on stderr; returns the code."""
+    line = "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in message)
+    if len(line) > _LONGEST:
+        line = f"{line[:_LONGEST]} ... ({len(line)} characters)"
+    with suppress(OSError):  # stderr may be full
+        print(f"ocptip: {line}", file=sys.stderr)
     return code
 
 
 def _print(text: str) -> None:
     try:
         print(text, flush=True)
-    except BrokenPipeError:
-        # The reader (`| head`) has left; without this Python would complain when it flushes at exit.
+    except OSError as error:
+        # The reader (`| head`) has left, or the disk is full; Python would complain when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise OSError(error.errno, error.strerror, "stdout") from None

@@ -1,19 +1,20 @@
 """The `ocptip` command.
 
-Exit codes: 0 yes (it stands, it is verified), 1 no, 2 bad input, 3 an error in ocptip itself, with its
-traceback if OCPTIP_DEBUG is set in the environment, 130 interrupted.
+Exit codes: 0 yes (it stands, it is verified), 1 no, 2 bad input, or too little disk, memory or open files,
+3 an error in ocptip itself, with its traceback if OCPTIP_DEBUG is set in the environment, 130 interrupted.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from ocptip.cli.command import BAD_INPUT
+from ocptip.cli.command import BAD_INPUT, INTERRUPTED, explained, say
 from ocptip.cli.commands import COMMANDS
 
 
@@ -36,12 +37,23 @@ class _Version(argparse.Action):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (argparse itself exits for --help and errors)."""
+    try:
+        return _main(arguments)
+    except KeyboardInterrupt:
+        return say(INTERRUPTED, "interrupted")
+    except OSError as error:  # of --help and --version
+        return say(*explained(error))
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
     command = next(c for c in COMMANDS if c.name == options.command)
     if arguments is None:  # a process of its own
+        # OpenBLAS takes memory for each thread, and raises SIGINT at itself where it gets none.
+        os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
         import_module("ocptip.numerics.few_cycles")
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: results are kept
     return command.execute(options, own_process=arguments is None)

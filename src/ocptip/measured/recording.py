@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.doubts import doubt
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, refuse_huge
 from ocptip.basics.read import read_text
 from ocptip.measured.time_bases import on_one_clock
 from ocptip.standing.mechanism import StandingMechanism
@@ -198,6 +198,8 @@ def _parsed(
         if name in signals:
             raise InputError(f"header: {table.header[k]} is {name}, which is there already")
         signals[name] = kind, index, scale * rows[:, k]
+        largest = float(np.nanmax(np.abs(signals[name][2]), initial=0.0))
+        refuse_huge(f"column {table.header[k]}", largest)
     if not signals:
         raise InputError(f"header: no known quantity among {', '.join(table.header)} (see docs/compare.md)")
     others = [k for k, own in known.items() if own is None]
