@@ -245,9 +245,9 @@ def test_all_complaints_of_a_file_are_said_at_once(here, capfd):
 
 def test_files_that_cannot_be_read_or_written(here, capfd):
     (here / "bytes.urdf").write_bytes(b"\xff\xfe<\x00r\x00")
-    assert "not a text file in UTF-8" in refusal(capfd, "init", "bytes.urdf")
+    assert "broken XML" in refusal(capfd, "init", "bytes.urdf")
     assert "no such file" in refusal(capfd, "init", "none.urdf")
-    assert "cannot be read" in refusal(capfd, "init", ".")
+    assert "is a folder; expected a file" in refusal(capfd, "init", ".")
     (here / "lift.toml").write_text("mine", encoding="utf-8")
     assert "lift.toml: exists; give another file by --out" in refusal(capfd, "init", "lift.urdf")
     assert (here / "lift.toml").read_text(encoding="utf-8") == "mine"

@@ -81,7 +81,7 @@ def test_missing_anchors_are_named():
 def test_unreadable_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_platform(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is a folder; expected a file"):
         read_platform(tmp_path)
     broken = tmp_path / "broken.toml"
     broken.write_text("base = [")

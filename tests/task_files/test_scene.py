@@ -279,7 +279,7 @@ def test_planar_scene_refuses_spatial_loads(tmp_path):
 def test_files_that_are_no_scene(tmp_path):
     with pytest.raises(InputError, match=r"nowhere\.toml: no such file"):
         read_scene(tmp_path / "nowhere.toml")
-    with pytest.raises(InputError, match=r"cannot be read: Is a directory"):
+    with pytest.raises(InputError, match=r"is a folder; expected a file"):
         read_scene(tmp_path)
     (tmp_path / "latin.toml").write_bytes(b"# gr\xfc\xdfe")
     with pytest.raises(InputError, match=r"latin\.toml: not a text file in UTF-8"):

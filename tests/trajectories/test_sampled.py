@@ -216,7 +216,7 @@ def test_bad_files_are_refused_with_place(tmp_path, text, message):
 def test_unreadable_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_motion(tmp_path / "none.json")
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+    with pytest.raises(InputError, match="is a folder; expected a file"):
         load_motion(tmp_path)
     (tmp_path / "b.csv").write_bytes(b"time_s\xff")
     with pytest.raises(InputError, match="not a text file in UTF-8"):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import stat
 import tomllib
 from collections.abc import Iterator
@@ -30,6 +31,8 @@ MOST_VALUES = 10_000_000
 NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC, errno.EDQUOT)
 """Errors of the system that the file does not cause."""
 
+_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*(["'])([A-Za-z][\w.-]*)\1""")
+_BYTE_ORDER_MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -84,6 +87,30 @@ def read_text(path: str | os.PathLike[str], most: int = MOST_BYTES) -> str:
         return read_bytes(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"not a text file in UTF-8 (byte {error.start})", "", str(path)) from None
+
+
+def read_xml_text(path: str | os.PathLike[str]) -> str:
+    """Return the content of an XML file; its declaration says UTF-8 afterwards, whatever it said before.
+
+    Bytes that are no UTF-8, in a file that declares nothing else, are taken for ISO-8859-1: older robot
+    descriptions have them in comments and names of authors.
+
+    Raises:
+        InputError: it cannot be read, or declares an unknown encoding; names it.
+    """
+    content = read_bytes(path)
+    declared = _ENCODING.match(content)
+    marked = next((name for mark, name in _BYTE_ORDER_MARKS if content.startswith(mark)), None)
+    name = marked or (declared[2].decode("ascii") if declared else "utf-8-sig")
+    try:
+        text = content.decode(name)
+    except LookupError:
+        raise InputError(f"broken XML: unknown encoding {name!r}", "", str(path)) from None
+    except UnicodeDecodeError as error:
+        if marked or (declared and name.lower().replace("-", "") != "utf8"):
+            raise InputError(f"not a text file in {name} (byte {error.start})", "", str(path)) from None
+        text = content.decode("iso-8859-1")
+    return re.sub(r"""\A(\s*<\?xml[^>]*?encoding\s*=\s*)(["'])[^"']*\2""", r"\1\2UTF-8\2", text)
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:

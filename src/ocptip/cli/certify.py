@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.read import read_text
+from ocptip.basics.read import parse_json, read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.result import Certificate, claims
@@ -58,8 +58,8 @@ def _certificate_in(path: Path) -> dict[str, Any] | None:
     if path.suffix.lower() != ".json" or not path.is_file() or CERTIFICATE not in (text := read_text(path)):
         return None
     try:
-        data = json.loads(text)
-    except (ValueError, RecursionError):
+        data = parse_json(text)
+    except InputError:
         return None
     known = isinstance(data, dict) and str(data.get("format", "")).startswith(CERTIFICATE)
     return data if known else None

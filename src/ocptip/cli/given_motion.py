@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.read import only_inside, require_readable
 from ocptip.cli.options import given_columns, rate_of
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.output import PLAN, TRAJECTORY
@@ -29,6 +30,9 @@ def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask
     Where a task file has no tolerance, and for cases, it is `otherwise`.
     """
     path = Path(options.motion)
+    if path.is_dir():
+        with only_inside(path):
+            require_readable(path / PLAN)
     folder, path = (path, path / PLAN) if path.is_dir() else (path.parent, path)
     if options.task is not None:
         if options.base is not None:

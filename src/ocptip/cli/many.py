@@ -16,6 +16,7 @@ from typing import Any
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.outputs import OUTPUTS
+from ocptip.basics.read import read_json, read_text
 from ocptip.basics.sums import require_unchanged
 from ocptip.basics.version import version
 from ocptip.basics.write import plain
@@ -58,7 +59,7 @@ def digest_of(source: TaskSource | None, options: Namespace) -> str:
         return ""
     typed = {name: value for name, value in vars(options).items() if name not in _OF_THE_CALL}
     if options.tolerance is not None and (file := Path(options.tolerance)).is_file():
-        typed["tolerance"] = file.read_text(encoding="utf-8")
+        typed["tolerance"] = read_text(file)
     files = {name: hashlib.sha256(content).hexdigest() for name, content in source.files.items()}
     data = plain([version(), dict(source.data), files, typed])
     return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()
@@ -156,7 +157,7 @@ def _kept(one: Asked, options: Namespace) -> _Row | None:
     """What an earlier call has found for the same task; None if its folder is not complete, or of another."""
     main, picture = (OUTPUTS[options.command][0], f"{options.command}.png")
     try:
-        data = json.loads((one.directory / main).read_bytes())
+        data = read_json(one.directory / main)
         require_unchanged(one.directory)
         same = bool(one.digest) and data.get("digest") == one.digest and not data["interrupted"]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

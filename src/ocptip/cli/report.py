@@ -13,6 +13,7 @@ import numpy as np
 
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import require_replaceable_file
+from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.sums import SUMS, read_sums
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
@@ -287,7 +288,8 @@ class Document:
         yield html.grid(titles, rows)
         yield html.items(checked.contacts.lines())
         if self.folder is not None and (image := self.folder.path / OVERVIEW).is_file():
-            yield html.image(image.read_bytes(), "The motion, as planned.")
+            with only_inside(self.folder.path):
+                yield html.image(read_bytes(image), "The motion, as planned.")
         yield html.heading("Tolerated alone")
         yield html.paragraph("Each of these, all else as described, loses no contact in the motion:")
         yield html.items(tolerated_lines(self.tolerated))

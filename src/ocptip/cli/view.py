@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.outputs import OUTPUTS
-from ocptip.basics.read import read_text
+from ocptip.basics.read import only_inside, read_json, require_readable
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.cell import PLAN_FOLDER
 from ocptip.cli.command import Report
@@ -48,6 +47,8 @@ def _show(options: Namespace) -> tuple[str, Show]:
     path = Path(options.what)
     placement = path / PLACEMENT if path.is_dir() else path
     if placement.name == PLACEMENT and placement.is_file() and options.second is None:
+        with only_inside(placement.parent):
+            require_readable(placement)
         return _placement(placement, options.task)
     if options.task is not None:
         raise InputError(f"--task: belongs to the folder of a placement, and {path} is none")
@@ -91,7 +92,8 @@ def _place_of(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
     if folder.resolve().name != PLAN_FOLDER or not path.is_file():
         return None
     try:
-        base = json.loads(read_text(path))["places"][0]["placement"]["base"]
+        with only_inside(path.parent):
+            base = read_json(path)["places"][0]["placement"]["base"]
         place = tuple(np.array(base[key], dtype=float) for key in ("position", "rotation"))
         return np.reshape(place[0], 3), np.reshape(place[1], (3, 3))
     except (KeyError, IndexError, TypeError, ValueError) as error:
@@ -104,7 +106,7 @@ def _placement(path: Path, task_file: str | None) -> tuple[str, Show]:
         raise InputError(
             "--task: missing; the file does not hold the robot, name its task file", "", str(path)
         )
-    data, problem = json.loads(read_text(path)), load_placement(task_file).problem
+    data, problem = read_json(path), load_placement(task_file).problem
     try:
         if not data["found"]:
             raise InputError("holds no placement", "", str(path))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.robots.urdf_file import UrdfFile
+from ocptip.robots.urdf_parser import pinocchio_model
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -40,7 +42,7 @@ def resting_links(file: UrdfFile, arm: ArmModel) -> list[str]:
 def resting_body(urdf: str | os.PathLike[str], arm: ArmModel) -> tuple[float, np.ndarray]:
     """Mass (kg) and centre of mass (3,), m, in the frame of the arm's base link, of all links that rest."""
     pin = load_pinocchio()
-    robot = pin.buildModelFromUrdf(str(urdf))
+    robot = pinocchio_model(Path(urdf))
     data, moving = robot.createData(), {robot.getJointId(name) for name in arm.chain_names}
     pin.framesForwardKinematics(robot, data, resting_configuration(robot, arm))
     to_base = data.oMf[robot.getFrameId(arm.base_link, pin.FrameType.BODY)].inverse()

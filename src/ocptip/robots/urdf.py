@@ -17,6 +17,7 @@ from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.robots.sanity import doubt_arm, refuse_impossible_links
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
+from ocptip.robots.urdf_parser import pinocchio_model
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -77,11 +78,7 @@ def arm_from_urdf(
     file = read_urdf(path)
     base = file.base_link(base_link)
     tool = file.tool_frame(tool_frame, base)
-    pin = load_pinocchio()
-    try:
-        robot = pin.buildModelFromUrdf(str(file.path))
-    except (ValueError, RuntimeError) as error:
-        raise InputError(f"not a readable URDF: {error}", "", str(file.path)) from None
+    robot = pinocchio_model(file.path)
     locked = dict(locked_joints or {})
     _require_joints(robot, locked)
     _open(robot, joint_ranges or {})

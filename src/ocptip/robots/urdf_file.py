@@ -18,7 +18,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.read import read_text
+from ocptip.basics.read import parse_xml, read_xml_text
 from ocptip.basics.text import did_you_mean
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -27,6 +27,9 @@ TOOLS = (
     *("ee_link", "ee", "eef", "end_effector_link", "end_effector", "gripper_link", "flange"),
 )
 """Names of tool frames, alone or behind a prefix such as "left_", in the order in which they are chosen."""
+
+MOST_IN_A_ROW, MOST_JOINTS = 500, 10_000
+"""Joints one behind the other, and in all, of a robot that is read."""
 
 _ONE_NUMBER = {
     "mass": ("value",),
@@ -261,6 +264,7 @@ def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
     """
     file = Path(path)
     root = parse_urdf(file)
+    require_shallow(root, file)
     complaints = [*_numbers(root), *_tree(root)]
     if complaints:
         more = f"; and {len(complaints) - _MOST} more" if len(complaints) > _MOST else ""
@@ -287,17 +291,24 @@ def with_files(text: str, names: Mapping[str, str]) -> str:
 
 def parse_urdf(file: Path) -> ElementTree.Element:
     """The outermost element; InputError if there is none, which says what the file is instead."""
-    text = read_text(file)
+    return xml_of(file)[0]
+
+
+def xml_of(file: Path) -> tuple[ElementTree.Element, str]:
+    """The outermost element and the text, in UTF-8; errors as of :func:`parse_urdf`."""
+    text = read_xml_text(file)
     advice = f"a xacro file, not a URDF yet; expand it: xacro {file.name} > robot.urdf"
     problem = None
     try:
         # Parsers of robots know no namespaces and take undeclared prefixes, such as drake:acceleration.
-        root = ElementTree.fromstring(_PREFIX.sub(r"\1\2_", text) if "xmlns" not in text else text)
+        root = parse_xml(_PREFIX.sub(r"\1\2_", text) if "xmlns" not in text else text)
         if any(_XACRO.match(e.tag) or "${" in "".join(e.attrib.values()) for e in root.iter()):
             problem = advice
         elif root.tag != "robot":
             what = _OTHERS.get(root.tag, f"its outermost element is <{root.tag}>")
             problem = f"not a URDF (<robot>): {what}"
+    except InputError as error:
+        problem = error.text
     except ElementTree.ParseError as error:
         if not text.strip():
             problem = "is empty"
@@ -307,7 +318,28 @@ def parse_urdf(file: Path) -> ElementTree.Element:
             problem = advice if re.search(r"<xacro:|xmlns:xacro", text) else f"broken XML: {error}"
     if problem:
         raise InputError(problem, "", str(file))
-    return root
+    return root, text
+
+
+def require_shallow(root: ElementTree.Element, file: Path) -> None:
+    """Refuse robots of which a C++ parser, which calls itself for every link, would end the process.
+
+    Raises:
+        InputError: says how many links are in a row, or in all.
+    """
+    above = {joint.child: joint.parent for joint in map(_joint, root.findall("joint"))}
+    if len(above) > MOST_JOINTS:
+        raise InputError(f"has {len(above)} joints; expected at most {MOST_JOINTS}", "", str(file))
+    depths: dict[str, int] = {}
+    for link in above:
+        way: dict[str, None] = {}
+        while link in above and link not in depths and link not in way:  # a circle is refused elsewhere
+            way[link] = None
+            link = above[link]
+        for number, one in enumerate(reversed(way), depths.get(link, 0) + 1):
+            depths[one] = number
+    if depths and (most := max(depths.values())) > MOST_IN_A_ROW:
+        raise InputError(f"has {most} joints in a row; expected at most {MOST_IN_A_ROW}", "", str(file))
 
 
 def _numbers(root: ElementTree.Element) -> Iterator[str]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.read import read_text
+from ocptip.basics.read import only_inside, read_json
 from ocptip.basics.sums import SUMS, require_unchanged
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.output import PLAN
@@ -121,6 +120,7 @@ def read_plan_folder(path: str | os.PathLike[str]) -> PlanFolder:
     require_unchanged(folder)
     if not (folder / TASK).is_file():
         raise InputError(f"holds no {TASK}: its task was made in Python", "", str(folder))
-    task = read_task(folder / TASK)
-    motion = load_motions(folder / PLAN, task.robot.names, task.robot.units)
-    return PlanFolder(folder, task, motion, json.loads(read_text(folder / PLAN)))
+    with only_inside(folder):
+        task = read_task(folder / TASK)
+        motion = load_motions(folder / PLAN, task.robot.names, task.robot.units)
+        return PlanFolder(folder, task, motion, read_json(folder / PLAN))

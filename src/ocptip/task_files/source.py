@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from ocptip.basics.read import read_text
+from ocptip.basics.read import read_bytes, read_xml_text
 from ocptip.basics.toml import Table
 from ocptip.motion.source import TASK, TaskSource
 from ocptip.robots.urdf_file import with_files
 from ocptip.standing.mechanism import StandingMechanism
 
 _MESHES = "meshes"
+_ODD = re.compile(r"[^\w .+()&,=@#~-]")  # line ends and what else lists of names cannot hold
 
 
 def task_source(data: Table, robot: StandingMechanism) -> TaskSource:
@@ -34,19 +36,20 @@ class _Collection:
     def add(self, path: Path, parts: Mapping[str, Path]) -> str:
         """The new name of a file; those that it names in turn go into a folder beside it."""
         if path not in self._names:
-            content = path.read_bytes()
+            content = read_bytes(path)
             if parts:
-                renamed = {name: self._put(part, part.read_bytes(), _MESHES) for name, part in parts.items()}
-                content = with_files(read_text(path), renamed).encode("utf-8")
+                renamed = {name: self._put(part, read_bytes(part), _MESHES) for name, part in parts.items()}
+                content = with_files(read_xml_text(path), renamed).encode("utf-8")
             self._put(path, content)
         return self._names[path]
 
     def _put(self, path: Path, content: bytes, folder: str = "") -> str:
         if path not in self._names:
-            name, number = (PurePosixPath(folder) / path.name).as_posix(), 1
+            plain = PurePosixPath(_ODD.sub("_", path.name))
+            name, number = (PurePosixPath(folder) / plain).as_posix(), 1
             while name.lower() in self._taken:
                 number += 1
-                name = (PurePosixPath(folder) / f"{path.stem}-{number}{path.suffix}").as_posix()
+                name = (PurePosixPath(folder) / f"{plain.stem}-{number}{plain.suffix}").as_posix()
             self._taken.add(name.lower())
             self._names[path], self.files[name] = name, content
         return self._names[path]

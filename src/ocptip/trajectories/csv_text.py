@@ -111,7 +111,10 @@ def text_table(text: str, columns: Mapping[str, str | int] | None = None) -> Tex
 def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
     if separator == " ":
         return [line.split() for line in lines]
-    return list(csv.reader(lines, delimiter=separator))
+    try:
+        return list(csv.reader(lines, delimiter=separator))
+    except csv.Error as error:  # a cell without end
+        raise InputError(f"broken CSV: {error}", "") from None
 
 
 def _separator(lines: Sequence[str]) -> str:

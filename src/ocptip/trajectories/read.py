@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, naming, positive_number, refuse_huge
-from ocptip.basics.read import read_text
+from ocptip.basics.read import parse_json, parse_yaml, read_text
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.read_csv import motion_from_csv, require_units
@@ -103,7 +102,7 @@ def _read(
     text = read_text(path)
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
-            return motion_of_points(trajectory_in(_yaml(text)), names, rate, start)
+            return motion_of_points(trajectory_in(parse_yaml(text)), names, rate, start)
         if not text.lstrip().startswith(("{", "[")):
             return motion_from_csv(text, names, units, unit, columns)
         data = _json(text)
@@ -180,21 +179,7 @@ def _refuse_huge_commands(motion: ArmMotion) -> None:
 
 def _json(text: str) -> Any:
     """The data of a text; certificates, which may be beside a motion, are none."""
-    try:
-        data = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"broken JSON: {error}") from None
-    except RecursionError:
-        raise InputError("broken JSON: nested too deeply") from None
+    data = parse_json(text)
     if isinstance(data, dict) and str(data.get("format", "")).startswith(CERTIFICATE):
         raise InputError("is a certificate; ocptip certify judges it")
     return data
-
-
-def _yaml(text: str) -> Any:
-    import yaml
-
-    try:
-        return next(iter(yaml.safe_load_all(text)), None)
-    except yaml.YAMLError as error:
-        raise InputError(f"broken YAML: {' '.join(str(error).split())}") from None

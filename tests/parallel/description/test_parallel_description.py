@@ -283,7 +283,7 @@ def test_unreadable_files(tmp_path):
     path.write_bytes(b"name = '\xe9'")
     with pytest.raises(InputError, match="UTF-8"):
         read_parallel_robot(path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is a folder; expected a file"):
         read_parallel_robot(tmp_path)
     with pytest.raises(InputError, match=r"leg: at least one \[\[leg\]\] is needed"):
         read_parallel_robot({"free": ["x"], "home": [0.0], "table": {"a": {}}})

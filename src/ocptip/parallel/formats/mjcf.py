@@ -23,6 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.write import MARK
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import Frame, central_inertia, compose, inverse, moved_inertia, row_frame
 from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
@@ -87,6 +88,7 @@ def to_mjcf(robot: ParallelRobot | RobotDescription) -> str:
     legs = [_LegSolids(skeleton, i) for i in range(len(skeleton.legs))]
     _add_platform(skeleton, legs)
     root = ET.Element("mujoco", model=skeleton.description.name)
+    root.append(ET.Comment(f" {MARK} "))
     _settings(root, skeleton)
     base = ET.SubElement(ET.SubElement(root, "worldbody"), "body", name=BASE)
     order: list[tuple[int, int]] = []

@@ -15,6 +15,7 @@ from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import Frame, JointAxis, compose, inverse
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE
 from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.robots.urdf_parser import pinocchio_model
 
 if TYPE_CHECKING:
     pass
@@ -36,10 +37,7 @@ class UrdfTree:
         if not file.is_file():
             raise InputError(f"{file}: no such file")
         pin = load_pinocchio()
-        try:
-            self._model = pin.buildModelFromUrdf(str(file))
-        except (ValueError, RuntimeError) as error:
-            raise InputError(f"{file.name}: not a readable URDF: {error}") from None
+        self._model = pinocchio_model(file)
         model = self._model
         self.name = model.name
         self._frames = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming
+from ocptip.basics.read import parse_xml, read_xml_text, require_readable
 from ocptip.basics.text import some
 from ocptip.robots.collision.on_meshes import Raw, touches_on_meshes
 from ocptip.robots.collision.parts import convex_parts, with_few_neighbours
@@ -32,6 +33,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_coal, load_pinocchio
 from ocptip.robots.resting import resting_configuration
 from ocptip.robots.urdf_file import parse_urdf
+from ocptip.robots.urdf_parser import pinocchio_model, printed
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -80,12 +82,16 @@ def geometry_from_urdf(
     tree = parse_urdf(file)
     for mesh in tree.iterfind(_MESHES):
         mesh.set("filename", str(meshes[mesh.get("filename", "")]))
-    robot = pin.buildModelFromUrdf(str(file))
+    for mesh in meshes.values():
+        if mesh is not None:
+            require_readable(mesh)
+    robot, text = pinocchio_model(file), ET.tostring(tree, encoding="unicode")
     try:
-        text = ET.tostring(tree, encoding="unicode")
-        geometry = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
+        with printed() as lines:
+            geometry = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
-        raise InputError(f"{file}: collision geometry: {' '.join(str(error).split())}") from None
+        problem = " ".join([*lines[:2], *str(error).split()])
+        raise InputError(f"{file}: collision geometry: {problem}") from None
     _require_all(file, tree, Counter(robot.frames[i.parentFrame].name for i in geometry.geometryObjects))
     raw, shapes = list(_raw(robot, geometry, arm)), []
     for item in raw:
@@ -141,10 +147,10 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> list[Shap
     Raises:
         InputError: it cannot be read.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    require_readable(path)
     try:
-        model = load_coal().MeshLoader().load(str(path), np.asarray(scale, dtype=float))
+        with printed():
+            model = load_coal().MeshLoader().load(str(path), np.asarray(scale, dtype=float))
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{path}: not a readable mesh: {' '.join(str(error).split())}") from None
     return _solids(model)
@@ -223,9 +229,10 @@ def _disabled(srdf: str | os.PathLike[str] | None) -> dict[frozenset[str], str]:
     if srdf is None:
         return {}
     try:
-        tree = ET.fromstring(Path(srdf).read_bytes())
-    except (OSError, ET.ParseError) as error:
-        raise InputError(f"srdf: {srdf}: not a readable SRDF: {error}") from None
+        tree = parse_xml(read_xml_text(srdf))
+    except (InputError, ET.ParseError) as error:
+        text = getattr(error, "text", error)
+        raise InputError(f"srdf: {srdf}: not a readable SRDF: {text}") from None
     return {
         frozenset((pair.get("link1", ""), pair.get("link2", ""))): f"SRDF: {pair.get('reason', 'disabled')}"
         for pair in tree.iterfind("disable_collisions")
