@@ -69,7 +69,7 @@ class Kernel:
                 folder.chmod(0o700)
         instead = trusted(folder)
         if instead != folder:
-            vars(config)["CACHE_DIR"] = str(instead)
+            setattr(config, "CACHE_DIR", str(instead))  # noqa: B010  # it declares none
         return instead != folder
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.read import only_inside, read_json
 from ocptip.basics.sums import SUMS, require_unchanged
 from ocptip.motion.cycles.task import CycleTask
@@ -91,8 +91,13 @@ def arms_of(task: MotionTask | CycleTask, does: str, path: Path) -> list[Standin
 
 def planned_rate(folder: Path) -> float | None:
     """Updates per second of the controller that a plan names; None if it draws no straight lines."""
-    controller = json.loads(read_text(folder / PLAN)).get("controller") or {}
-    return 1 / controller["step_s"] if controller.get("name") == "linear" else None
+    with only_inside(folder):
+        data = read_json(folder / PLAN)
+    controller = data.get("controller") if isinstance(data, dict) else None
+    if not isinstance(controller, dict) or controller.get("name") != "linear":
+        return None
+    with naming(str(folder / PLAN)):
+        return 1 / positive_number("controller.step_s", controller.get("step_s"))
 
 
 def is_plan_folder(path: str | os.PathLike[str]) -> bool:
