@@ -89,7 +89,7 @@ def test_answers(monkeypatch, capsys, name):
         (KeyboardInterrupt(), 130, "interrupted"),
         (KeyboardInterrupt("before the end"), 130, "interrupted before the end"),
         (ZeroDivisionError("a\nb"), 3, "internal error: ZeroDivisionError: a b; please report it"),
-        (OSError(12, "Cannot allocate memory"), 3, "internal error: OSError: [Errno 12] Cannot allocate"),
+        (OSError(12, "Cannot allocate memory"), 2, "out of memory"),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
 )

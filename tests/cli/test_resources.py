@@ -124,6 +124,12 @@ def test_who_is_blamed(error, cause, code, said):
     assert text.startswith(said)
 
 
+def test_an_interruption_that_a_callback_has_lost(monkeypatch):
+    """Numba compiles in callbacks, where an interruption is dropped, and something else fails."""
+    monkeypatch.setattr(command, "stops", [signal.SIGTERM])
+    assert explained(RuntimeError("no compiled object yet")) == (INTERRUPTED, "interrupted")
+
+
 def test_a_message_is_one_line_that_a_terminal_can_show(capsys):
     assert say(2, "a\nb\t\x1b[2J\u2028c" + 10_000 * "x") == 2
     err = capsys.readouterr().err

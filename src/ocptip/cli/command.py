@@ -20,6 +20,8 @@ from ocptip.cli.piped import lines_while
 
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
+stops: list[int] = []
+"""Signals that asked this process to stop."""
 _LONGEST = 4000  # characters of a message
 _NO_MEMORY = "Cannot allocate memory"
 _FILES, _FILES_PER_JOB = 32, 8
@@ -244,7 +246,8 @@ def written(report: Report) -> OSError | None:
 def explained(error: Exception) -> tuple[int, str]:
     """The exit code, and what is said."""
     causes = list(_causes(error))
-    if any(isinstance(cause, KeyboardInterrupt) for cause in causes):  # turned into an error by a library
+    # Libraries turn an interruption into an error of theirs, or lose it in a callback and fail later.
+    if stops or any(isinstance(cause, KeyboardInterrupt) for cause in causes):
         return INTERRUPTED, "interrupted"
     if lack := next(filter(None, map(_lack, causes)), ""):
         return BAD_INPUT, lack

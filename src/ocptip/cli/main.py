@@ -12,9 +12,9 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from ocptip.cli.command import BAD_INPUT, INTERRUPTED, explained, say
+from ocptip.cli.command import BAD_INPUT, INTERRUPTED, explained, say, stops
 from ocptip.cli.commands import COMMANDS
 
 
@@ -55,8 +55,25 @@ def _main(arguments: Sequence[str] | None) -> int:
         # OpenBLAS takes memory for each thread, and raises SIGINT at itself where it gets none.
         os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
         import_module("ocptip.numerics.few_cycles")
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: results are kept
+        _stop_on_signals()
     return command.execute(options, own_process=arguments is None)
+
+
+def _stop_on_signals() -> None:
+    """Let Ctrl-C and SIGTERM stop the command, whose results are kept; and remember that one came."""
+
+    def stop(number: int, _: object) -> NoReturn:
+        stops.append(number)
+        raise KeyboardInterrupt
+
+    def unraisable(lost: Any) -> None:
+        if lost.exc_type is not KeyboardInterrupt:
+            sys.__unraisablehook__(lost)
+
+    sys.unraisablehook = unraisable  # callbacks of libraries cannot raise
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as of commands in the background
+            signal.signal(number, stop)
 
 
 def _parser() -> argparse.ArgumentParser:
