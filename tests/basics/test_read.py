@@ -44,8 +44,7 @@ ELSEWHERE = {
     "parallel/code/codegen.py": {"read_bytes"},  # what this process made
     "pictures/frame.py": {"loads"},  # likewise
     "published/arms.py": {"loads", "read_text"},  # of the package
-    "robots/collision/model.py": {"load"},  # meshes, read before
-    "robots/collision/urdf.py": {"load"},  # meshes, after require_readable
+    "robots/urdf_parser.py": {"load"},  # meshes, after require_readable
 }
 
 

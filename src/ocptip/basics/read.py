@@ -194,6 +194,8 @@ def _opened(path: Path, most: int) -> Iterator[int]:
     """A descriptor of a regular file that is not too large."""
     try:
         descriptor = _descriptor(path)
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         raise _refusal(path, error) from None
     try:
@@ -240,10 +242,8 @@ def _inside(path: Path, folder: Path) -> tuple[str, ...]:
     raise InputError(f"is outside of the folder {folder}, which has to hold all that it names", "", str(path))
 
 
-def _refusal(path: Path, error: OSError | ValueError) -> InputError | OSError:
+def _refusal(path: Path, error: OSError | ValueError) -> Exception:
     """What is said of a file that cannot be opened."""
-    if isinstance(error, InputError):
-        return error
     code = getattr(error, "errno", None)
     if code in NO_ROOM:
         return OSError(code, os.strerror(code), str(path))

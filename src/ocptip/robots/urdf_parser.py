@@ -9,14 +9,17 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.read import require_readable
 from ocptip.basics.text import some
-from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.robots.pinocchio import load_coal, load_pinocchio
 from ocptip.robots.urdf_file import require_shallow, xml_of
 
 if TYPE_CHECKING:
@@ -40,6 +43,18 @@ def pinocchio_model(file: Path) -> pin.Model:
         except (ValueError, RuntimeError) as error:
             problem = " ".join(str(error).split())
     raise InputError(f"not a readable URDF: {some(lines, _MOST) or problem}", "", str(file))
+
+
+def load_mesh(path: str | os.PathLike[str], scale: Sequence[float]) -> Any:
+    """Coal's model of a mesh file, its lengths in m times `scale`.
+
+    Raises:
+        InputError: it is no file that can be read.
+        ValueError, RuntimeError: it is no mesh.
+    """
+    require_readable(path)
+    with printed():
+        return load_coal().MeshLoader().load(os.fspath(path), np.asarray(scale, dtype=float))
 
 
 @contextmanager

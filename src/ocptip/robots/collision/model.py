@@ -25,6 +25,7 @@ from ocptip.robots.geometry import FLOOR, Floor, Obstacle, floors_among
 from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, joint_states
 from ocptip.robots.pinocchio import load_coal
+from ocptip.robots.urdf_parser import load_mesh
 
 _BY_HAND = "excluded"
 _PARALLEL = 1e-6
@@ -173,7 +174,7 @@ class ShapeCollisions(Collisions):
         def of(name: str) -> Iterator[tuple[Any, Any]]:
             own = [mesh for mesh in meshes if mesh.name == name]
             for mesh in own:
-                found = coal.MeshLoader().load(mesh.file, np.array(mesh.scale))
+                found = load_mesh(mesh.file, mesh.scale)
                 at = (
                     (frames.rotations[0, mesh.body - 1], frames.origins[0, mesh.body - 1])
                     if mesh.body

@@ -17,6 +17,7 @@ from ocptip.robots.collision.parts import corners_of, cut_surfaces, side_of
 from ocptip.robots.collision.shapes import ArmGeometry, BodyShape, Hull, MeshFile, Shape
 from ocptip.robots.kinematics import LinkFrames, link_frames
 from ocptip.robots.pinocchio import load_coal
+from ocptip.robots.urdf_parser import load_mesh
 
 CUTS = 40
 """Of the meshes of a pair of links, for a posture."""
@@ -156,6 +157,6 @@ def _pieces(collision: ShapeCollisions, name: str) -> Iterator[_Piece]:
 
 def _triangles(mesh: MeshFile) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3), m, of a mesh's file, and numbers (T, 3) of those of its triangles."""
-    model = load_coal().MeshLoader().load(mesh.file, np.array(mesh.scale))
+    model = load_mesh(mesh.file, mesh.scale)
     triangles = [model.tri_indices(i) for i in range(model.num_tris)]
     return np.array(model.vertices()), np.array([[t[k] for k in range(3)] for t in triangles], dtype=int)

@@ -33,7 +33,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_coal, load_pinocchio
 from ocptip.robots.resting import resting_configuration
 from ocptip.robots.urdf_file import parse_urdf
-from ocptip.robots.urdf_parser import pinocchio_model, printed
+from ocptip.robots.urdf_parser import load_mesh, pinocchio_model, printed
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -147,10 +147,10 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> list[Shap
     Raises:
         InputError: it cannot be read.
     """
-    require_readable(path)
     try:
-        with printed():
-            model = load_coal().MeshLoader().load(str(path), np.asarray(scale, dtype=float))
+        model = load_mesh(path, scale)
+    except InputError:
+        raise
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{path}: not a readable mesh: {' '.join(str(error).split())}") from None
     return _solids(model)
