@@ -187,7 +187,7 @@ BOMB = "a0: &a0 [1]\n" + "".join(f"a{k + 1}: &a{k + 1} [{', '.join([f'*a{k}'] * 
         ("nan.json", '{"start": [NaN], "commands": [[]]}', "start"),
         ("many.json", json.dumps({"start": [10**400] * 6, "commands": [[]] * 6}), "start"),
         ("long.csv", "time_s,q1_deg\n" + '"' + "1" * 200_000, "broken CSV"),
-        ("zero.csv", "time_s,q1_deg\n0,\0\n", "q1_deg"),
+        ("zero.csv", HEADER + "0,\0,1,1,1,1,1\n1,2,3,4,5,6,7\n", "expected a number"),
         ("huge.csv", HEADER + "0,1e300,1,1,1,1,1\n1,2,3,4,5,6,7\n", "1e+300"),
         ("empty.yaml", "", "joint trajectory"),
         ("surrogate.json", '{"points": [], "joint_names": ["\\ud800"]}', "joint_names"),
@@ -267,8 +267,9 @@ def test_lines_of_the_parser_of_robots(plan, capfd):
     bad = "</inertial><collision><geometry><bx size='1 1 1'/></geometry></collision>"
     (plan / "task" / "ur5.urdf").write_text(text.replace("</inertial>", bad, 1))
     assert_refused_geometry(plan, capfd, "(bx) cannot be read: box needs size")
-    (plan.parent / "arm.urdf").write_text(text.replace("<robot name=", '<robot version="7.0" name=', 1))
-    assert "not a readable URDF: Invalid 'version' specified" in refused(
+    unsafe = text.replace("</joint>", "<safety_controller/></joint>", 1)
+    (plan.parent / "arm.urdf").write_text(unsafe)
+    assert "not a readable URDF: joint safety: no k_velocity" in refused(
         capfd, "init", plan.parent / "arm.urdf"
     )
 
