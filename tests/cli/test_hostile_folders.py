@@ -16,6 +16,7 @@ import pytest
 from ocptip.basics.sums import SUMS
 from ocptip.cli.main import main
 from ocptip.motion.output import write_plan
+from ocptip.robots.urdf_parser import printed
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.pictures.plan_stand_in import plan_of
@@ -259,7 +260,7 @@ def test_a_file_of_a_line_end_in_its_name(plan, capfd, tmp_path):
 
 
 def test_lines_of_the_parser_of_robots(plan, capfd):
-    """Geometry that it leaves out is refused; what it prints becomes one line."""
+    """Geometry that it leaves out is refused, in one line."""
     text = (plan / "task" / "ur5.urdf").read_text()
     bad = "</inertial><collision><geometry><mesh/></geometry></collision>"
     (plan / "task" / "ur5.urdf").write_text(text.replace("</inertial>", bad, 1))
@@ -267,11 +268,16 @@ def test_lines_of_the_parser_of_robots(plan, capfd):
     bad = "</inertial><collision><geometry><bx size='1 1 1'/></geometry></collision>"
     (plan / "task" / "ur5.urdf").write_text(text.replace("</inertial>", bad, 1))
     assert_refused_geometry(plan, capfd, "(bx) cannot be read: box needs size")
-    unsafe = text.replace("</joint>", "<safety_controller/></joint>", 1)
-    (plan.parent / "arm.urdf").write_text(unsafe)
-    assert "not a readable URDF: joint safety: no k_velocity" in refused(
-        capfd, "init", plan.parent / "arm.urdf"
-    )
+
+
+def test_lines_that_the_parser_of_robots_prints(capfd):
+    with printed() as lines:
+        os.write(2, b"Error:   a joint\n         at line 3 in /build/joint.cpp\n")
+        os.write(1, b"Error:   a joint\n         at line 7 in /build/joint.cpp\nWarning: a link\n")
+        print("of Python", flush=True)
+    assert lines == ["a joint", "a link", "of Python"]
+    print("afterwards")
+    assert capfd.readouterr().out == "afterwards\n"
 
 
 def test_a_folder_that_others_write_to_while_it_is_replaced(plan, capfd):
