@@ -5,7 +5,7 @@ import sys
 try:
     from ocptip.cli.main import main
 except KeyboardInterrupt:
-    print("ocptip: interrupted", file=sys.stderr)
+    sys.stderr.write("ocptip: interrupted\n")
     sys.exit(130)
 
 sys.exit(main())
