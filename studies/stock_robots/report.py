@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -29,13 +30,23 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
     )
     totals = Counter(row["outcome"] for commands in robots.values() for row in commands.values())
     counts = ", ".join(f"{count} {outcome}" for outcome, count in totals.most_common())
-    reasons = [
-        f"- {short(urdf)}, `{name}`: {row['outcome']}: {row['reason']}"
-        for urdf, commands in sorted(robots.items())
-        for name, row in commands.items()
-        if row["outcome"] not in ("proved", "checked", "yes")
-    ]
-    return "\n".join([f"{len(robots)} robots: {counts}.", "", *lines, "", *reasons]) + "\n"
+    reasons: dict[str, list[str]] = {}
+    for urdf, commands in sorted(robots.items()):
+        for name, row in commands.items():
+            if row["outcome"] not in ("proved", "checked", "yes"):
+                reasons.setdefault(f"`{name}`, {row['outcome']}: {general(row['reason'])}", []).append(
+                    short(urdf)
+                )
+    listed = [f"- {reason}: {', '.join(names)}" for reason, names in sorted(reasons.items())]
+    return "\n".join([f"{len(robots)} robots: {counts}.", "", *lines, "", *listed]) + "\n"
+
+
+def general(reason: str) -> str:
+    """A reason without names and folders of files, so that robots with the same one stand in one line."""
+    reason = re.sub(r"(task\.toml: arm\.urdf: )?\S*\.urdf: |task\.toml: ", "", reason)
+    reason = re.sub(r"'[^']*'", "'...'", reason)
+    reason = re.sub(r"(, '\.\.\.')* and \d+ more", "", reason)
+    return "; ".join(dict.fromkeys(reason.split("; ")))
 
 
 def short(urdf: str) -> str:

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from studies.stock_robots import run
-from studies.stock_robots.report import markdown, short
+from studies.stock_robots.report import general, markdown, short
 from studies.stock_robots.robots import longest_chain, stock_robots
 from tests.task_files.test_arm_files import ON_A_LIFT
 
@@ -84,7 +84,7 @@ def test_a_robot_is_run_once_and_its_row_is_printed(tmp_path, monkeypatch, capsy
     assert all(row["cpu"] > 0.1 and row["memory"] > 50 and row["version"] == "1.0" for row in rows)
     printed = capsys.readouterr().out
     assert "| one: lift | yes " in printed
-    assert "no such task.toml" in printed.splitlines()[-1]
+    assert printed.splitlines()[-1].startswith("- `plan`, refused: ")
     assert markdown(rows) in printed
 
 
@@ -98,3 +98,16 @@ def test_the_reason_is_the_error_behind_the_progress():
     assert run.shortened(text) == "start: tips"
     assert run.shortened("\nA: CERTIFIED.\nstarts 3\n") == "A: CERTIFIED."
     assert run.shortened("") == ""
+
+
+def test_robots_with_the_same_reason_stand_in_one_line():
+    files = "'package://{0}/1.stl', 'package://{0}/2.stl' and 5 more"
+    missing = f"task.toml: arm.urdf: {{0}}.urdf: no mesh file {files}; give"
+    rows = [
+        {"urdf": f"p/{name}.urdf", "command": "plan", "outcome": "refused", "reason": missing.format(name)}
+        | {"cpu": 1.0, "memory": 100.0}
+        for name in ("a", "b")
+    ]
+    assert markdown(rows).splitlines()[-1] == "- `plan`, refused: no mesh file '...'; give: p: a, p: b"
+    broken = "/some/folder/robot.urdf: joint 'a': axis is '1, 2'; joint 'b': axis is '3'"
+    assert general(broken) == "joint '...': axis is '...'"
