@@ -12,6 +12,8 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import equilibrium
+from ocptip.reserves import fractional
+from ocptip.reserves.minimax import ConeBatch
 from ocptip.reserves.slip import Slip
 
 _AGREE = 1e-6
@@ -124,3 +126,35 @@ def test_many_states_amid_casters_are_all_certified():
     some = range(0, 400, 40)
     expected = [least_use(support, wrenches[i]) for i in some]
     np.testing.assert_allclose(slip.GT[some], expected, atol=_AGREE)
+
+
+def test_a_state_on_a_plane_takes_one_program_and_has_the_value_of_the_iteration(monkeypatch):
+    """One program where balances are apart; the iteration for any normals took up to eleven."""
+    programs, solve = [], ConeBatch.solve
+
+    def counted(batch, A, b):
+        programs.append(len(A))
+        return solve(batch, A, b)
+
+    monkeypatch.setattr(ConeBatch, "solve", counted)
+    needed, iterated, compared = [], [], 0
+    for seed in range(0, 160, 2):
+        support, wrenches = random_case(seed)
+        slip, states = Slip(support, "full"), solve_resting(support, wrenches)
+        for i in range(len(states)):
+            state = states.select(np.array([i]))
+            programs.clear()
+            direct = slip.evaluate(state)
+            needed.append(sum(programs))
+            with monkeypatch.context() as plain:
+                plain.setattr(fractional, "_by_one_program", lambda best, q, *_: np.zeros(len(q), bool))
+                programs.clear()
+                slow = slip.evaluate(state)
+                iterated.append(sum(programs))
+            assert direct.solved.all()
+            assert slow.solved.all()
+            np.testing.assert_allclose(direct.GT, slow.GT, rtol=0, atol=1e-9)
+            compared += bool(state.persistent[0])
+    assert compared > 200
+    assert max(needed) == 1  # 0 where nothing can be shared
+    assert max(iterated) > 6

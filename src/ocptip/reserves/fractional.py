@@ -11,6 +11,10 @@ fractional programming: Dinkelbach; Crouzeix, Ferland and Schaible, J. Optim. Th
 monotonically and superlinearly near the optimum. Far from it, where limits differ by magnitudes, it is slow;
 so every other program tries half of what is left above the largest t known to be too small.
 
+Where all contacts lie in one plane, normal and tangential forces balance apart: z is the sum of a part that
+changes only normal forces and one that changes only tangential forces. Then T / t, like T, is free to change
+by the second part, and one cone program does: 1 / t is the maximum of s with |s q_i + Q_i z| <= limit_i.
+
 Contacts without friction have no tangential force and no limit. Their cones would pin F(t) to zero for every
 t, so they have none: only the ends of their normal forces count.
 
@@ -25,7 +29,7 @@ from dataclasses import dataclass, fields
 import clarabel
 import numpy as np
 
-from ocptip.reserves.minimax import ConeBatch, forces_of, lengths
+from ocptip.reserves.minimax import ZERO_USAGE, ConeBatch, forces_of, lengths
 from ocptip.reserves.optimality import ForceRange, refined
 
 NEGLIGIBLE_LIMIT = 1e-7
@@ -36,6 +40,7 @@ _SMALLEST_DIVISOR = 1e-3
 _DECREASE = 1e-9
 _NEAR = 1e-3
 _MAX_ITERATIONS = 40
+_APART = 1e-9  # largest error of a projection of balances that are apart
 _FEW, _ONE_OF = 8, 4  # states that are solved one by one; of more, one of so many at first
 _CHUNK = 500
 
@@ -154,7 +159,7 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
         return best
     batch = _batch(forces.rough[0], k, Q.shape[3])
     known_too_small = np.zeros(count)
-    todo = np.arange(count)
+    todo = np.flatnonzero(~_by_one_program(best, q, Q, forces, batch))
     for iteration in range(_MAX_ITERATIONS):
         if len(todo) == 0:
             break
@@ -188,11 +193,44 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
     return best
 
 
+def _by_one_program(
+    best: FractionalOptimum, q: np.ndarray, Q: np.ndarray, forces: ForceRange, batch: ConeBatch
+) -> np.ndarray:
+    """Improve the states whose balances are apart by one program each; (N,) True where it is proven."""
+    proven = np.zeros(len(q), dtype=bool)
+    projection = np.einsum("siz,siy->szy", forces.per_z, forces.per_z)  # P'P = 1 - Q'Q, if they are apart
+    error = np.max(np.abs(projection @ projection - projection), axis=(1, 2), initial=0.0)
+    rows = np.flatnonzero((error < _APART) & (best.usage > ZERO_USAGE))
+    if not len(rows):
+        return proven
+    # s counts in units of 1 / usage, so that it is at least 1; x_0 is -s
+    one, at = forces.take(rows), q[rows] / best.usage[rows, None, None]
+    A, b = _program(np.zeros_like(at), Q[rows], one, np.ones(len(rows)), best.z[rows])
+    column = np.concatenate([np.zeros((*at.shape[:2], 1)), at], axis=2)[:, one.rough[0]]
+    ends = A.shape[1] - 2 * q.shape[1]
+    A[:, :ends, 0] = column.reshape(len(rows), ends)
+    x, multipliers, best.status[rows] = batch.solve(A, b)
+    best.iterations[rows] += 1
+    usable = np.isfinite(x).all(axis=1) & (x[:, 0] < 0)
+    rows, x, multipliers = rows[usable], x[usable], multipliers[usable]
+    if not len(rows):
+        return proven
+    t, z = best.usage[rows] / -x[:, 0], x[:, 1:]
+    normal = np.einsum("szy,sy->sz", projection[rows], z)
+    x = np.concatenate([np.zeros((len(rows), 1)), normal + t[:, None] * (z - normal)], axis=1)
+    multipliers[:, ends:] *= t[:, None]  # of limits t times as large
+    q, Q, own = q[rows], Q[rows], forces.take(rows)
+    _improve(best, rows, q, Q, own, x, multipliers, t)
+    best.gap[rows] = np.inf  # not known before the conditions are checked
+    start = best.z[rows], best.usage[rows], best.pull[rows], best.normal_pull[rows]
+    proven[rows] = _polish(best, rows, q, Q, own, *start)
+    return proven
+
+
 def _batch(rough: np.ndarray, k: int, nz: int) -> ConeBatch:
     """Cones of the contacts with friction, ends of all."""
     n, m = len(rough), int(np.count_nonzero(rough))
     cones = np.ones((m, k + 1, nz + 1), dtype=bool)
-    cones[:, 1:, 0] = False
     ends = np.ones((2 * n, nz + 1), dtype=bool)
     ends[:, 0] = False
     return ConeBatch(
