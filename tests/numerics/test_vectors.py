@@ -4,7 +4,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from ocptip.numerics.vectors import TURN, cross, cross_terms, nearest_turn, skew
+from ocptip.numerics.vectors import TURN, cross, cross_terms, distinct_rows, nearest_turn, skew
 
 
 @pytest.mark.parametrize("shapes", [((3,), (3,)), ((5, 3), (5, 3)), ((3,), (4, 3)), ((2, 1, 3), (6, 3))])
@@ -32,3 +32,12 @@ def test_nearest_turn():
     np.testing.assert_array_equal(nearest_turn(within), within)
     np.testing.assert_array_equal(nearest_turn(within + 5 * TURN, within + 5 * TURN), within + 5 * TURN)
     assert np.isnan(nearest_turn(np.array([np.nan]))).all()
+
+
+@pytest.mark.parametrize("rows", [[[1, 0]], [[1, 0], [1, 0]], [[1, 0], [0, 1], [1, 0]], np.empty((0, 2))])
+def test_distinct_rows_and_their_places_give_the_rows(rows):
+    rows = np.array(rows)
+    distinct, which = distinct_rows(rows)
+    np.testing.assert_array_equal(distinct[which], rows)
+    assert len(distinct) == len({tuple(row) for row in rows})
+    assert which.shape == (len(rows),)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.contact.bindings.binding import Spring
+from ocptip.numerics.vectors import distinct_rows
 
 _ROUNDS = 30
 _KEPT = 1e3  # times rounding, by which a lifted foot may be pressed in and a pressed one pull
@@ -136,9 +137,9 @@ class ElasticFeet:
 
     def _moved(self, wrenches: np.ndarray, pressing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Motions of the feet (N, n, d), m, and their derivatives (N, n, d, w)."""
-        patterns, which = np.unique(pressing, axis=0, return_inverse=True)
+        patterns, which = distinct_rows(pressing)
         maps = np.array([np.einsum("vkc,vw->kcw", self.W, self.twist_map(p)) for p in patterns])
-        maps = maps[which.reshape(-1)] if len(patterns) else np.empty((0, *self.W.shape[1:], len(self.W)))
+        maps = maps[which] if len(patterns) else np.empty((0, *self.W.shape[1:], len(self.W)))
         return np.einsum("skcw,sw->skc", maps, wrenches), maps
 
     def _presses(self, moved: np.ndarray, pressing: np.ndarray, tolerance: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ocptip.contact import pivoting
 from ocptip.contact.bindings import laws
 from ocptip.contact.support import ContactSystem, Support
+from ocptip.numerics.vectors import distinct_rows
 
 REST_TOLERANCE = 1e-9
 """Accelerations below this, relative to the free acceleration of the contacts, count as rest."""
@@ -234,14 +235,14 @@ class ContactStates:
         support = self.support
         # where the base rests, the derivatives do not depend on the inertia: take the one that rounds least
         resting = self.persistent if support.conditioned is not support else np.zeros(len(self), dtype=bool)
-        unique, which = np.unique(np.column_stack([self.subsets, resting]), axis=0, return_inverse=True)
+        unique, which = distinct_rows(np.column_stack([self.subsets, resting]))
         subsets, rests = unique[:, :-1], unique[:, -1] == 1
         columns = support.conditioned.system.active_columns(np.maximum(subsets, 0))
         solutions = np.full((*columns.shape, support.wrench_size), np.nan)
         for one, rows in ((support.conditioned, rests), (support, (subsets[:, 0] >= 0) & ~rests)):
             if np.any(rows):
                 solutions[rows] = _derivatives(one.system, columns[rows])
-        return columns, solutions, which.reshape(-1)
+        return columns, solutions, which
 
 
 def _derivatives(system: ContactSystem, columns: np.ndarray) -> np.ndarray:

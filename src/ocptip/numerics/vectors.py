@@ -1,4 +1,4 @@
-"""Vectors in space and angles: cross products, skew matrices, whole turns."""
+"""Vectors in space and angles: cross products, skew matrices, whole turns, distinct rows."""
 
 from __future__ import annotations
 
@@ -28,6 +28,14 @@ def perpendicular(vector: np.ndarray) -> np.ndarray:
     """(3,) of length one, orthogonal to a vector (3,)."""
     across = np.cross(vector, np.eye(3)[np.argmin(np.abs(vector))])
     return across / np.linalg.norm(across)
+
+
+def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The distinct ones of rows (N, k), and of each row which it is (N,)."""
+    if len(rows) and np.array_equal(rows[1:], rows[:-1]):  # sorting one row takes longer than all else
+        return rows[:1], np.zeros(len(rows), dtype=np.intp)
+    distinct, which = np.unique(rows, axis=0, return_inverse=True)
+    return distinct, which.reshape(-1)
 
 
 def skew(vector: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ from dataclasses import dataclass, fields
 import clarabel
 import numpy as np
 
+from ocptip.numerics.vectors import distinct_rows
 from ocptip.reserves.minimax import ZERO_USAGE, ConeBatch, forces_of, lengths
 from ocptip.reserves.optimality import ForceRange, refined
 
@@ -90,11 +91,11 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         forces: normal forces and limits.
     """
     count = len(q)
-    patterns, which = np.unique(forces.rough, axis=0, return_inverse=True)
+    patterns, which = distinct_rows(forces.rough)
     if len(patterns) > 1:
         best = _start(q, forces, Q.shape[3])
         for p in range(len(patterns)):
-            rows = np.flatnonzero(which.reshape(-1) == p)
+            rows = np.flatnonzero(which == p)
             best.put(rows, minimise_fraction(q[rows], Q[rows], forces.take(rows)))
         return best
     if count <= _FEW:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ocptip.contact.support import Support
+from ocptip.numerics.vectors import distinct_rows
 from ocptip.reserves.force_sets import ForceSets
 
 _RANK_TOLERANCE = 1e-9
@@ -41,8 +42,7 @@ class FreeForces:
         """
         if len(rows) == 0:
             return
-        patterns, which = np.unique(carries[rows], axis=0, return_inverse=True)
-        which = which.reshape(-1)
+        patterns, which = distinct_rows(carries[rows])
         bases = [self.basis(pattern, with_normals) for pattern in patterns]
         shapes = [(basis.shape, J is not None) for _, basis, J in bases]
         for shape in sorted(set(shapes)):
