@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import clarabel
 import numpy as np
 
@@ -64,7 +66,7 @@ class Interior:
         numbers = [-self._scaling * wrench / unit]
         rows.append(np.eye(3 * count + 1)[:-1].reshape(count, 3, -1)[~rubs][:, 1:].reshape(-1, 3 * count + 1))
         numbers.append(np.zeros(len(rows[1])))
-        cones = [clarabel.ZeroConeT(6 + len(rows[1]))]
+        cones: list[Any] = [clarabel.ZeroConeT(6 + len(rows[1]))]
         normals = np.eye(3 * count + 1)[: 3 * count : 3]
         for end, sign in ((low, -1.0), (high, 1.0)):
             known = np.isfinite(end)
