@@ -79,7 +79,11 @@ def test_without_proof_of_late_joints_the_rest_is_proved(swing, proved, monkeypa
     robot, motion, limits = swing
     found = SearchWithin.found
     late = attrgetter("_sharing.late.delay")
-    monkeypatch.setattr(SearchWithin, "found", lambda own: found(own) if on_time and not late(own) else None)
+
+    def found_on_time(search, *args):
+        return found(search, *args) if on_time and not late(search) else None
+
+    monkeypatch.setattr(SearchWithin, "found", found_on_time)
     found_now = certify(robot, motion, limits, proved[0].worst)
     assert found_now.holds, found_now.verdict.problems
     assert not found_now.certified

@@ -452,11 +452,11 @@ def test_plot_replaces_a_file_only_when_complete(capsys, scene_file, tmp_path, m
 
     with monkeypatch.context() as patch:
         patch.setattr(Figure, "savefig", full_disk)
-        assert main(["stand", str(scene_file), "--plot", str(target)]) == 2
+        assert main(["stand", str(scene_file), "--plot", str(target), "--overwrite"]) == 2
     assert capsys.readouterr().err == f"ocptip: {target}: No space left on device\n"
     assert target.read_text() == "old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.toml", "stand.png"]
-    assert main(["stand", str(scene_file), "--plot", str(target)]) == 0
+    assert main(["stand", str(scene_file), "--plot", str(target), "--overwrite"]) == 0
     assert target.read_bytes().startswith(b"\x89PNG")
 
 

@@ -137,12 +137,12 @@ def test_a_new_binding_can_be_used_in_a_scene_at_once(tmp_path):
     try:
 
         class Magnet(UnilateralContact):
-            kind = "magnetic-foot"
+            kind = "magnetic-sole"
 
-        text = SCENE.replace('kind = "unilateral"', 'kind = "magnetic-foot"', 1)
+        text = SCENE.replace('kind = "unilateral"', 'kind = "magnetic-sole"', 1)
         assert isinstance(read(tmp_path, text).support.contacts[0], Magnet)
     finally:
-        Binding.registry.pop("magnetic-foot", None)
+        Binding.registry.pop("magnetic-sole", None)
 
 
 def test_example_scenes_are_readable(scenes):
