@@ -10,7 +10,7 @@ import ocptip.reserves.slip as slip_module
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
-from ocptip.published.tasks import experiment_robot, experiment_task
+from ocptip.published.tasks import PRINTED_LIMITS, experiment_robot, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -38,7 +38,7 @@ def test_a_grid_of_too_many_instants_is_refused():
 
 def test_printed_motions_are_verified_with_the_printed_base():
     for name in "ABCDEFGH":
-        checked = check_motion(*reference(name, "printed"))
+        checked = check_motion(*reference(name, "printed"), PRINTED_LIMITS)
         assert checked.verified, (name, checked.violations)
         assert checked.violations == ()
 
