@@ -122,10 +122,10 @@ def replace_folder(folder: Path, contents: dict[str, bytes]) -> list[Path]:
     """
     require_replaceable(folder, "plan", contents, overwrite=True)
     sums = _known_sums(folder)  # without links, by now
-    ours = {name for name in _writable(folder, sums) if _is_recorded(folder, name, sums)}
+    recorded = {name for name in _writable(folder, sums) if _is_recorded(folder, name, sums)}
     digests = (f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in contents.items())
     paths = write_files(folder, {**contents, SUMS: "".join(digests).encode()})
-    for name in sorted(ours - set(contents)):
+    for name in sorted(recorded - set(contents)):
         (folder / name).unlink(missing_ok=True)
     return paths
 
