@@ -307,6 +307,17 @@ def test_forces_that_a_contact_without_friction_cannot_bear_prove_nothing(swing)
     assert any(problem.startswith("contacts") for problem in verdict.problems)
 
 
+def proved_on(support, task, motion, tolerance):
+    """Check and certificate of the task's arm on another support; both have to hold."""
+    robot = StandingRobot(task.robot.arm, support, task.robot.motors)
+    limits = MotionLimits(tolerance=tolerance)
+    checked = check_motion(robot, motion, limits)
+    found = certify(robot, motion, limits, checked.worst)
+    assert checked.verified
+    assert found.certified, (found.verdict, found.undecided)
+    return checked, found
+
+
 @pytest.mark.parametrize("tolerance", [Tolerance(base_push=20.0), Tolerance(push=5.0, tilt=0.01)])
 def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(swing, tolerance):
     """The best sharing leaves two feet next to nothing; a rule by equal weights bears the pushes."""
@@ -314,14 +325,7 @@ def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(sw
     places = [(0.3, 0.25), (0.3, -0.25), (-0.3, -0.25), (-0.3, 0.25)]
     feet = [UnilateralContact(position=[x, y, 0.0], friction=0.5) for x, y in places]
     support = Support(feet, mass=40.0, center_of_mass=[0.03, 0.0, 0.25])
-    robot, limits = (
-        StandingRobot(task.robot.arm, support, task.robot.motors),
-        MotionLimits(tolerance=tolerance),
-    )
-    checked = check_motion(robot, motion, limits)
-    found = certify(robot, motion, limits, checked.worst)
-    assert checked.verified
-    assert found.certified, (found.verdict, found.undecided)
+    checked, found = proved_on(support, task, motion, tolerance)
     sampled = checked.worst["GN_worst_case"].value
     assert sampled * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 1.01 * sampled
 
@@ -347,14 +351,7 @@ def test_contacts_in_general_position_are_proved(swing, places, lean, tolerance)
         for (x, y), z in places
     ]
     support = Support(feet, mass=60.0, center_of_mass=[0.0, 0.0, 0.3])
-    robot, limits = (
-        StandingRobot(task.robot.arm, support, task.robot.motors),
-        MotionLimits(tolerance=tolerance),
-    )
-    checked = check_motion(robot, motion, limits)
-    found = certify(robot, motion, limits, checked.worst)
-    assert checked.verified
-    assert found.certified, (found.verdict, found.undecided)
+    checked, found = proved_on(support, task, motion, tolerance)
     if tolerance.given:  # one rule for all couples: with half of the moment that is left, at least
         value = checked.worst["GN_worst_case"].value
         assert value * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 2.1 * value
