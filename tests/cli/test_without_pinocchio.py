@@ -51,7 +51,9 @@ def run(tmp_path):
 )
 def test_not_needed_without_urdf(run, arguments):
     result = run(*arguments, "--json")
-    assert (result.returncode, result.stderr) == (0, "")
+    # On a slow machine a plan may take longer than the time between two lines of progress.
+    warnings = [line for line in result.stderr.splitlines() if not line.startswith("ocptip plan: [")]
+    assert (result.returncode, warnings) == (0, [])
     assert "versions" in json.loads(result.stdout)
 
 
