@@ -41,7 +41,7 @@ from scipy.optimize import Bounds
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.trajectories.arm_motion import INSIDE, ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, RampCommand
@@ -103,7 +103,7 @@ class MotionPenalty:
 
     def __init__(self, task: MotionTask, *, weight: float = WEIGHT, between: Between = "sides") -> None:
         require_plannable(task)
-        if not isinstance(task.robot, StandingRobot):
+        if not isinstance(task.robot, Robot):
             raise InputError(f"task: the penalised cost is that of an arm, got a {task.robot.kind}")
         if between not in get_args(Between):
             raise InputError(f"between: expected one of {get_args(Between)}, got {between!r}")

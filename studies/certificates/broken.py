@@ -18,7 +18,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.task import MotionTask
 from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import PRESETS
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.read import load_motion
@@ -92,7 +92,7 @@ def _broken(
 def _lost(task: MotionTask, motion: Motion, times: np.ndarray) -> bool:
     """Whether a limit is exceeded at instants, as described."""
     robot, limits, states = task.robot, task.limits, motion.states(times)
-    assert isinstance(robot, StandingRobot)
+    assert isinstance(robot, Robot)
     own = robot.contact_states(robot.loads(*states)[1])
     GN, GT = robot.tip_over.evaluate(own).GN, robot.slip.evaluate(own, derivatives=False).GT
     fast = np.max(np.abs(states[2]) / robot.limits.acceleration)

@@ -16,7 +16,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -53,7 +53,7 @@ def on_base(case: str, contacts: list[Binding], mass: float, center: list[float]
     """The task of a published arm on another base."""
     task = experiment_task(case)
     support = Support(contacts, mass=mass, center_of_mass=center)
-    return replace(task, robot=StandingRobot(task.robot.arm, support, task.robot.motors))
+    return replace(task, robot=Robot(task.robot.arm, support, task.robot.motors))
 
 
 def swing(task: MotionTask, way: float = 0.4, speed: float = 0.25, share: float = 0.8) -> ArmMotion:
@@ -111,7 +111,7 @@ def retimed(task: MotionTask, tolerance: Tolerance) -> Motion:
     return retime(task.robot, path, MotionLimits(tolerance=tolerance)).motion
 
 
-def new_motions() -> Iterator[tuple[str, StandingRobot, Motion, Tolerance]]:
+def new_motions() -> Iterator[tuple[str, Robot, Motion, Tolerance]]:
     """Name, robot, motion and tolerance of each."""
     four = on_base("B", feet(_SQUARE, 0.5), 40.0, [0.03, 0.0, 0.25])
     held = four.robot.arm.with_payload(Payload(0.5, [0.02, 0.0, 0.05], [1e-3, 2e-3, 2.5e-3]))

@@ -33,7 +33,7 @@ from ocptip.certificate.find import certify
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
 from ocptip.trajectories.read import load_motion
@@ -312,7 +312,7 @@ def holds(row: Mapping[str, Any]) -> bool:
 # --- motions ------------------------------------------------------------------------------------------------
 
 
-def committed() -> Iterator[tuple[str, StandingRobot, Motion, Tolerance]]:
+def committed() -> Iterator[tuple[str, Robot, Motion, Tolerance]]:
     """The plans of the cases."""
     for case in motion_cases():
         for base in BASES:
@@ -326,7 +326,7 @@ def committed() -> Iterator[tuple[str, StandingRobot, Motion, Tolerance]]:
 
 
 def proved(
-    robot: StandingRobot, motion: Motion, tolerance: Tolerance
+    robot: Robot, motion: Motion, tolerance: Tolerance
 ) -> tuple[Mapping[str, Any] | None, float, float, str]:
     """The certificate of a motion within as much as it can have of a tolerance, slower where need be.
 

@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.robots.bodies import real_bodies
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.mjcf import joint_order, to_mjcf
 
 INSIDE = 1.5e-7
 
 
-def stiff(robot: StandingRobot) -> StandingRobot:
+def stiff(robot: Robot) -> Robot:
     """The robot on feet that do not give: here they are not the model's."""
     own = robot.support
     feet = [UnilateralContact(position=c.position, normal=c.normal, friction=1.0) for c in own.contacts]

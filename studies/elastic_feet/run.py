@@ -24,7 +24,7 @@ from ocptip.basics.write import versions, write_json, write_text
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.limits import MotionLimits
@@ -38,7 +38,7 @@ DAMPING = 0.05
 STEPS = {1e5: 1e-3, 1e6: 5e-4, 1e7: 2e-4}
 
 
-def softened(robot: StandingRobot, stiffness: float, damping: float = DAMPING) -> StandingRobot:
+def softened(robot: Robot, stiffness: float, damping: float = DAMPING) -> Robot:
     """The same robot on feet that give."""
     own = robot.support
     feet = [
@@ -49,7 +49,7 @@ def softened(robot: StandingRobot, stiffness: float, damping: float = DAMPING) -
     return robot.varied(support=own.varied(feet))
 
 
-def on_feet(robot: StandingRobot, motion: ArmMotion) -> list[dict[str, float]]:
+def on_feet(robot: Robot, motion: ArmMotion) -> list[dict[str, float]]:
     """Heights, and least forces of feet that could pull, by stiffness."""
     found = []
     for stiffness in FEET:

@@ -34,7 +34,7 @@ from ocptip.placement.scan import Scan, scan
 from ocptip.placement.terrain import plane
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar, Wall
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.task_files.motion import load_task
 from studies.common import EXAMPLES, PLACING, RowFile, say, source_state, state_notes, table
 
@@ -51,7 +51,7 @@ LEVELS = 3
 _UR5 = EXAMPLES / "tasks" / "ur5_cart.toml"
 
 
-def robots() -> tuple[StandingRobot, StandingRobot]:
+def robots() -> tuple[Robot, Robot]:
     """The modular arm on three feet and the UR5 on four wheels."""
     arm = experiment_task("A").robot.arm.mounted([0.0, 0.0, 0.298])
     feet = [(0.1732, 0.30), (0.1732, -0.30), (-0.3464, 0.0)]
@@ -60,7 +60,7 @@ def robots() -> tuple[StandingRobot, StandingRobot]:
         mass=20.0,
         center_of_mass=[0.0, 0.0, 0.15],
     )
-    modular = StandingRobot(arm, support, experiment_task("A").robot.motors)
+    modular = Robot(arm, support, experiment_task("A").robot.motors)
     return modular, load_task(_UR5).robot
 
 

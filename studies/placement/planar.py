@@ -39,7 +39,7 @@ from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProb
 from ocptip.placement.terrain import custom_terrain
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.motors import DCMotors
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from studies.common import say, table
 
 DIMENSIONS = {
@@ -66,7 +66,7 @@ COLORS = ("#e4e4e4", "#b9a3cf", "#f0b27a", "#7fb3d5")
 GLOBAL, LOCAL = "#b3261e", "#1f5fa8"
 
 
-def planar_robot() -> StandingRobot:
+def planar_robot() -> Robot:
     """The robot; q1 is the elevation of link 1, q2 the inner angle of the elbow (180 degrees: stretched)."""
     l1, l2 = DIMENSIONS["link lengths"]
     height, half = (
@@ -98,7 +98,7 @@ def planar_robot() -> StandingRobot:
         gravity=[0.0, 0.0, -1.0],
     )
     total = weight + sum(DIMENSIONS["link weights, acting in their middle"])
-    return StandingRobot(arm, support, DCMotors.estimated(arm), reference_moment=0.1 * half * total)
+    return Robot(arm, support, DCMotors.estimated(arm), reference_moment=0.1 * half * total)
 
 
 def planar_problem(force: float = FORCE, *, unloaded: bool = True) -> PlacementProblem:

@@ -16,7 +16,7 @@ from ocptip.motion.check import check_motion
 from ocptip.published.arms import modular_motors
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from studies.common import table
 
 
@@ -29,7 +29,7 @@ def rows() -> list[dict]:
             limits = robot.arm.limits
             motion = case.reference_motion(limits.speed, limits.acceleration)
             checked = check_motion(robot, motion)
-            literal = StandingRobot(
+            literal = Robot(
                 robot.arm, robot.support, modular_motors(torque_reading="drive"), reference_moment=1.0
             )
             found.append(

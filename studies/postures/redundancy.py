@@ -29,7 +29,7 @@ from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.numerics.threads import one_thread
 from ocptip.robots.inverse.joint_angles import within_limits
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
 from studies.common import JsonLines, progress, software, table
@@ -43,7 +43,7 @@ RADIUS = 0.05  # m, of the collision spheres
 
 
 @cache
-def seven_axes(name: str, packages: tuple[Path, ...]) -> tuple[StandingRobot, MotionLimits]:
+def seven_axes(name: str, packages: tuple[Path, ...]) -> tuple[Robot, MotionLimits]:
     """A robot, and the limits of its tasks."""
     arm = next(arm for arm in tomllib.loads(ARMS.read_text())["arm"] if arm["name"] == name)
     urdf = package_folder(arm["package"], packages) / arm["urdf"]
@@ -51,7 +51,7 @@ def seven_axes(name: str, packages: tuple[Path, ...]) -> tuple[StandingRobot, Mo
         path = Path(folder) / "task.toml"
         path.write_text(task_text(arm, template_of(arm, urdf, path.parent), 0.0, {}, spheres=RADIUS))
         task = load_task(path)
-    assert isinstance(task.robot, StandingRobot)
+    assert isinstance(task.robot, Robot)
     return task.robot, task.limits
 
 
@@ -68,7 +68,7 @@ def redundant_task(number: int, seed: int, packages: Sequence[Path]) -> MotionTa
 
 def random_pairs(task: MotionTask, count: int, seed: int) -> list[MotionTask]:
     """The task between random postures that stand."""
-    assert isinstance(task.robot, StandingRobot)
+    assert isinstance(task.robot, Robot)
     arm, rng = task.robot.arm, np.random.default_rng(seed)
     postures = []
     for target in task.targets:

@@ -16,7 +16,7 @@ from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.robots.dynamics import inverse_dynamics
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from studies.ramp_gap.free_motion import FreeMotion, curve, minimum_jerk, with_triangles
 
 LIMIT = 0.9  # of GN and GT
@@ -47,7 +47,7 @@ class FreeForm:
 
     def __init__(
         self,
-        robot: StandingRobot,
+        robot: Robot,
         start: np.ndarray,
         goal: np.ndarray,
         intervals: int,
@@ -303,7 +303,7 @@ def scattered(
     return cs.MX(sparsity, collect @ cs.vec(values))
 
 
-def tipping_moments(robot: StandingRobot) -> tuple[np.ndarray, np.ndarray]:
+def tipping_moments(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """A (axes, 6) and b (axes,) of the moments about the tipping axes M = A wrench + b; 20 wrenches checked.
 
     Raises:

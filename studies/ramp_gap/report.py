@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from ocptip.contact.solver import solve_many
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import number, percent, table
 from studies.ramp_gap.free_form import LIMIT
@@ -116,7 +116,7 @@ def draw(case_name: str, results: list[dict], plans: dict[str, ArmMotion | None]
     figure.savefig(path, dpi=110)
 
 
-def _free_history(robot: StandingRobot, motion: FreeMotion) -> tuple[np.ndarray, ...]:
+def _free_history(robot: Robot, motion: FreeMotion) -> tuple[np.ndarray, ...]:
     x = np.linspace(1e-3, 1 - 1e-3, 11)  # at the ends of intervals a joint may rest between two creeps
     q, v, a = (values.reshape(-1, robot.arm.n) for values in motion.inside(x))
     times = (motion.h * (np.arange(len(motion.middles))[:, None] + x)).ravel()
@@ -127,7 +127,7 @@ def _free_history(robot: StandingRobot, motion: FreeMotion) -> tuple[np.ndarray,
     return times, q, v, power, robot.tip_over.evaluate(states).GN, GT
 
 
-def _ramp_history(robot: StandingRobot, motion: ArmMotion) -> tuple[np.ndarray, ...]:
+def _ramp_history(robot: Robot, motion: ArmMotion) -> tuple[np.ndarray, ...]:
     margin = 1e-6 * np.diff(motion.intervals, axis=1)  # both sides of every jump, not the jump itself
     times = np.linspace(*motion.intervals.T, 41)[1:-1].ravel()
     times = np.sort(np.concatenate([times, (motion.intervals + margin * [1, -1]).ravel()]))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.contact.solver import solve_many
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.ramp_gap.free_form import LIMIT, NODES, WEIGHTS, FreeForm, tipping_moments
 from studies.ramp_gap.free_motion import FreeMotion, minimum_jerk, sampled, via_motion, with_triangles
@@ -29,7 +29,7 @@ MARGIN = 1e-5  # of GN and GT at the nodes, for Ipopt's tolerance
 ROUNDS = 6  # of solve, check, add what is broken
 
 
-def exact_energy(robot: StandingRobot, motion: FreeMotion, resting: float = 0.0) -> float:
+def exact_energy(robot: Robot, motion: FreeMotion, resting: float = 0.0) -> float:
     """Electric energy, J: exact power maps, eight Gauss nodes between interval ends and turning points.
 
     Args:
@@ -78,7 +78,7 @@ class Worst:
         return self.standing and ratios <= 1 + 1e-6 and self.clearance >= -1e-6
 
 
-def dense_check(robot: StandingRobot, motion: FreeMotion, step: float = DENSE_STEP) -> Worst:
+def dense_check(robot: Robot, motion: FreeMotion, step: float = DENSE_STEP) -> Worst:
     """Evaluate a motion every `step` seconds with the library's own functions."""
     x = np.linspace(0, 1, max(2, int(np.ceil(motion.h / step)) + 1))
     q, v, a = (values.reshape(-1, robot.arm.n) for values in motion.inside(x))
@@ -102,7 +102,7 @@ def dense_check(robot: StandingRobot, motion: FreeMotion, step: float = DENSE_ST
     )
 
 
-def cheaper_signs(robot: StandingRobot, motion: FreeMotion) -> np.ndarray:
+def cheaper_signs(robot: Robot, motion: FreeMotion) -> np.ndarray:
     """Signs of speed (N, n): those of the motion, and where a joint nearly rests the one that costs less."""
     q, v, a = motion.inside(NODES)
     shape, n = q.shape, robot.arm.n
@@ -129,7 +129,7 @@ class Search:
 
     def __init__(
         self,
-        robot: StandingRobot,
+        robot: Robot,
         start: np.ndarray,
         goal: np.ndarray,
         *,

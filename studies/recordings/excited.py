@@ -31,7 +31,7 @@ from ocptip.measured.links import (
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import WRENCH, Recording
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.sampled import Motion
 from studies.common import EXAMPLES, say, software, table
@@ -104,7 +104,7 @@ def one_described(one: Identified) -> np.ndarray:
     return np.concatenate([one.described, np.zeros(len(one.estimate.values) - len(one.described))])
 
 
-def _runs(robot: StandingRobot, motion: Motion, runs: int) -> dict[bool, list[Run]]:
+def _runs(robot: Robot, motion: Motion, runs: int) -> dict[bool, list[Run]]:
     """What is found without and with a sensor."""
     faults, predictor = wrong(robot)[2], Predictor(robot, motion)
     seen, found = simulated(robot, motion, faults), {False: [], True: []}
@@ -118,13 +118,13 @@ def _runs(robot: StandingRobot, motion: Motion, runs: int) -> dict[bool, list[Ru
     return found
 
 
-def _true(robot: StandingRobot, one: Identified) -> np.ndarray:
+def _true(robot: Robot, one: Identified) -> np.ndarray:
     """Numbers of the machine: base parameters, dry friction, no viscous friction."""
     arm, friction, _ = wrong(robot)
     return np.concatenate([one.basis.combinations @ all_parameters(arm), friction, np.zeros(robot.n)])
 
 
-def _error_of_torques(robot: StandingRobot, one: Identified, away: np.ndarray) -> float:
+def _error_of_torques(robot: Robot, one: Identified, away: np.ndarray) -> float:
     """Rms at random states, share of the joints' limits."""
     bare, own = robot.arm.with_payload(None), robot.limits
     q, qd, qdd = random_states(bare)

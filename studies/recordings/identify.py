@@ -27,7 +27,7 @@ from ocptip.measured.prediction import Predictor
 from ocptip.published.arms import load_arm, modular_motors
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from studies.common import say, software, table
 from studies.recordings.machine import Faults, sampled, simulated
 from studies.recordings.run import machine
@@ -73,7 +73,7 @@ def links(name: str, runs: int) -> list[str]:
     return [f"arm {name}, torques and sensor", *covered(found), "-"]
 
 
-def wrong(robot: StandingRobot) -> tuple[ArmModel, np.ndarray, Faults]:
+def wrong(robot: Robot) -> tuple[ArmModel, np.ndarray, Faults]:
     """The arm as it is, its dry friction (n,), and how it differs from what is described."""
     rng = np.random.default_rng(0)
     factors = 1 + 0.1 * rng.uniform(-1, 1, robot.arm.links)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.measured.recording import Recording, Signal
 from ocptip.robots.bodies import ArmBodies, real_bodies
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.mjcf import BASE, joint_offsets, joint_order, to_mjcf
 from ocptip.standing.simulation.replay import library_mujoco, prescribed
 from ocptip.trajectories.sampled import Motion
@@ -66,7 +66,7 @@ class Faults:
 
 
 def record(
-    robot: StandingRobot, motion: Motion, faults: Faults, rng: np.random.Generator, *, feet: bool = False
+    robot: Robot, motion: Motion, faults: Faults, rng: np.random.Generator, *, feet: bool = False
 ) -> Recording:
     """A recording, at 1 kHz, whose clock starts anywhere; bolted down, or on its feet."""
     return sampled(simulated(robot, motion, faults, feet), faults, rng)
@@ -116,7 +116,7 @@ def _kind(name: str) -> tuple[str, int]:
 
 
 def simulated(
-    robot: StandingRobot, motion: Motion, faults: Faults, feet: bool = False
+    robot: Robot, motion: Motion, faults: Faults, feet: bool = False
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times, s of the motion, and what sensors would show without noise."""
     mujoco = library_mujoco()
@@ -145,7 +145,7 @@ def simulated(
     return middle, _sensors(robot, model, faults, bodies, springs, sensed[0], states[0])
 
 
-def _as_built(robot: StandingRobot, faults: Faults) -> StandingRobot:
+def _as_built(robot: Robot, faults: Faults) -> Robot:
     """With the masses that it has."""
     factors = np.array([faults.masses.get(k, 1.0) for k in range(robot.arm.links)])
     arm = replace(
@@ -156,7 +156,7 @@ def _as_built(robot: StandingRobot, faults: Faults) -> StandingRobot:
 
 
 def _model(
-    robot: StandingRobot, motion: Motion, faults: Faults, bodies: ArmBodies, feet: bool
+    robot: Robot, motion: Motion, faults: Faults, bodies: ArmBodies, feet: bool
 ) -> tuple[Any, dict[str, tuple[int, float]]]:
     """The model, and by the names of its springs joint and stiffness."""
     mujoco = library_mujoco()
@@ -195,7 +195,7 @@ def _model(
 
 
 def _sensors(
-    robot: StandingRobot,
+    robot: Robot,
     model: Any,
     faults: Faults,
     bodies: ArmBodies,

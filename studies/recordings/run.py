@@ -30,7 +30,7 @@ from ocptip.measured.compare import LEVEL, compare
 from ocptip.measured.comparison import Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.mjcf import require_exportable
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -48,7 +48,7 @@ LOADS = ("fx", "fy", "fz", "mx", "my", "mz", "tau1", "tau2", "tau3")
 
 
 @cache
-def machine(name: str) -> tuple[StandingRobot, ArmMotion]:
+def machine(name: str) -> tuple[Robot, ArmMotion]:
     """Robot and plan."""
     task = (
         load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
@@ -63,9 +63,7 @@ def machine(name: str) -> tuple[StandingRobot, ArmMotion]:
     return robot, ArmMotion.from_dict(data)
 
 
-def drawn(
-    kind: str, robot: StandingRobot, motion: ArmMotion, rng: np.random.Generator
-) -> tuple[Faults, list[str]]:
+def drawn(kind: str, robot: Robot, motion: ArmMotion, rng: np.random.Generator) -> tuple[Faults, list[str]]:
     """Faults, and the names by which they should be found."""
     times = np.linspace(0, motion.end, 200)
     q, qd, qdd = motion.states(times)

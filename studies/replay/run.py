@@ -27,7 +27,7 @@ import numpy as np
 from ocptip.basics.write import versions, write_text
 from ocptip.motion.task import MotionTask
 from ocptip.motion.within_tolerance import worst_within
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.replay import LIFTED, SLID, Replay, Simulator
 from ocptip.standing.tolerance import Tolerance
@@ -48,9 +48,7 @@ WORST = ("tips", "slips")
 FEET: dict[str, dict[str, float]] = {"stiff": {}, "1e6": {"stiffness": 1e6, "damping": 0.05}}
 
 
-def chunk(
-    robot: StandingRobot, motion: ArmMotion, tolerance: Tolerance, feet: str, number: int
-) -> dict[str, Any]:
+def chunk(robot: Robot, motion: ArmMotion, tolerance: Tolerance, feet: str, number: int) -> dict[str, Any]:
     """What happens in some worlds; seeded by their number."""
     rng = np.random.default_rng(number)
     worlds = [random_world(robot, tolerance, rng, corner=k % 2 == 0) for k in range(CHUNK)]
@@ -66,7 +64,7 @@ def chunk(
     }
 
 
-def beyond(robot: StandingRobot, motion: ArmMotion, tolerance: Tolerance) -> dict[str, Any]:
+def beyond(robot: Robot, motion: ArmMotion, tolerance: Tolerance) -> dict[str, Any]:
     """The worst, and its worlds, exaggerated, on both kinds of feet: is a contact lost, here and there?"""
     times = np.linspace(0, motion.end, INSTANTS)
     within = worst_within(robot, motion, tolerance, times)
@@ -174,7 +172,7 @@ def run(
         say(f"{name}, {feet}, {chunk_of}")
         task, motion = found[name]
         robot, tolerance = task.robot, task.limits.tolerance
-        assert isinstance(robot, StandingRobot)
+        assert isinstance(robot, Robot)
         if robot.support.elastic is not None and feet == "stiff":
             return  # they are declared to give
         seed = zlib.crc32(name.encode())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.motion.late_joints import jump_states, on_time
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.world import World
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.deviations import Deviations
@@ -17,7 +17,7 @@ EXACT = 60  # instants that are looked at exactly, those with the least estimate
 JUST = 1e-5  # s
 
 
-def random_world(robot: StandingRobot, tolerance: Tolerance, rng: np.random.Generator, corner: bool) -> World:
+def random_world(robot: Robot, tolerance: Tolerance, rng: np.random.Generator, corner: bool) -> World:
     """A world within a tolerance without pushes; of a corner everything is at an end."""
 
     def share(size: tuple[int, ...] = ()) -> np.ndarray:
@@ -39,9 +39,7 @@ def random_world(robot: StandingRobot, tolerance: Tolerance, rng: np.random.Gene
     )
 
 
-def worst_worlds(
-    robot: StandingRobot, motion: Motion, tolerance: Tolerance
-) -> dict[str, tuple[World, str, float]]:
+def worst_worlds(robot: Robot, motion: Motion, tolerance: Tolerance) -> dict[str, tuple[World, str, float]]:
     """The worlds of the least moment about a tipping axis, N m, and of the greatest GT; name and value.
 
     Without pushes.

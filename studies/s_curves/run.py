@@ -35,7 +35,7 @@ from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
@@ -96,7 +96,7 @@ def feet_of(robot: StandingMechanism, motion: ArmMotion) -> list[dict]:
 def row_of(case: str, variant: str, starts: int, seed: int) -> dict:
     """A plan and what its feet feel."""
     task, began = task_of(case, variant), time.process_time()
-    if not isinstance(task.robot, StandingRobot):
+    if not isinstance(task.robot, Robot):
         raise InputError(f"{case}: is no arm")
     row = {"case": case, "variant": variant}
     try:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.motion.check import check_motion
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.trajectories.arm_motion import INSIDE, ArmMotion
 
@@ -84,7 +84,7 @@ def moving(samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
     return lifts, ~lifts & (np.max(np.abs(accelerations[:, :, 1:]), axis=2) > rest)
 
 
-def scaled(robot: StandingRobot, motion: ArmMotion, tau: float) -> Scaled:
+def scaled(robot: Robot, motion: ArmMotion, tau: float) -> Scaled:
     """Worst values and lost contacts of a motion with all times multiplied by tau."""
     motion = motion.time_scaled(tau)
     worst = check_motion(robot, motion).worst
@@ -108,7 +108,7 @@ def scaled(robot: StandingRobot, motion: ArmMotion, tau: float) -> Scaled:
     )
 
 
-def first_loss(robot: StandingRobot, motion: ArmMotion, found: Scaled) -> dict:
+def first_loss(robot: Robot, motion: ArmMotion, found: Scaled) -> dict:
     """Which contacts are the first to be lost, at a scaling that just does not stand."""
     motion = motion.time_scaled(found.tau)
     if found.GN >= 1 or found.GT >= 1:
@@ -160,7 +160,7 @@ def critical(values: dict[float, Scaled], at: Callable[[float], Scaled]) -> tupl
     return low, high
 
 
-def rests_anywhere(robot: StandingRobot, motion: ArmMotion) -> bool:
+def rests_anywhere(robot: Robot, motion: ArmMotion) -> bool:
     """Whether the base stands if the arm rests anywhere on the path of the motion."""
     q = motion.states(cells(motion)[0])[0]
     return bool(np.all(robot.contact_states(robot.loads(q, 0 * q, 0 * q)[1]).persistent))

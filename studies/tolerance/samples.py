@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.worst_case import worst_case_of
@@ -38,7 +38,7 @@ def random_deviations(own: Deviations, rng: np.random.Generator, count: int) -> 
 
 
 def sampled_wrenches(
-    robot: StandingRobot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int
+    robot: Robot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int
 ) -> np.ndarray:
     """Wrenches (count, 6) on the base at random instants of the motion run so."""
     own, n = worst_case_of(robot, tolerance).deviations, robot.n
@@ -86,9 +86,7 @@ def _states_of_joint(
     return found
 
 
-def lost(
-    robot: StandingRobot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int
-) -> int:
+def lost(robot: Robot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int) -> int:
     """How many of so many random instants lose a contact, by the exact contact solver with least friction."""
     weakest = worst_case_of(robot, tolerance).robot
     states = weakest.contact_states(sampled_wrenches(robot, motion, tolerance, rng, count))

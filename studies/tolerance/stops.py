@@ -28,7 +28,7 @@ from ocptip.motion.stop_rules import StopRules
 from ocptip.motion.stops import check_stops
 from ocptip.motion.task import MotionTask
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.stops.by_brakes import stops_of_motion
 from ocptip.standing.tolerance import PRESETS
 from ocptip.task_files.motion import load_task
@@ -144,7 +144,7 @@ def rows_of(name: str, starts: int, seed: int, file: RowFile) -> Iterator[dict[s
             if plan is None:
                 continue
             say(f"{name}, {within}, {kind}")
-            assert isinstance(task.robot, StandingRobot)
+            assert isinstance(task.robot, Robot)
             asked = replace(task, limits=rules.safe(task.limits, task.robot, KINDS[kind]), stops=rules)
             row, stopped = planned(asked, starts, seed)
             yield {**key, "stopped": True, **row, **(looked_at(stopped, rules, kind) if stopped else {})}

@@ -15,7 +15,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -276,7 +276,7 @@ def _on_casters(task, caster, wheel=0.6):
         for k, (x, y) in enumerate(places)
     ]
     support = Support(contacts, mass=80.0, center_of_mass=[0.05, 0.0, 0.3])
-    return StandingRobot(task.robot.arm, support, task.robot.motors)
+    return Robot(task.robot.arm, support, task.robot.motors)
 
 
 @pytest.mark.parametrize("tolerance", [NONE, WORKSHOP.only("tilt", "arm_mass", "friction")])
@@ -309,7 +309,7 @@ def test_forces_that_a_contact_without_friction_cannot_bear_prove_nothing(swing)
 
 def proved_on(support, task, motion, tolerance):
     """Check and certificate of the task's arm on another support; both have to hold."""
-    robot = StandingRobot(task.robot.arm, support, task.robot.motors)
+    robot = Robot(task.robot.arm, support, task.robot.motors)
     limits = MotionLimits(tolerance=tolerance)
     checked = check_motion(robot, motion, limits)
     found = certify(robot, motion, limits, checked.worst)

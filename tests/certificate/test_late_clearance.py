@@ -14,7 +14,7 @@ from ocptip.motion.check import certified, check_motion
 from ocptip.motion.within_tolerance import _smallest_gap
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.clearance import CLOSE, GAP_SCALE, LateClearanceLimit
 from ocptip.standing.limit_kinds.limit import NodeSlopes
@@ -155,7 +155,7 @@ def _beside_a_pillar(robot, motion, gap):
     away = 1.5
     for _ in range(20):
         pillar = Pillar([*(away * gripper), 0.0], 0.05)
-        standing = StandingRobot(robot.arm, robot.support, robot.motors, obstacles=[pillar])
+        standing = Robot(robot.arm, robot.support, robot.motors, obstacles=[pillar])
         away -= (float(np.min(standing.collision.least(q))) - gap) / np.linalg.norm(gripper)
     return standing
 

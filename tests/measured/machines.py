@@ -9,7 +9,7 @@ import numpy as np
 
 from ocptip.measured.prediction import Elasticity, Predictor
 from ocptip.measured.recording import Recording, Signal
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from tests.standing.simulation.test_replay import plan_of
 
 NOISE = {"angles": 2e-4, "torques": 0.1, "sensor": 0.1, "power": 2.0, "gripper": 1e-4}
@@ -27,7 +27,7 @@ def predictor() -> Predictor:
     return Predictor(*plan_of("A-effective"))
 
 
-def heavier(link: int, factor: float) -> StandingRobot:
+def heavier(link: int, factor: float) -> Robot:
     """The robot with another mass of a link, counted from 1."""
     robot = predictor().robot
     factors = np.where(np.arange(robot.arm.links) == link - 1, factor, 1.0)
@@ -40,7 +40,7 @@ def heavier(link: int, factor: float) -> StandingRobot:
 def recorded(
     seed: int,
     *,
-    robot: StandingRobot | None = None,
+    robot: Robot | None = None,
     delays: dict[int, float] | None = None,
     late: dict[str, float] | None = None,
     elastic: Elasticity | None = None,

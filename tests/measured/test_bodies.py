@@ -21,7 +21,7 @@ from ocptip.measured.recording import Recording, Signal
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import AXES, ProcessWrench
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.task_files.arm import arm_of_file
 from tests.measured.machines import changed, predictor, recorded, values_of
@@ -108,7 +108,7 @@ def test_a_tared_sensor_tells_a_payload_from_the_motion_alone():
         identify_bodies(recording, predictor(), ("base",), tared=True)
 
 
-def on_feet(robot: StandingRobot, seed: int, noise: float = 0.2) -> Recording:
+def on_feet(robot: Robot, seed: int, noise: float = 0.2) -> Recording:
     """Normal forces of three feet by the balance of forces and moments, from the wrench on the base."""
     recording = recorded(seed)
     times = recording.times - 0.1234567

@@ -17,7 +17,7 @@ from ocptip.measured.recording import Recording, Signal
 from ocptip.measured.regression import Block
 from ocptip.robots.motors import DCMotors
 from ocptip.robots.urdf import arm_from_urdf
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.trajectories.sampled import SampledMotion
 from tests.places import UR5
 
@@ -39,7 +39,7 @@ def predictor(heavier=1.0):
     feet = [UnilateralContact(position=[x, y, 0.0], friction=0.6) for x in (-1, 1) for y in (-1, 1)]
     support = Support(feet, mass=200, center_of_mass=[0, 0, 0.1])
     arm = replace(arm, masses=heavier * arm.masses, inertias=heavier * arm.inertias)
-    return Predictor(StandingRobot(arm, support, DCMotors.estimated(arm)), motion)
+    return Predictor(Robot(arm, support, DCMotors.estimated(arm)), motion)
 
 
 def recorded(seed, low_pass, *, colour=0.0, noise=0.5):

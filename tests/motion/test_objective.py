@@ -12,7 +12,7 @@ from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import DurationLimit
 from ocptip.standing.limits import MotionLimits
 
@@ -23,7 +23,7 @@ def task():
     task = experiment_task("A", "effective")
     robot, limits = task.robot, task.robot.arm.limits
     arm = robot.arm.with_limits(speed=2 * limits.speed, acceleration=1.5 * limits.acceleration)
-    faster = StandingRobot(arm, robot.support, robot.motors, obstacles=robot.obstacles)
+    faster = Robot(arm, robot.support, robot.motors, obstacles=robot.obstacles)
     return dataclasses.replace(task, robot=faster, reference=None, commands=1)
 
 

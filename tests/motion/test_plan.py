@@ -24,7 +24,7 @@ from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
 from ocptip.task_files.motion import load_task
@@ -597,7 +597,7 @@ def barred(task):
     robot = task.robot
     position, _ = gripper_pose(robot.arm, 0.5 * (task.start + task.goal))
     obstacles = [Pillar(position, 0.05, np.array([0.0, 0.0, 1.0]))]
-    robot = StandingRobot(robot.arm, robot.support, robot.motors, obstacles=obstacles)
+    robot = Robot(robot.arm, robot.support, robot.motors, obstacles=obstacles)
     return dataclasses.replace(task, robot=robot, optimised=(0,), commands=2)
 
 

@@ -25,7 +25,7 @@ from ocptip.robots.braking import gravity_torques
 from ocptip.robots.motors import DCMotors
 from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import softest_feet
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.stops.along_path import PathStops
@@ -46,7 +46,7 @@ def ur5(task):
     arm = arm_from_urdf(UR5).mounted([0.0, 0.0, 0.1])
     own = task.robot.support
     support = type(own)(own.contacts, mass=200.0, center_of_mass=own.center_of_mass, gravity=own.gravity)
-    return StandingRobot(arm, support, task.robot.motors)
+    return Robot(arm, support, task.robot.motors)
 
 
 def looked_at(task, kinds="both", rules=None):
@@ -165,7 +165,7 @@ def test_torques_that_do_not_fit_are_refused(task):
     with pytest.raises(InputError, match="delay: expected"):
         StopRules(delay=(0.2, 0.1))
     limits = replace(task.robot.limits, torque=np.full(6, np.inf))
-    robot = StandingRobot(replace(task.robot.arm, limits=limits), task.robot.support, task.robot.motors)
+    robot = Robot(replace(task.robot.arm, limits=limits), task.robot.support, task.robot.motors)
     with pytest.raises(InputError, match="joint 1 has no torque limit; give its brake's torque"):
         StopRules().brakes(robot)
 
@@ -374,7 +374,7 @@ def test_arms_of_one_joint_are_planned_for_stops_of_both_kinds(tmp_path, task):
     (tmp_path / "one.urdf").write_text(ONE_JOINT)
     arm = arm_from_urdf(tmp_path / "one.urdf", tool_frame="l").mounted([0.0, 0.0, 0.3])
     arm = replace(arm, limits=replace(arm.limits, acceleration=np.array([5.0])))
-    robot = StandingRobot(arm, on_a_heavy_base(task, 60.0).robot.support, DCMotors.estimated(arm))
+    robot = Robot(arm, on_a_heavy_base(task, 60.0).robot.support, DCMotors.estimated(arm))
     rules = StopRules(brake_min=np.array([8.0]), brake_max=np.array([14.0]), delay=(0.0, 0.02))
     limits = rules.safe(MotionLimits(), robot, "both")
     ends = np.array([-1.0]), np.array([1.0])

@@ -12,7 +12,7 @@ from ocptip.motion.tolerated import Tolerated, _beyond, tolerances, tolerated
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
@@ -53,9 +53,7 @@ def with_support(task, **changes):
     kept = {"mass": own.mass, "center_of_mass": own.center_of_mass, "gravity": own.gravity}
     contacts = changes.pop("contacts", own.contacts)
     support = Support(contacts, **{**kept, **changes})
-    return StandingRobot(
-        task.robot.arm, support, task.robot.motors, redistribution=task.robot.slip.redistribution
-    )
+    return Robot(task.robot.arm, support, task.robot.motors, redistribution=task.robot.slip.redistribution)
 
 
 def stands(robot, motion):
@@ -78,7 +76,7 @@ def test_the_named_tilt_is_the_brink(task, found):
 def test_the_mass_is_the_brink(task, found):
     def heavier(mass):
         arm = task.robot.arm.with_payload(Payload(mass))
-        return StandingRobot(arm, task.robot.support, task.robot.motors)
+        return Robot(arm, task.robot.support, task.robot.motors)
 
     assert stands(heavier(0.98 * found["extra_mass"].value), task.reference)
     assert not stands(heavier(1.02 * found["extra_mass"].value), task.reference)
@@ -87,7 +85,7 @@ def test_the_mass_is_the_brink(task, found):
 def test_a_payload_is_held_already(task, found):
     part = 0.4 * found["extra_mass"].value
     arm = task.robot.arm.with_payload(Payload(part))
-    more = values(StandingRobot(arm, task.robot.support, task.robot.motors), task.reference)["extra_mass"]
+    more = values(Robot(arm, task.robot.support, task.robot.motors), task.reference)["extra_mass"]
     assert more.value + part == pytest.approx(found["extra_mass"].value, rel=5e-3)
 
 

@@ -19,52 +19,52 @@ from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.model import ArmModel, JointLimits
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 
 INTO_WALL = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # gripper z along the world's x
 
 
 @cache
-def modular_robot(case: str = "A") -> StandingRobot:
+def modular_robot(case: str = "A") -> Robot:
     """A published arm on its three contacts."""
     return experiment_robot(motion_case(case), "effective")
 
 
 @cache
-def four_feet(redistribution: str = "full") -> StandingRobot:
+def four_feet(redistribution: str = "full") -> Robot:
     """A modular arm on a cart of 15 kg with four feet."""
     feet = [
         UnilateralContact(position=[x, y, -0.3], friction=0.5, facets=8)
         for x, y in ((0.2, 0.15), (0.2, -0.15), (-0.2, -0.15), (-0.2, 0.15))
     ]
     support = Support(feet, mass=15.0, center_of_mass=[0.02, 0.0, -0.15])
-    return StandingRobot(load_arm("FP1W2F"), support, modular_motors(), redistribution=redistribution)
+    return Robot(load_arm("FP1W2F"), support, modular_motors(), redistribution=redistribution)
 
 
 @cache
-def tripod(friction: float = 0.7) -> StandingRobot:
+def tripod(friction: float = 0.7) -> Robot:
     """A modular arm on three feet."""
     feet = [
         UnilateralContact(position=[x, y, -0.3], friction=friction, facets=8)
         for x, y in ((0.2, 0.25), (0.2, -0.25), (-0.3, 0.0))
     ]
     support = Support(feet, mass=15.0, center_of_mass=[0.0, 0.0, -0.15])
-    return StandingRobot(load_arm("FP1W2F"), support, modular_motors())
+    return Robot(load_arm("FP1W2F"), support, modular_motors())
 
 
 @cache
-def on_uneven_ground() -> StandingRobot:
+def on_uneven_ground() -> Robot:
     """A modular arm on three feet whose normals lean towards each other."""
     feet = [
         UnilateralContact(position=[x, y, -0.3], normal=[-0.5 * x, -0.5 * y, 1.0], friction=0.7, facets=8)
         for x, y in ((0.2, 0.25), (0.2, -0.25), (-0.3, 0.0))
     ]
     support = Support(feet, mass=15.0, center_of_mass=[0.0, 0.0, -0.15])
-    return StandingRobot(load_arm("FP1W2F"), support, modular_motors())
+    return Robot(load_arm("FP1W2F"), support, modular_motors())
 
 
 @cache
-def clamped(step: float = 0.0) -> StandingRobot:
+def clamped(step: float = 0.0) -> Robot:
     """A modular arm on three contacts, one of them clamped, another one a step (m) higher than the rest."""
     common = {"facets": 8}
     contacts = [
@@ -75,10 +75,10 @@ def clamped(step: float = 0.0) -> StandingRobot:
         ),
     ]
     support = Support(contacts, mass=8.0, center_of_mass=[0.0, 0.0, -0.15])
-    return StandingRobot(load_arm("W1P1P2W2"), support, modular_motors())
+    return Robot(load_arm("W1P1P2W2"), support, modular_motors())
 
 
-def drilling(robot: StandingRobot | None = None, **options: object) -> PlacementProblem:
+def drilling(robot: Robot | None = None, **options: object) -> PlacementProblem:
     """A hole drilled into a wall at x = 0 from a slightly inclined floor."""
     task = GripperTask(
         [0.0, 0.0, 0.55], INTO_WALL, [ProcessLoad([-6.0, 0.0, 1.0], [0.1, 0.0, 0.0], "thrust")]
@@ -124,7 +124,7 @@ def planar_problem(force: float = 5.0) -> PlacementProblem:
     p = cs.SX.sym("p", 2)
     lift = cs.Function("lift", [p], [cs.vertcat(-p[0], 0, -p[1]), cs.SX.eye(3)])
     return PlacementProblem(
-        StandingRobot(planar_arm(), support, modular_motors()),
+        Robot(planar_arm(), support, modular_motors()),
         GripperTask([0.0, 0.0, 0.0], loads=[ProcessLoad([-force, 0.0, 0.0])], orientation="free"),
         custom_terrain(lift, [-12.0, 2.0], [12.0, 13.0], name="lift"),
         weights=Weights(GN=0.25, GT=0.0, GK=0.0, GE=0.75),

@@ -12,7 +12,7 @@ from ocptip.placement.place import place
 from ocptip.placement.result import NoPlacementError, judge
 from ocptip.published.arms import load_arm
 from ocptip.robots.geometry import Pillar
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.task_files.placement import load_placement
 from tests.placement.placement_scenes import drilling, four_feet
 from tests.standing.test_ground import BASE, URDF
@@ -89,9 +89,7 @@ def test_spheres_before_the_first_joint_are_balls_of_the_base():
     robot = four_feet()
     arm = load_arm("FP1W2F")
     (own,) = (s for s in arm.sphere_sets if s.link == 0)
-    problem = drilling(
-        StandingRobot(arm, robot.support, robot.motors), keep_out=[Pillar([-0.4, 0.3, 0.0], 0.1)]
-    )
+    problem = drilling(Robot(arm, robot.support, robot.motors), keep_out=[Pillar([-0.4, 0.3, 0.0], 0.1)])
     rows = [r for r in Evaluator(problem).ground(0, PARAMETERS) if r.kind == "base clearance"]
     labels = [label for row in rows for label in row.labels]
     values = np.hstack([row.values for row in rows])

@@ -20,7 +20,7 @@ from ocptip.placement.search.refine import followed
 from ocptip.placement.terrain import plane
 from ocptip.reserves.slip import Slip
 from ocptip.robots.geometry import Pillar
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from tests.placement.placement_scenes import (
     INTO_WALL,
     clamped,
@@ -295,7 +295,7 @@ def test_slipping_is_stated_as_the_friction_that_would_be_needed():
         mass=four_feet().support.mass,
         center_of_mass=four_feet().support.center_of_mass,
     )
-    robot = StandingRobot(four_feet().arm, smooth, four_feet().motors)
+    robot = Robot(four_feet().arm, smooth, four_feet().motors)
     with pytest.raises(NoPlacementError) as caught:
         place(drilling(robot, terrain=plane()), starts=1)
     nearest = caught.value.nearest
@@ -310,7 +310,7 @@ def test_slipping_is_stated_as_the_friction_that_would_be_needed():
 def test_a_cart_on_two_wheels_and_two_casters_is_placed_with_the_best_sharing():
     feet = four_feet().support.contacts
     casters = [*feet[:2], *(replace(foot, friction=0.0) for foot in feet[2:])]
-    robot = StandingRobot(four_feet().arm, four_feet().support.varied(casters), four_feet().motors)
+    robot = Robot(four_feet().arm, four_feet().support.varied(casters), four_feet().motors)
     found = place(drilling(robot), starts=1).best
     [margin] = [m for m in found.margins if (m.kind, m.name) == ("GT", "unloaded")]
     tilted = robot.varied(support=robot.support.varied(gravity=found.base_rotation.T @ [0.0, 0.0, -9.81]))

@@ -18,7 +18,7 @@ from ocptip.placement.problem import (
 )
 from ocptip.placement.terrain import plane
 from ocptip.published.arms import load_arm, modular_motors
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from tests.placement.placement_scenes import (
     INTO_WALL,
     drilling,
@@ -125,10 +125,10 @@ def test_refusals():
     with pytest.raises(InputError, match="the arm has 6 joints, the torque cost 2"):
         drilling(energy=TorqueCost([1.0, 1.0]))
     with pytest.raises(InputError, match="needs 6 free parameters, arm 'planar' on this terrain has 5"):
-        PlacementProblem(StandingRobot(planar_arm(), four_feet().support, modular_motors()), task, plane())
+        PlacementProblem(Robot(planar_arm(), four_feet().support, modular_motors()), task, plane())
     with pytest.raises(InputError, match="GE needs a reference power"):
         PlacementProblem(
-            StandingRobot(
+            Robot(
                 load_arm("FSFS").with_limits(torque=np.full(6, np.inf)),
                 four_feet().support,
                 modular_motors(),
@@ -142,7 +142,7 @@ def test_contacts_at_different_heights_need_a_ground_frame():
     feet = [
         UnilateralContact(position=p, friction=0.5) for p in ([0.3, 0, 0], [-0.2, 0.3, 0.1], [-0.2, -0.3, 0])
     ]
-    robot = StandingRobot(load_arm("FSFS"), Support(feet, mass=9.0), modular_motors())
+    robot = Robot(load_arm("FSFS"), Support(feet, mass=9.0), modular_motors())
     task = GripperTask([0, 0, 0.5])
     with pytest.raises(InputError, match="ground_frame: the contacts have different heights"):
         PlacementProblem(robot, task, plane())

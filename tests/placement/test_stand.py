@@ -16,7 +16,7 @@ from ocptip.placement.ground import Bump, HeightField, HeightGrid, Wave
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.terrain import plane, rough_ground
 from ocptip.published.arms import load_arm, modular_motors
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from tests.placement.placement_scenes import clamped, drilling, four_feet, on_uneven_ground, tripod
 
 LINES = np.linspace(-3, 3, 13)
@@ -159,7 +159,7 @@ def test_ground_on_which_no_plane_can_stand_is_said_to_be_missed():
 def in_line():
     feet = [UnilateralContact(position=[0.1 * k, 0.0, -0.3], friction=0.5) for k in range(3)]
     support = Support(feet, mass=15.0)
-    return StandingRobot(load_arm("FP1W2F"), support, modular_motors(), reference_moment=1.0)
+    return Robot(load_arm("FP1W2F"), support, modular_motors(), reference_moment=1.0)
 
 
 @pytest.mark.parametrize(

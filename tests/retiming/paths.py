@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path import JointPath
@@ -41,7 +41,7 @@ def random_path(task, seed: int, wobble: float = 0.2) -> JointPath:
     return JointPath(ends, CubicSpline(ends, postures).c)
 
 
-def arm_of(robot: StandingMechanism) -> StandingRobot:
+def arm_of(robot: StandingMechanism) -> Robot:
     """The robot as an arm."""
-    assert isinstance(robot, StandingRobot)
+    assert isinstance(robot, Robot)
     return robot

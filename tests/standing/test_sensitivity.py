@@ -16,7 +16,7 @@ from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.payload import Payload
 from ocptip.standing import sensitivity
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.sensitivity import motion_sensitivities, scene_sensitivities
 
 FEET = [[0.4, 0.3, 0.0], [-0.4, 0.35, 0.0], [0.0, -0.5, 0.0]]
@@ -87,7 +87,7 @@ def test_motions_are_solved_anew(case):
         "speed": worst_of(robot, (q, 1.01 * qd, 1.01**2 * qdd)),
     }
     if held is None:
-        gripping = StandingRobot(bare.with_payload(Payload(0.1)), own, robot.motors)
+        gripping = Robot(bare.with_payload(Payload(0.1)), own, robot.motors)
         after["gripper_mass"] = worst_of(gripping, states)
     else:
         more = Payload(1.1 * held.mass, held.center_of_mass, 1.1 * held.inertia)

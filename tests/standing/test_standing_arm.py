@@ -9,7 +9,7 @@ from ocptip.contact.support import Support
 from ocptip.published.arms import load_arm, modular_motors
 from ocptip.published.cases import motion_case, motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 
 
 def reference(name, base="printed"):
@@ -91,7 +91,7 @@ def test_bad_input_is_named():
     arm = load_arm("FSFS")
     planar = Support([UnilateralContact(position=[0, 0], normal=[0, 1], friction=1.0)])
     with pytest.raises(InputError, match="planar"):
-        StandingRobot(arm, planar, modular_motors())
+        Robot(arm, planar, modular_motors())
     with pytest.raises(InputError, match=r"base: there is no 'steel'; there are printed, effective"):
         experiment_robot(motion_case("A"), "steel")
     robot, motion = reference("A")

@@ -17,7 +17,7 @@ from ocptip.robots.collision.shapes import HalfSpace, Shape
 from ocptip.robots.dynamics import process_parts
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
@@ -130,14 +130,14 @@ def states_at(
     return q, qd, qdd
 
 
-def model_data(robot: StandingRobot | StandingParallelRobot, end: float | None = None) -> dict[str, Any]:
+def model_data(robot: Robot | StandingParallelRobot, end: float | None = None) -> dict[str, Any]:
     """Arm or program, base, contacts, what may collide, limits; SI units, base axes.
 
     A process that varies has to vary over time, see `StandingMechanism.during`. Of a motion that ends, s, it
     is at rest before and after it what it is at its ends.
     """
     support = robot.support
-    if isinstance(robot, StandingRobot):
+    if isinstance(robot, Robot):
         own, (bodies, pairs) = _arm_data(robot, end), _bodies(robot)
     else:
         own, bodies, pairs = {"arm": None, "program": _program_data(robot), "payload": None}, [], []
@@ -166,7 +166,7 @@ def model_data(robot: StandingRobot | StandingParallelRobot, end: float | None =
     }
 
 
-def _arm_data(robot: StandingRobot, end: float | None) -> dict[str, Any]:
+def _arm_data(robot: Robot, end: float | None) -> dict[str, Any]:
     arm = robot.arm
     coupling, held = arm.coupling, None
     if (payload := robot.payload) is not None:
@@ -264,7 +264,7 @@ class Separations:
         model: made of it.
     """
 
-    def __init__(self, robot: StandingRobot, model: dict[str, Any]) -> None:
+    def __init__(self, robot: Robot, model: dict[str, Any]) -> None:
         self._collision, self._bodies, self._pairs = robot.collision, model["bodies"], model["pairs"]
         self._arm = robot.arm
         self._centres = sphere_centres(robot.arm) if isinstance(self._collision, CollisionModel) else None
@@ -306,7 +306,7 @@ class Separations:
         return found
 
 
-def _bodies(robot: StandingRobot) -> tuple[list[dict[str, Any]], list[list[int]]]:
+def _bodies(robot: Robot) -> tuple[list[dict[str, Any]], list[list[int]]]:
     """Solids (thickened points on a link, 0: the mount, -1: the base; or half spaces), and pairs of them."""
     collision: Collisions = robot.collision
     if isinstance(collision, ShapeCollisions):

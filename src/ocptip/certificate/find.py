@@ -27,7 +27,7 @@ from ocptip.certificate.result import AT_LIMIT, LATE, Certificate, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
 from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, Intervals
 from ocptip.numerics.threads import one_thread
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import NEARLY_LOST, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -83,7 +83,7 @@ def certify(
     robot = robot.during(motion)
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
     tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
-    described = cast("StandingRobot | StandingParallelRobot", robot)
+    described = cast("Robot | StandingParallelRobot", robot)
     search = _Search(described, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
@@ -185,7 +185,7 @@ class _Batch:
 class _Search:
     def __init__(
         self,
-        robot: StandingRobot | StandingParallelRobot,
+        robot: Robot | StandingParallelRobot,
         motion: Motion,
         bounds: dict[str, float],
         tolerance: Mapping[str, Any] | None,
@@ -196,7 +196,7 @@ class _Search:
         varying = robot.varying
         self.knots = np.empty(0) if varying is None else np.asarray(varying.knots)
         self.checker = Checker(self.model, bounds, tolerance, self.motion)
-        self._separations = Separations(robot, self.model) if isinstance(robot, StandingRobot) else None
+        self._separations = Separations(robot, self.model) if isinstance(robot, Robot) else None
         self._interior = Interior(robot.support)
         self._done: list[_Batch] = []
         self._open: list[tuple[_Batch, dict[str, np.ndarray]]] = []
@@ -236,7 +236,7 @@ class _Search:
     ) -> tuple[str, ...]:
         """Prove the contacts within the tolerance, else at least with all joints on time; what is missing."""
         weakest = worst_case_of(self.robot, limits.tolerance).robot
-        assert isinstance(weakest, StandingRobot)
+        assert isinstance(weakest, Robot)
         goals = {name: _goal(limits, worst, name) for name in CLAIMS_WITHIN}
         on_time, self._short = {**whole, **_ON_TIME}, _hopeless(worst)
         worlds = () if self._short else (whole, on_time) if whole != on_time else (whole,)

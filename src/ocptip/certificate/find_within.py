@@ -17,7 +17,7 @@ from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.sharing import Rule, Sharing
 from ocptip.certificate.trusted.within import Terms
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
@@ -76,7 +76,7 @@ class SearchWithin:
 
     def __init__(
         self,
-        robot: StandingRobot,
+        robot: Robot,
         model: Mapping[str, Any],
         motion: Mapping[str, Any],
         tolerance: Mapping[str, Any],

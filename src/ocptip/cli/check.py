@@ -49,7 +49,7 @@ from ocptip.motion.stops import Stops
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.retiming.retime import OF_PATH, least_cost
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.drives import with_rise
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
@@ -348,7 +348,7 @@ def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]
     ends = np.array([motion.start, motion.goal])
     asked = min(((task.start, task.goal), *task.choices), key=lambda pair: np.abs(ends - pair).max())
     off = np.abs(ends - asked)
-    if isinstance(task.robot, StandingRobot):
+    if isinstance(task.robot, Robot):
         arm = task.robot.arm
         for own, posture, target in zip(off, ends, task.targets, strict=True):
             if target is not None and target.reached(arm, posture[None], REACHED)[0]:

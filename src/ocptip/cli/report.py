@@ -40,7 +40,7 @@ from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.reserves.equal_compliance import equal_normal_map
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import NONE
 from ocptip.task_files.cycle import read_task
@@ -131,7 +131,7 @@ class Stage:
         acting = robot.during(motion).acting(times)
         self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0], acting)
 
-    def rests(self, robot: StandingRobot, cases_file: str | None) -> None:
+    def rests(self, robot: Robot, cases_file: str | None) -> None:
         """Look at postures at rest."""
         poses, acting = {"start": self.task.start, "goal": self.task.goal}, {}
         if self.part is not None:

@@ -32,7 +32,7 @@ from ocptip.motion.plan import MotionPlan
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import tolerances
 from ocptip.retiming.retime import Retimed, retime
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.path import load_path, refuse_early
@@ -161,7 +161,7 @@ class Timing:
         if isinstance(self.fit, ToolPath):
             return self.fit.tool[:1]
         robot = self.task.robot
-        return np.array([tool_distance(robot.arm, self.fit)] if isinstance(robot, StandingRobot) else [])
+        return np.array([tool_distance(robot.arm, self.fit)] if isinstance(robot, Robot) else [])
 
     def rows(self) -> list[tuple[str, str]]:
         """The path, what it was, and what decides its timing."""

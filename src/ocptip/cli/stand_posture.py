@@ -15,7 +15,7 @@ from ocptip.contact.support import Load
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask
 from ocptip.placement.within import posture_within
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -70,7 +70,7 @@ class RestingPosture:
 
     def within(self, tolerance: Tolerance) -> WithinAtRest | None:
         """The worst of a tolerance; None without one, and for parallel robots, which have none."""
-        if not tolerance.given or not isinstance(self.robot, StandingRobot):
+        if not tolerance.given or not isinstance(self.robot, Robot):
             return None
         return posture_within(self.robot, self.q, tolerance)
 
@@ -144,5 +144,5 @@ def _values(robot: StandingMechanism, text: str, names: list[str]) -> np.ndarray
         raise InputError(
             f"--posture: expected {robot.n} finite numbers ({', '.join(robot.names)}), got {text!r}"
         )
-    in_degrees = isinstance(robot, StandingRobot) & (np.array(robot.units) == "rad")
+    in_degrees = isinstance(robot, Robot) & (np.array(robot.units) == "rad")
     return np.where(in_degrees, np.deg2rad(values), values)

@@ -24,7 +24,7 @@ from ocptip.placement.problem import PlacementProblem
 from ocptip.reserves.equal_compliance import reported_slip
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.plan_folder import read_plan_folder
@@ -124,7 +124,7 @@ def _placement(path: Path, task_file: str | None) -> tuple[str, Show]:
     return data["task"], pose_show(f"{data['task']}, {problem.tasks[0].name}", robot, q[0])
 
 
-def _in_its_place(problem: PlacementProblem, position: np.ndarray, rotation: np.ndarray) -> StandingRobot:
+def _in_its_place(problem: PlacementProblem, position: np.ndarray, rotation: np.ndarray) -> Robot:
     """The robot with gravity and obstacles of the world, in base axes."""
     robot = problem.robot
     around = [

@@ -21,7 +21,7 @@ from ocptip.measured.links import base_parameters, friction_columns, random_stat
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -70,7 +70,7 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
         InputError: no arm, or the duration is no time.
         PlanningError: no such motion keeps the limits.
     """
-    if not isinstance(task.robot, StandingRobot):
+    if not isinstance(task.robot, Robot):
         raise InputError(f"motions for identification are for arms, not for a {task.robot.kind}")
     T, rng = positive_number("duration", duration), np.random.default_rng(seed)
     search = _Search(task, T)

@@ -14,7 +14,7 @@ from ocptip.numerics.inertia import RigidBody, parallel_axis
 from ocptip.numerics.vectors import skew
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_pinocchio
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.sensor import WrenchSensor
 
 PER_BODY = 10
@@ -86,7 +86,7 @@ def regressors(
     return found[:, 6:, PER_BODY:], -found[:, :6]
 
 
-def process_loads(robot: StandingRobot, q: np.ndarray, process: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def process_loads(robot: Robot, q: np.ndarray, process: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torques (N, n) and wrench on the base (N, 6, 1), as of `regressors`, of what acts on the gripper.
 
     `process` is what it is, (N, 6), if it varies.

@@ -12,7 +12,7 @@ from ocptip.basics.errors import InputError
 from ocptip.measured.recording import ANGLE, BASE, GRIPPER, POWER, SHIFT, SPEED, TORQUE, WRENCH
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.kinematics import gripper_batch
-from ocptip.standing.arm import StandingRobot, without_process
+from ocptip.standing.arm import Robot, without_process
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
@@ -83,7 +83,7 @@ class Predictor:
     """
 
     def __init__(self, robot: StandingMechanism, motion: Motion) -> None:
-        if not isinstance(robot, StandingRobot):
+        if not isinstance(robot, Robot):
             raise InputError(f"only recordings of arms are compared, not of a {robot.kind}")
         self.robot, self.motion = robot.during(motion), motion
         self._masses = mass_sensitivities(without_process(robot.arm))

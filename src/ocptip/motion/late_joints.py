@@ -23,7 +23,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.jumps import SMALLEST
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.worst_case import WorstCase
@@ -158,9 +158,7 @@ class _Events:
         ]
 
 
-def on_time(
-    motion: Motion, tolerance: Tolerance, times: np.ndarray, robot: StandingRobot | None = None
-) -> Looked:
+def on_time(motion: Motion, tolerance: Tolerance, times: np.ndarray, robot: Robot | None = None) -> Looked:
     """States at instants, where joints are late only as far as their accelerations did not jump.
 
     What acts on the gripper of a robot `during` the motion is never late: it keeps the motion's clock.
@@ -174,7 +172,7 @@ def jump_states(
     motion: Motion,
     tolerance: Tolerance,
     cases: WorstCase | None = None,
-    robot: StandingRobot | None = None,
+    robot: Robot | None = None,
 ) -> Looked:
     """States around the events at which accelerations jump, or, where they do not, are late.
 

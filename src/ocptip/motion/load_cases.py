@@ -18,7 +18,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.robots.kinematics import gripper_batch
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 
 AROUND = 24  # directions of tilt, and of pushes along the floor
 MOST_TILT = np.pi / 3
@@ -90,7 +90,7 @@ class RestLoads:
         tool: (N, 3) gripper from the base's centre of mass, m.
     """
 
-    def __init__(self, robot: StandingRobot, q: np.ndarray, process: np.ndarray | None = None) -> None:
+    def __init__(self, robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> None:
         self.robot, still, about = robot, np.zeros_like(q), robot.support.center_of_mass
         self.process, *weights = (
             robot.pushed(robot.arm, q, still, still, process, gravity=g, about=about).wrench
@@ -113,7 +113,7 @@ class RestLoads:
         return self.per_gravity @ gravity + self.process + self.at_tool(force)
 
 
-def load_cases(robot: StandingRobot, asked: Asked) -> list[LoadCase]:
+def load_cases(robot: Robot, asked: Asked) -> list[LoadCase]:
     """All combinations of what was asked for, each in its worst direction.
 
     Raises:
@@ -127,7 +127,7 @@ def load_cases(robot: StandingRobot, asked: Asked) -> list[LoadCase]:
     return found
 
 
-def _in_pose(robot: StandingRobot, q: np.ndarray, acting: np.ndarray | None) -> RestLoads:
+def _in_pose(robot: Robot, q: np.ndarray, acting: np.ndarray | None) -> RestLoads:
     """In q (n,), once for each row of a process that varies and of which is not said what acts, (6,)."""
     if robot.varying is None:
         return RestLoads(robot, q[None])
@@ -137,7 +137,7 @@ def _in_pose(robot: StandingRobot, q: np.ndarray, acting: np.ndarray | None) -> 
 
 
 def tilt_by_direction(
-    robot: StandingRobot, q: np.ndarray, count: int = 72, acting: np.ndarray | None = None
+    robot: Robot, q: np.ndarray, count: int = 72, acting: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """By how much the floor may tilt before a contact is lost, at rest.
 
@@ -161,7 +161,7 @@ def tilt_by_direction(
     return sides, _largest(stands, np.full(count, MOST_TILT))
 
 
-def largest_payload(robot: StandingRobot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
+def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
     """(N,) kg: the largest point mass at the gripper beyond what it holds, at rest in postures q (N, n).
 
     At most the robot's own mass; what the drives can hold is not looked at. Of a process that varies it is
@@ -175,9 +175,7 @@ def largest_payload(robot: StandingRobot, q: np.ndarray, process: np.ndarray | N
     return _largest(stands, np.full(len(q), robot.mass))
 
 
-def _case(
-    robot: StandingRobot, loads: RestLoads, name: str, payload: float, tilt: float, push: float
-) -> LoadCase:
+def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float, push: float) -> LoadCase:
     gravity, nowhere = robot.support.gravity, np.zeros((1, 3))
     downhill, towards = around(gravity) if tilt else nowhere, everywhere(gravity) if push else nowhere
     gravities = tilted(gravity, downhill, np.full(len(downhill), tilt))
@@ -195,7 +193,7 @@ def _case(
     )  # fmt: skip
 
 
-def _judge(robot: StandingRobot) -> Callable[[np.ndarray], np.ndarray]:
+def _judge(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
     """Says of wrenches (N, 6) whether no contact is lost, (N,); what half spaces prove is not solved."""
     held = robot.slip.half_spaces(1.0)
 
@@ -209,7 +207,7 @@ def _judge(robot: StandingRobot) -> Callable[[np.ndarray], np.ndarray]:
     return stands
 
 
-def _slips(robot: StandingRobot, states: ContactStates) -> np.ndarray:
+def _slips(robot: Robot, states: ContactStates) -> np.ndarray:
     """(N,) GT; -inf of states of which half spaces prove that it is below the largest."""
     found = np.full(len(states), -np.inf)
 
@@ -236,7 +234,7 @@ def _inside(held: np.ndarray, states: ContactStates) -> np.ndarray:
     return states.persistent & np.all(states.wrenches @ held.T < 0, axis=1)
 
 
-def _steepness(robot: StandingRobot, wrenches: np.ndarray) -> np.ndarray:
+def _steepness(robot: Robot, wrenches: np.ndarray) -> np.ndarray:
     """(N,) tangent of the force's angle to the mean normal of the contacts."""
     normal = robot.support.frames[:, :, 0].mean(axis=0)
     normal = normal / max(float(np.linalg.norm(normal)), 1e-300)

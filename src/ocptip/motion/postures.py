@@ -8,7 +8,7 @@ from ocptip.motion.planner.free_ends import FOUND_MARGIN
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.rest import posture_refusals
 
@@ -26,7 +26,7 @@ def postures_of(arm: ArmModel, target: PoseTarget, limits: MotionLimits) -> np.n
 
 
 def posture_pairs(
-    robot: StandingRobot, limits: MotionLimits, starts: np.ndarray, goals: np.ndarray
+    robot: Robot, limits: MotionLimits, starts: np.ndarray, goals: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Pairs of start and goal, (n,), rad each, by the rule of docs/motion-planner.md, ties by order.
 

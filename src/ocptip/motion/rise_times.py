@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ocptip.motion.task import MotionTask, refusals
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.worst_case import left_at_rest
 
 SHORTEST = 0.05
@@ -41,7 +41,7 @@ def others(chosen: MotionTask) -> list[MotionTask]:
 
 def _pays(task: MotionTask) -> bool:
     limits = task.limits
-    return bool(limits.tolerance.overshoot) and isinstance(task.robot, StandingRobot) and not limits.stoppable
+    return bool(limits.tolerance.overshoot) and isinstance(task.robot, Robot) and not limits.stoppable
 
 
 def _possible(task: MotionTask, rise: float) -> MotionTask | None:

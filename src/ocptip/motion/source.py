@@ -10,7 +10,7 @@ from typing import Any
 
 from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -78,7 +78,7 @@ class TaskSource:
 
 def tolerance_table(limits: MotionLimits, robot: StandingMechanism) -> dict[str, Any]:
     """The table `[tolerance]`; that of a parallel robot holds the damping with which its jumps count."""
-    if not isinstance(robot, StandingRobot) and limits.damping < 1:
+    if not isinstance(robot, Robot) and limits.damping < 1:
         return {"damping": limits.damping}
     return limits.tolerance.to_table() or {"preset": "none"}
 

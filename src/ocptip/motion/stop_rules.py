@@ -9,7 +9,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, share_of_one
 from ocptip.basics.frozen import settle
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import PathStops
@@ -97,7 +97,7 @@ class StopRules:
             limits = self.asked(limits)
         if kinds == "path":
             return limits
-        if not isinstance(robot, StandingRobot):
+        if not isinstance(robot, Robot):
             raise InputError("stops by brakes (category 0) are not computed for parallel robots")
         least, greatest = (tuple(ends.tolist()) for ends in self.brakes(robot))
         GN, GT = self.GN or limits.GN, self.GT or limits.GT

@@ -14,7 +14,7 @@ from ocptip.motion.check import MotionCheck
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.stop_rules import BRAKES, HOLDING, Kinds, StopRules
 from ocptip.numerics.threads import one_thread
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, BrakeStops, stops_of_motion
@@ -129,7 +129,7 @@ def check_stops(
         path = _PathTable(robot, motion, limits, times)
         worst["path"] = path.worst(checked)
     lacking = "" if kinds == "path" or limits.brakes else rules.lacking(robot)
-    if kinds != "path" and isinstance(robot, StandingRobot) and not lacking:
+    if kinds != "path" and isinstance(robot, Robot) and not lacking:
         asked = limits.brakes or rules.safe(limits, robot, "brakes").brakes
         assert asked is not None
         brakes = _BrakeTable(robot, motion, limits, asked, rules.guessed, times)
@@ -180,7 +180,7 @@ class _BrakeTable:
 
     def __init__(
         self,
-        robot: StandingRobot,
+        robot: Robot,
         motion: Motion,
         limits: MotionLimits,
         brakes: Brakes,
@@ -285,7 +285,7 @@ def _assumed(
         said.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
     if kinds == "path":
         return (*said, "category 0 (brakes) not looked at")
-    if not isinstance(robot, StandingRobot):
+    if not isinstance(robot, Robot):
         return (*said, "category 0: not computed for parallel robots")
     if lacking:
         return (*said, lacking)

@@ -14,7 +14,7 @@ from ocptip.motion.source import TaskSource
 from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import PATH
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
@@ -106,7 +106,7 @@ class MotionTask:
                 continue
             if target.free.any():
                 raise InputError(f"{name}_pose.free: is for poses of cycles, in a [[segment]]")
-            if not isinstance(self.robot, StandingRobot):
+            if not isinstance(self.robot, Robot):
                 raise InputError(f"targets: the {self.robot.kind} has no gripper poses")
             arm, q = self.robot.arm, getattr(self, name)[None]
             if not target.reached(arm, q, REACHED)[0]:
@@ -155,7 +155,7 @@ def _brake_refusals(task: MotionTask) -> list[str]:
     """
     brakes, robot = task.limits.brakes, task.robot
     must = task.start != task.goal
-    if brakes is None or not isinstance(robot, StandingRobot) or not must.any():
+    if brakes is None or not isinstance(robot, Robot) or not must.any():
         return []
     chosen = bool(task.choices) or any(target is not None for target in task.targets)
     if chosen or brakes.delay[1] > 0 or robot.n > MOST_JOINTS:

@@ -25,7 +25,7 @@ from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot, without_process
+from ocptip.standing.arm import Robot, without_process
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.mechanism import StandingMechanism
@@ -117,7 +117,7 @@ class _Case:
 
 
 @one_thread
-def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
+def tolerated(robot: Robot, motion: Motion) -> tuple[Tolerated, ...]:
     """What the motion of an arm tolerates, each quantity alone.
 
     - tilt: of floor and base, in any direction, degrees;
@@ -175,13 +175,13 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
 
 def tolerances(robot: StandingMechanism, motion: Motion) -> tuple[Tolerated, ...]:
     """The same where it can be said: empty for parallel robots."""
-    return tolerated(robot, motion) if isinstance(robot, StandingRobot) else ()
+    return tolerated(robot, motion) if isinstance(robot, Robot) else ()
 
 
 class _Parts(RestLoads):
     """Loads of all instants (N, ...), by what they are linear in."""
 
-    def __init__(self, robot: StandingRobot, motion: Motion, times: np.ndarray) -> None:
+    def __init__(self, robot: Robot, motion: Motion, times: np.ndarray) -> None:
         self.times, self.support = times, robot.support
         q, qd, qdd = motion.states(times)
         super().__init__(robot, q, robot.acting(times))
@@ -289,7 +289,7 @@ def _beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
     return rows[np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]]
 
 
-def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
+def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
     """The least factor of the friction coefficients of ordinary contacts; None without such contacts."""
     if not any(isinstance(c, UnilateralContact) for c in robot.support.contacts):
         return None
@@ -317,7 +317,7 @@ def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
     return Tolerated("friction", factor, "", False, float(parts.times[row]), how)
 
 
-def _stiffness(robot: StandingRobot, motion: Motion) -> Tolerated | None:
+def _stiffness(robot: Robot, motion: Motion) -> Tolerated | None:
     """The least stiffness of feet; None where it is not known."""
     found = softest_feet(robot, motion)
     if found is None:
@@ -341,13 +341,13 @@ def _direction(side: np.ndarray) -> str:
     return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(side, 2) + 0.0))
 
 
-def _knots(robot: StandingRobot, motion: Motion) -> np.ndarray:
+def _knots(robot: Robot, motion: Motion) -> np.ndarray:
     """(K,) s, within the motion, of a process that varies."""
     own = np.empty(0) if robot.varying is None else np.asarray(robot.varying.knots)
     return own[(own > 0) & (own < motion.end)]
 
 
-def _late(robot: StandingRobot, motion: Motion) -> list[_Case]:
+def _late(robot: Robot, motion: Motion) -> list[_Case]:
     """Every subset of the joints that move, late by the level; up to `MOST_LATE` joints, else each alone."""
     moving = np.flatnonzero(motion.speed_peaks > 0)
     if len(moving) > MOST_LATE:

@@ -20,7 +20,7 @@ from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.reserves.equal_compliance import equal_normal_map
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
@@ -223,9 +223,7 @@ def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
     return Margin(float(forces[row, foot]), float(at.times[row]), (int(foot) + 1,))
 
 
-def _smallest_gap(
-    robot: StandingRobot, motion: Motion, tolerance: Tolerance, times: np.ndarray
-) -> WorstGap | None:
+def _smallest_gap(robot: Robot, motion: Motion, tolerance: Tolerance, times: np.ndarray) -> WorstGap | None:
     """With every joint where it is to be at some time in the delay before, by slopes: what is found is
     attained."""
     if not tolerance.late or not robot.collision.labels:
@@ -243,7 +241,7 @@ def _smallest_gap(
 
 
 def _late_gaps(
-    robot: StandingRobot, motion: Motion, delay: float, times: np.ndarray
+    robot: Robot, motion: Motion, delay: float, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of pairs that come near: when, s, which, the distance, m, (r,), and which joints are late, (r, n)."""
     earlier = times[:, None] - np.linspace(0.0, delay, LATER)
@@ -282,9 +280,7 @@ def _some(times: np.ndarray, events: np.ndarray) -> np.ndarray:
     return times[chosen]
 
 
-def _worst_torque(
-    robot: StandingRobot, motion: Motion, tolerance: Tolerance, times: np.ndarray
-) -> WorstTorque:
+def _worst_torque(robot: Robot, motion: Motion, tolerance: Tolerance, times: np.ndarray) -> WorstTorque:
     found = WorstTorque(0.0, 0.0, 1)
     drives = Drives(model_data(robot), tolerance_data(tolerance, robot.support))
     every = times = _some(np.unique(times), motion.event_times)
@@ -310,7 +306,7 @@ def _greatest_slips(cases: WorstCase, at: Looked) -> np.ndarray:
 def _refined(
     cases: WorstCase,
     motion: Motion,
-    acting: StandingRobot,
+    acting: Robot,
     looked: Looked,
     badness: Callable[[WorstCase, Looked], np.ndarray],
 ) -> Looked:

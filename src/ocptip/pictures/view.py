@@ -27,7 +27,7 @@ from ocptip.reserves.equal_compliance import equal_normal_map, reported_slip
 from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
 from ocptip.robots.kinematics import LinkFrames, link_frames
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.standing.parts import Part, owners
 from ocptip.task_files.scene import Scene
@@ -133,7 +133,7 @@ class Act:
     """
 
     name: str
-    robots: tuple[StandingRobot, ...]
+    robots: tuple[Robot, ...]
     names: tuple[str, ...]
     owner: np.ndarray
     seen: MotionSamples
@@ -191,7 +191,7 @@ def motion_show(
     return _show(Act.of_plan(name, parts, times), times, ghost, there)
 
 
-def pose_show(name: str, robot: StandingRobot, q: np.ndarray) -> Show:
+def pose_show(name: str, robot: Robot, q: np.ndarray) -> Show:
     """An arm at rest on its base; joint values (n,)."""
     times, still = np.zeros(1), 0 * q[None]
     seen = robot.samples_of(times, q[None], still, still)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.contact.support import Support
 from ocptip.robots.collision.shapes import Ball, HalfSpace, Shape
 from ocptip.robots.geometry import Wall
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 
 LINK, JOINT, BASE, HELD = (70, 110, 160), (240, 170, 60), (90, 90, 90), (200, 110, 50)
 OBSTACLE, GROUND = (150, 150, 150), (215, 215, 215)
@@ -20,9 +20,7 @@ HEAD = 0.03  # length of the head of an arrow, over the size of the picture
 _SIDES = 24  # of a cone
 
 
-def arm(
-    scene: Any, root: str, robot: StandingRobot, size: float, ghost: tuple[int, int, int] | None
-) -> list[Any]:
+def arm(scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int, int] | None) -> list[Any]:
     """Frames of the links with the solids, spheres or sticks on them; in the order of the link frames."""
     arm, look = robot.arm, {} if ghost is None else {"opacity": SHEER}
     links = [scene.add_frame(f"{root}/{k + 1}", show_axes=False) for k in range(arm.links)]
@@ -48,7 +46,7 @@ def arm(
 
 
 def held(
-    scene: Any, root: str, robot: StandingRobot, part: int, size: float, ghost: tuple[int, int, int] | None
+    scene: Any, root: str, robot: Robot, part: int, size: float, ghost: tuple[int, int, int] | None
 ) -> list[Any]:
     """What an arm holds in a part of what it does: its solids, and a ball of a light metal for its mass."""
     arm, look = robot.arm, {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})}
@@ -67,7 +65,7 @@ def held(
 
 
 def base_of(
-    scene: Any, root: str, robot: StandingRobot, size: float, ghost: tuple[int, int, int] | None = None
+    scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int, int] | None = None
 ) -> None:
     """The solids of an arm's base, or else what is known of its form."""
     look = {} if ghost is None else {"opacity": SHEER}
@@ -77,7 +75,7 @@ def base_of(
         base(scene, root, robot.support, robot.arm.mount_position, ghost or BASE)
 
 
-def surroundings(scene: Any, robot: StandingRobot, centre: np.ndarray, size: float) -> None:
+def surroundings(scene: Any, robot: Robot, centre: np.ndarray, size: float) -> None:
     base_of(scene, "/base", robot, size)
     grid(scene, robot.support, centre, size)
     for number, obstacle in enumerate(robot.obstacles):

@@ -18,7 +18,7 @@ from ocptip.placement.result import FEASIBLE, Placement, PlacementResult, judge
 from ocptip.placement.search.starts import solutions
 from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 
 
@@ -143,7 +143,7 @@ def place_for_motion(
     return MotionPlacementResult(ranked, static)
 
 
-def placed_robot(placement: Placement) -> StandingRobot:
+def placed_robot(placement: Placement) -> Robot:
     """The robot at its place: gravity and obstacles of the world in base axes.
 
     Its tip-over reserve keeps the reference moment of the problem's robot.
@@ -151,7 +151,7 @@ def placed_robot(placement: Placement) -> StandingRobot:
     return robot_at(placement.problem, placement.patch, placement.parameters)
 
 
-def robot_at(problem: PlacementProblem, patch: int, parameters: np.ndarray) -> StandingRobot:
+def robot_at(problem: PlacementProblem, patch: int, parameters: np.ndarray) -> Robot:
     """The same with parameters (k,) of a patch."""
     robot, (origins, bases) = problem.robot, problem.base_pose(patch, parameters[None])
     origin, base = origins[0], bases[0]

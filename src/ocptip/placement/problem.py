@@ -27,7 +27,7 @@ from ocptip.placement.terrain import Patch
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.geometry import Obstacle
 from ocptip.robots.inverse.pose_search import Orientation
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Corner, Tolerance
 
 CRITERIA = ("GN", "GT", "GK", "GE")
@@ -260,7 +260,7 @@ class PlacementProblem:
         corners: what the tolerance allows at worst, one entry without tolerance (filled in).
     """
 
-    robot: StandingRobot
+    robot: Robot
     tasks: Sequence[GripperTask]
     terrain: Sequence[Patch]
     weights: Weights = field(default_factory=Weights)
@@ -288,8 +288,8 @@ class PlacementProblem:
             names = [v.name for v in values]
             if len(set(names)) != len(names):
                 raise InputError(f"{name}: names must differ, got {', '.join(names)}")
-        if not isinstance(self.robot, StandingRobot):
-            raise InputError(f"robot: expected a StandingRobot, got {self.robot!r}")
+        if not isinstance(self.robot, Robot):
+            raise InputError(f"robot: expected a Robot, got {self.robot!r}")
         if self.robot.arm.process is not None:
             raise InputError("robot: what acts on its gripper belongs to the tasks; give them loads instead")
         for name in ("obstacles", "keep_out"):

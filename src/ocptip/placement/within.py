@@ -11,7 +11,7 @@ import numpy as np
 from ocptip.placement.problem import LoadCase
 from ocptip.placement.result import Placement
 from ocptip.robots.kinematics import link_frames
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.rest import (
     Push,
@@ -44,7 +44,7 @@ def placement_within(placement: Placement, tolerance: Tolerance) -> WithinAtRest
     return _within(cases, tolerance.of(placement.problem.robot.payload))
 
 
-def posture_within(robot: StandingRobot, q: np.ndarray, tolerance: Tolerance) -> WithinAtRest:
+def posture_within(robot: Robot, q: np.ndarray, tolerance: Tolerance) -> WithinAtRest:
     """The worst of a robot at rest in a posture; what the gripper's process does then is nominal.
 
     Args:
@@ -93,7 +93,7 @@ def rest_case(placement: Placement, case: LoadCase, tolerance: Tolerance) -> Res
     return RestCase(support, weights, fixed, tolerance, pushes, reference, case.name)
 
 
-def bodies(robot: StandingRobot, q: np.ndarray, tolerance: Tolerance) -> tuple[list[Weight], np.ndarray]:
+def bodies(robot: Robot, q: np.ndarray, tolerance: Tolerance) -> tuple[list[Weight], np.ndarray]:
     """Links, payload and what may be at the gripper, at angles (n,); and the gripper point (3,), m.
 
     Places are from the base's centre of mass, base axes.

@@ -11,7 +11,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.published.arms import load_arm, modular_motors, published_data
 from ocptip.published.cases import MotionCase, motion_case
 from ocptip.robots.geometry import floor
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 
 BASES = ("printed", "effective")
@@ -24,7 +24,7 @@ PRINTED_LIMITS = MotionLimits(clearance=0.0)
 _FACETS = 12
 
 
-def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _FACETS) -> StandingRobot:
+def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _FACETS) -> Robot:
     """The modular arm of a case on its base (6.14 to 6.17), base axes with the origin in Q_1.
 
     Args:
@@ -60,7 +60,7 @@ def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _
     )
     # d_W is the same in both variants
     ground = -data["variants"]["printed"]["contact_plane_below_Q1_mm"] / 1000
-    return StandingRobot(load_arm(case.arm), support, modular_motors(), obstacles=[floor(ground)])
+    return Robot(load_arm(case.arm), support, modular_motors(), obstacles=[floor(ground)])
 
 
 def experiment_task(name: str, base: str = "effective", limits: MotionLimits | None = None) -> MotionTask:

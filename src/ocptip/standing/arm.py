@@ -38,7 +38,7 @@ _STEP = 0.005  # s: between instants at which the gripper's way is looked at
 _STEPS = 2000  # of a path, likewise
 
 
-class StandingRobot(StandingMechanism):
+class Robot(StandingMechanism):
     """An arm mounted on a base that stands on a support.
 
     Args:

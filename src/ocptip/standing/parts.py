@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.trajectories.sampled import Motion
 
 
@@ -23,7 +23,7 @@ class Part:
         rest: s, standstill after it, with what it holds.
     """
 
-    robot: StandingRobot
+    robot: Robot
     motion: Motion
     name: str = ""
     begin: float = 0.0

@@ -27,7 +27,7 @@ from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 
 KILOGRAM, MILLIMETRES, FRICTION, SPEED, GRIPPER = 1.0, 0.01, 0.1, 0.01, 0.1
@@ -332,7 +332,7 @@ def _holding(arm: ArmModel, held: Payload | None) -> ArmModel:
     return arm.with_payload(held)
 
 
-def _held(robot: StandingRobot, held: Payload, *states: np.ndarray) -> np.ndarray:
+def _held(robot: Robot, held: Payload, *states: np.ndarray) -> np.ndarray:
     """What a payload adds to the wrench on the base, (N, 6)."""
     about, gravity = robot.support.center_of_mass, robot.support.gravity
     with_it, bare = (
@@ -358,7 +358,7 @@ def motion_sensitivities(
     inertial = nominal.wrenches - robot.loads(q, still, still)[1]
     words = f"{100 * SPEED:g} % faster"
     changes.append(_Change(words, "speed", SPEED, "", lambda e: stand(robot, 1 + e), 2 * inertial))
-    if isinstance(robot, StandingRobot):
+    if isinstance(robot, Robot):
         own = f"{GRIPPER:g} kg more at the gripper point", "gripper_mass", GRIPPER, "kg"
         changes.append(_load_change(nominal, *own, _held(robot, ONE_KILOGRAM, q, qd, qdd), per_kilogram))
         if (held := robot.arm.payload) is not None:

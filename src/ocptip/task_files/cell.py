@@ -23,7 +23,7 @@ from ocptip.placement.result import Placement
 from ocptip.placement.within import searched
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
@@ -141,7 +141,7 @@ def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
     objectives = {(own.task.objective.name, own.task.objective.time_weight) for own in cycle.segments}
     if len(objectives) > 1:
         raise data.error("segments of a cell have one objective; give it in [motion]", "segment")
-    if not isinstance(cycle.robot, StandingRobot):
+    if not isinstance(cycle.robot, Robot):
         raise data.error("cells are for arms", "robot")
     gravity = cycle.robot.support.gravity
     if np.linalg.norm(gravity[:2]) > _LEVEL * np.linalg.norm(gravity) or gravity[2] >= 0:
@@ -159,7 +159,7 @@ def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
 
 def _require_placeable(data: Table, robot: StandingMechanism) -> None:
     """Raise InputError where a process is given in axes that nobody knows before the base has its place."""
-    process = robot.arm.process if isinstance(robot, StandingRobot) else None
+    process = robot.arm.process if isinstance(robot, Robot) else None
     if process is not None and process.axes == "base":
         raise data.error("of a cell is in axes of the tool or the world, got 'base'", "process.axes")
     if process is not None and process.varies and process.axes == "world":
@@ -170,12 +170,10 @@ def _end(
     robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
 ) -> tuple[np.ndarray, PoseTarget | None]:
     """As `read_end`, without the postures of poses, which depend on the place."""
-    target = read_target(robot.arm, table, key) if isinstance(robot, StandingRobot) else None
+    target = read_target(robot.arm, table, key) if isinstance(robot, Robot) else None
     if target is None:
         return (
-            given_angles(robot.arm, table, key)
-            if isinstance(robot, StandingRobot)
-            else np.zeros((1, robot.n))
+            given_angles(robot.arm, table, key) if isinstance(robot, Robot) else np.zeros((1, robot.n))
         ), None
     arm = robot.arm.limits
     return np.clip(np.zeros(robot.n), arm.angle_min, arm.angle_max)[None], target
@@ -231,7 +229,7 @@ def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
 def _process(robot: StandingMechanism, share: float) -> ProcessWrench | None:
     """What acts on the gripper at rest before (0) or after (1) a motion."""
     own = robot.resting(share)
-    return own.arm.process if isinstance(own, StandingRobot) else None
+    return own.arm.process if isinstance(own, Robot) else None
 
 
 def _load(

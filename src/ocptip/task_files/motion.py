@@ -27,7 +27,7 @@ from ocptip.published.tasks import BASES, experiment_task
 from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
@@ -103,7 +103,7 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
     """A printed case with the sensor, the process and the gears of the file."""
     task = experiment_task(name, base)
     robot = task.robot
-    if not any(key in data for key in _OF_CASES) or not isinstance(robot, StandingRobot):
+    if not any(key in data for key in _OF_CASES) or not isinstance(robot, Robot):
         return task
     arm, sensor = robot.arm.with_process(read_process(data)), read_sensor(data, robot.sensor.position)
     with data.table("motors", optional=True) as motors:
@@ -119,7 +119,7 @@ def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:
     name, robot, motion = data.text("name", path.stem), scene.robot(), data.table("motion")
     ends = [read_end(robot, motion, key, scene.limits) for key in ("start", "goal")]
     starts, goals = (postures for postures, _ in ends)
-    if not isinstance(robot, StandingRobot):
+    if not isinstance(robot, Robot):
         return ramp_task(name, robot, starts[0], goals[0], scene.limits, motion)
     given = [own[0] for own, pose in ends if pose is None]
     robot = robot.with_finer_solids(np.reshape(given, (-1, robot.n)), scene.limits.clearance)
@@ -179,7 +179,7 @@ class TaskScene:
         require_base_mass(data, arm, self._support.mass, accepted=self._accept_mass)
         require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
         obstacles = read_obstacles(data, "obstacle")
-        robot = StandingRobot(
+        robot = Robot(
             arm,
             self._support,
             motors,
@@ -198,7 +198,7 @@ def read_end(
     robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
 ) -> tuple[np.ndarray, PoseTarget | None]:
     """Postures (k, n) of a start or a goal, and the pose they are postures of, if it is one."""
-    if not isinstance(robot, StandingRobot):
+    if not isinstance(robot, Robot):
         return table.vector(key, robot.n)[None], None
     target = read_target(robot.arm, table, key)
     if target is None:

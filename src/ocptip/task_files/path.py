@@ -18,7 +18,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motion import read_end
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
@@ -162,7 +162,7 @@ def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float |
 
 def _nearest(task: MotionTask, branches: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Postures (k, n), the nearest first; what is given as joint angles stays as it is."""
-    if len(branches) == 1 or not isinstance(task.robot, StandingRobot):
+    if len(branches) == 1 or not isinstance(task.robot, Robot):
         return branches
     copies = within_limits(task.robot.arm, branches, near)
     return copies[np.argsort(np.sum((copies - near) ** 2, axis=1), kind="stable")]
@@ -175,7 +175,7 @@ def _tool_path(
     before: np.ndarray,
     tolerance: float,
 ) -> FittedPath:
-    if not isinstance(task.robot, StandingRobot):
+    if not isinstance(task.robot, Robot):
         raise table.error(f"the {task.robot.kind} has no gripper poses", "between")
     arm, poses = task.robot.arm, []
     for number, (postures, target) in enumerate(ends, 1):

@@ -29,7 +29,7 @@ from ocptip.placement.problem import (
 )
 from ocptip.placement.within import searched
 from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_base_mass
@@ -113,7 +113,7 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
     limits, moment = _limits(table)
     deck = read_obstacles(data, "base_obstacle", numbered=True)
     obstacles = read_obstacles(data, "obstacle", numbered=True, world=True)
-    robot = StandingRobot(
+    robot = Robot(
         arm,
         support,
         motors,

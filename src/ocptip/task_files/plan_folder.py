@@ -14,7 +14,7 @@ from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.output import PLAN
 from ocptip.motion.source import TASK
 from ocptip.motion.task import MotionTask
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.read import load_motions
@@ -59,7 +59,7 @@ class PlanFolder:
         )  # fmt: skip
         return tuple(Part(*row) for row in rows)
 
-    def of_arm(self, does: str) -> tuple[StandingRobot, Motion]:
+    def of_arm(self, does: str) -> tuple[Robot, Motion]:
         """Robot and motion of a single motion of an arm.
 
         Args:
@@ -73,17 +73,17 @@ class PlanFolder:
         return arm_of(self.task, does, self.path), self.motion
 
 
-def arm_of(task: MotionTask | CycleTask, does: str, path: Path) -> StandingRobot:
+def arm_of(task: MotionTask | CycleTask, does: str, path: Path) -> Robot:
     """The arm of a single motion; InputError names the file or folder of a cycle, or another mechanism."""
     if isinstance(task, CycleTask):
         raise InputError(f"is a cycle; {does} single motions", "", str(path))
     return arms_of(task, does, path)[0]
 
 
-def arms_of(task: MotionTask | CycleTask, does: str, path: Path) -> list[StandingRobot]:
+def arms_of(task: MotionTask | CycleTask, does: str, path: Path) -> list[Robot]:
     """The arm of a motion, or those of a cycle's segments; InputError names the file of another mechanism."""
     tasks = [segment.task for segment in task.segments] if isinstance(task, CycleTask) else [task]
-    arms = [own.robot for own in tasks if isinstance(own.robot, StandingRobot)]
+    arms = [own.robot for own in tasks if isinstance(own.robot, Robot)]
     if len(arms) < len(tasks):
         raise InputError(f"is of a parallel robot; {does} arms", "", str(path))
     return arms

@@ -12,7 +12,7 @@ from ocptip.published.arms import load_arm
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.robots.motors import DCMotors
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from tests.motion.planner.node_derivatives import all_slopes, bends
 
 
@@ -44,7 +44,7 @@ def geared():
         gravity=[1.0, -0.5, -9.7],
     )
     arm = dataclasses.replace(load_arm("FSFS"), mount_position=np.array([0.1, 0.0, 0.4]))
-    return StandingRobot(arm, support, dc_motors(arm.n, 1.0))
+    return Robot(arm, support, dc_motors(arm.n, 1.0))
 
 
 @pytest.fixture(scope="module", params=["modular", "geared"])
@@ -93,7 +93,7 @@ def test_rounded_kink_of_burnt_power_costs_at_most_its_bound():
     motors = dc_motors(6, 0.3)
     places = [[0.3, 0.0, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0]]
     support = Support([UnilateralContact(position=p, friction=0.6) for p in places], mass=20.0)
-    robot = StandingRobot(load_arm("FSFS"), support, motors)
+    robot = Robot(load_arm("FSFS"), support, motors)
     s = random_states(6, 60)
     q, qd, qdd = split(s)
     exact = motors.power(robot.loads(q, qd, qdd)[0], qd).sum(axis=1)

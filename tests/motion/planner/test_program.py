@@ -20,7 +20,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.geometry import floor
 from ocptip.robots.motors import DCMotors
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.trajectories.arm_motion import MERGE
 
 SEEDS = (1, 4, 9)
@@ -34,7 +34,7 @@ def geared_task(heights=(0.0, 0.0, 0.0)):
     arm = dataclasses.replace(load_arm("FSFS"), mount_position=np.array([0.0, 0.0, 0.3]))
     k = np.arange(1.0, 7.0)
     motors = DCMotors(5 + k, 0.3 * k, 0.1 * k, np.full(6, 2.0), regeneration=1.0)
-    robot = StandingRobot(arm, support, motors, obstacles=[floor(0.0)])
+    robot = Robot(arm, support, motors, obstacles=[floor(0.0)])
     printed = experiment_task("A")
     return MotionTask("geared", robot, printed.start, printed.goal, optimised=(0, 1, 2))
 

@@ -21,7 +21,7 @@ from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.motors import DCMotors
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import spring_chain
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.drives import on_its_drives, with_rise
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.elastic.springs import Ride
@@ -51,7 +51,7 @@ def pendulum(stiffness, ratio=0.0, inertia=0.5):
     corners = [(0.5, 0.5, 0), (-0.5, 0.5, 0), (-0.5, -0.5, 0), (0.5, -0.5, 0)]
     feet = [UnilateralContact(position=place, friction=0.5) for place in corners]
     motors = DCMotors(np.ones(1), np.zeros(1), np.zeros(1), np.zeros(1))
-    return StandingRobot(arm, Support(feet, mass=100.0, center_of_mass=(0, 0, 0.3)), motors)
+    return Robot(arm, Support(feet, mass=100.0, center_of_mass=(0, 0, 0.3)), motors)
 
 
 def ramp(angle=1.0, speed=1.0, acceleration=4.0):

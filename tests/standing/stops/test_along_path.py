@@ -14,7 +14,7 @@ from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.model import JointLimits
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
 from tests.robots.pinocchio_twin import dynamics, twin
@@ -219,7 +219,7 @@ def test_rules_that_mean_nothing_are_refused(task):
     endless = JointLimits(
         own.limits.angle_min, own.limits.angle_max, own.limits.speed, *2 * [np.full(6, np.inf)]
     )
-    robot = StandingRobot(replace(own.arm, limits=endless), own.support, own.motors)
+    robot = Robot(replace(own.arm, limits=endless), own.support, own.motors)
     with pytest.raises(InputError, match="give \\[stops\\] time"):
         Path.of(robot, task.reference.states(np.array([0.3])), 1.0, 0.0)
     assert np.isfinite(Path.of(robot, task.reference.states(np.array([0.3])), 1.0, 0.5).bounds.lines[0]).any()
@@ -234,7 +234,7 @@ def test_stops_stay_what_they_are_under_scaling_of_time(task):
     strong = replace(limits, torque=np.full(6, np.inf))
     found = []
     for motion, own, scale in ((fast, strong, 1.0), (slow, weak, 2.0)):
-        robot = StandingRobot(replace(task.robot.arm, limits=own), task.robot.support, task.robot.motors)
+        robot = Robot(replace(task.robot.arm, limits=own), task.robot.support, task.robot.motors)
         path = Path.of(robot, motion.states(scale * times), 1.0, 0.0)
         points = StopPoints.of(robot, path)
         found.append((points.wrenches - path.wrenches[2][points.owner]) * scale**2)

@@ -12,7 +12,7 @@ from ocptip.contact.support import Support
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import SITE, Tolerance
 from ocptip.standing.within.deviations import Deviations, towards
 from ocptip.standing.within.worst_case import WorstCase
@@ -62,7 +62,7 @@ def built_anew(robot, own: Deviations, theta, s):
     state = q[None], np.sqrt(pace) * qd[None], pace * qdd[None]
 
     def wrench(model):
-        return StandingRobot(model, base, robot.motors).loads(*state)[1][0]
+        return Robot(model, base, robot.motors).loads(*state)[1][0]
 
     total = wrench(arm.with_payload(held))
     point = wrench(arm.with_payload(Payload(1.0))) - wrench(arm)  # linear in what is held

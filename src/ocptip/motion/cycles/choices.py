@@ -16,7 +16,7 @@ from ocptip.motion.choices import plainest_cost
 from ocptip.motion.cycles.task import CycleTask, Segment
 from ocptip.motion.task import MotionTask, end_refusals
 from ocptip.robots.inverse.joint_angles import within_limits
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 
 CANDIDATES = 12  # postures per pose, at most: those through which the shortest ways lead
 LOOKED_AT = 32
@@ -150,7 +150,7 @@ def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarra
 def _copies(segment: Segment, starts: np.ndarray) -> np.ndarray:
     """The segment's goals, angles of several branches also near those of the starts; each once."""
     robot, goals = segment.task.robot, segment.goals
-    if len(goals) == 1 or not isinstance(robot, StandingRobot):
+    if len(goals) == 1 or not isinstance(robot, Robot):
         return goals
     copies = [within_limits(robot.arm, goal, near) for near in starts for goal in goals]
     kept: list[np.ndarray] = []

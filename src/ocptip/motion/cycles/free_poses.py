@@ -18,7 +18,7 @@ from ocptip.motion.task import end_refusals
 from ocptip.robots.inverse.pose_search import pose_errors, search
 from ocptip.robots.inverse.pose_target import REACHED, PoseTarget
 from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 
 STEPS = (0.5, 0.25, 0.125, 0.0625)
 """Of a range of the gripper point; of `TURN` along a redundancy."""
@@ -58,7 +58,7 @@ def moved_ways(
 
 def free_ends(task: CycleTask) -> dict[int, PoseTarget]:
     """Poses that leave a continuum of postures, by their number among `CycleTask.ends`."""
-    if not isinstance(task.robot, StandingRobot) or (task.closed and len(task.segments) == 1):
+    if not isinstance(task.robot, Robot) or (task.closed and len(task.segments) == 1):
         return {}
     ends = task.ends[:-1] if task.closed else task.ends
     poses = {k: target for k, (_, _, target) in enumerate(ends) if target is not None}
@@ -85,7 +85,7 @@ class MovedWay:
     """
 
     def __init__(self, task: CycleTask, free: dict[int, PoseTarget], postures: Sequence[np.ndarray]) -> None:
-        assert isinstance(task.robot, StandingRobot)
+        assert isinstance(task.robot, Robot)
         self._task, self._arm, self.postures = task, task.robot.arm, list(postures)
         self._free = {k: target.nearest(self._arm, self.postures[k]) for k, target in free.items()}
         self._costs = [self._leg(k, self.postures) for k in range(len(task.segments))]

@@ -14,7 +14,7 @@ from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.numerics.vectors import wrapped
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -127,7 +127,7 @@ class CycleTask:
     def pose_miss(self, end: int, q: np.ndarray) -> float:
         """By how much posture q misses the gripper pose of an end, m and rad; infinite if it has none."""
         _, _, target = self.ends[end]
-        if target is None or not isinstance(self.robot, StandingRobot):
+        if target is None or not isinstance(self.robot, Robot):
             return np.inf
         return float(target.residuals(self.robot.arm, q[None])[0])
 
@@ -140,7 +140,7 @@ class CycleTask:
             near: m and rad, by which a pose may be missed.
         """
         _, postures, target = self.ends[end]
-        poses = target is not None and isinstance(self.robot, StandingRobot)
+        poses = target is not None and isinstance(self.robot, Robot)
         if poses and target.reached(self.robot.arm, q[None], near)[0]:
             return np.zeros(self.robot.n)
         off = q - postures
@@ -169,7 +169,7 @@ class CycleTask:
 
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:
     """Where in its ranges a pose is in posture q, (n,): m, by the axes along which it is free."""
-    if target is None or not isinstance(robot, StandingRobot):
+    if target is None or not isinstance(robot, Robot):
         return {}
     offset = target.offsets(robot.arm, q[None])[0]
     return {axis: float(own) for axis, own, free in zip(AXES, offset, target.free, strict=True) if free.any()}

@@ -17,7 +17,7 @@ from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.ipopt import ending
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limit_kinds.worst_case import as_described
@@ -404,6 +404,6 @@ class Search:
 
 def free_ends(task: MotionTask) -> FreeEnds:
     """The ends of the task's motion that the planner may choose."""
-    arm = task.robot.arm if isinstance(task.robot, StandingRobot) else None
+    arm = task.robot.arm if isinstance(task.robot, Robot) else None
     margin = task.limits.angle_margin
     return FreeEnds(arm, (task.start, task.goal), task.targets, task.optimised, margin)

@@ -20,7 +20,7 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.reserves.slip import known
 from ocptip.robots.braking import Terms
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import (
     NEGLIGIBLE,
@@ -55,7 +55,7 @@ class BrakeLimit(StateLimit, TableLimit):
     table, largest_step, rows_first = "brakes", 0.05, True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        assert isinstance(robot, StandingRobot)
+        assert isinstance(robot, Robot)
         super().__init__(robot, asked, joints)
         assert asked.brakes is not None
         self._arm, self._brakes = robot, asked.brakes
@@ -64,7 +64,7 @@ class BrakeLimit(StateLimit, TableLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
-        return asked.brakes is not None and isinstance(robot, StandingRobot)
+        return asked.brakes is not None and isinstance(robot, Robot)
 
     def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
         return []
@@ -175,7 +175,7 @@ class BrakeSlipLimit(BrakeLimit):
 
 
 @lru_cache(maxsize=8)
-def closing_of(robot: StandingRobot) -> Closing:
+def closing_of(robot: Robot) -> Closing:
     """That of a robot, made once."""
     return Closing(robot)
 
@@ -191,7 +191,7 @@ class Closing:
         robot: the arm on its support.
     """
 
-    def __init__(self, robot: StandingRobot) -> None:
+    def __init__(self, robot: Robot) -> None:
         n = robot.n
         s, weights, forces = cs.SX.sym("s", 3 * n), cs.SX.sym("weights", 6), cs.SX.sym("forces", n)
         torque, wrench = robot.load_expressions(*cs.vertsplit(s, n))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import JUMP, AskedLimit, Limit, Look, Worst
 from ocptip.standing.limits import MotionLimits
@@ -91,7 +91,7 @@ class AtJumps(AskedLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
-        within = asked.tolerance.overshoot if isinstance(robot, StandingRobot) else 0.0
+        within = asked.tolerance.overshoot if isinstance(robot, Robot) else 0.0
         return asked.overshoot > within  # else jumps count within the tolerance, with all else that is off
 
     def measure(self, at: Instants) -> np.ndarray:

@@ -22,7 +22,7 @@ from ocptip.numerics.inertia import RigidBody, parallel_axis
 from ocptip.robots.bodies import ArmBodies, exists, real_bodies
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.springs import Modes
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
@@ -82,13 +82,13 @@ def jaws_of(contact: Binding, number: int) -> list[Jaw]:
     )
 
 
-def require_exportable(robot: StandingMechanism) -> StandingRobot:
+def require_exportable(robot: StandingMechanism) -> Robot:
     """The robot as an arm that a simulator can have.
 
     Raises:
         InputError: it is a parallel robot, or a contact has no model.
     """
-    if not isinstance(robot, StandingRobot):
+    if not isinstance(robot, Robot):
         raise InputError(
             f"only arms are exported with their base, not a {robot.kind} (see ocptip parallel --mjcf)"
         )
@@ -142,7 +142,7 @@ def remarks(parts: Sequence[Part]) -> list[str]:
     return [*found, *([segments] if len(parts) > 1 else [])]
 
 
-def remarks_of(robot: StandingRobot) -> list[str]:
+def remarks_of(robot: Robot) -> list[str]:
     """The same of one model."""
     found = [
         "written by ocptip from the robot's data, SI units and radians, world axes are base axes at the start"
@@ -167,7 +167,7 @@ def remarks_of(robot: StandingRobot) -> list[str]:
     return found
 
 
-def _settings(root: ET.Element, robot: StandingRobot) -> None:
+def _settings(root: ET.Element, robot: Robot) -> None:
     add(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false")
     option = {"timestep": text(STEP), "integrator": "implicitfast", "solver": "Newton", "cone": "elliptic"}
     add(root, "option", gravity=text(robot.support.gravity), impratio="10", tolerance="1e-12", **option)
@@ -214,7 +214,7 @@ def _feet(
     base: ET.Element,
     contact: ET.Element,
     sensors: ET.Element,
-    robot: StandingRobot,
+    robot: Robot,
     start: np.ndarray,
 ) -> None:
     """Soles, the ground below each, and what is measured there."""
@@ -251,7 +251,7 @@ def _feet(
             add(sensors, "framepos", name=f"{foot}_place", objtype="site", objname=foot)
 
 
-def _arm(base: ET.Element, robot: StandingRobot, bodies: ArmBodies) -> None:
+def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> None:
     """Links, rotors and payload."""
     arm = robot.arm
     armatures = np.zeros(arm.links)
@@ -302,7 +302,7 @@ def _rotor(
     _inertial(own, (mass, np.zeros(3), np.diag([transverse, transverse, axial])))
 
 
-def _drives(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, start: np.ndarray) -> None:
+def _drives(root: ET.Element, robot: Robot, bodies: ArmBodies, start: np.ndarray) -> None:
     """Gears between joints, and a position servo per joint that leads."""
     arm = robot.arm
     equality = ET.Element("equality")
@@ -337,7 +337,7 @@ def _drives(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, start: np
             add(actuator, "general", name=name, site="gripper", gear=text(gear), **axes)
 
 
-def joint_order(robot: StandingRobot, bodies: ArmBodies, values: np.ndarray) -> np.ndarray:
+def joint_order(robot: Robot, bodies: ArmBodies, values: np.ndarray) -> np.ndarray:
     """Joint values or speeds (..., n) as all joints of the model have them: feet, then rotors and links.
 
     Offsets of joints that follow others are those of values.
@@ -353,7 +353,7 @@ def joint_order(robot: StandingRobot, bodies: ArmBodies, values: np.ndarray) -> 
     return np.concatenate([np.zeros((*values.shape[:-1], feet)), np.stack(found, axis=-1)], axis=-1)
 
 
-def joint_offsets(robot: StandingRobot, bodies: ArmBodies) -> np.ndarray:
+def joint_offsets(robot: Robot, bodies: ArmBodies) -> np.ndarray:
     """What joint values have besides `joint_order`: offsets of those that follow others."""
     found = joint_order(robot, bodies, np.zeros(robot.n))
     if (coupling := robot.arm.coupling) is not None:
@@ -366,7 +366,7 @@ def joint_offsets(robot: StandingRobot, bodies: ArmBodies) -> np.ndarray:
 
 
 def _keyframes(
-    root: ET.Element, robot: StandingRobot, bodies: ArmBodies, motion: Motion | None, begin: float
+    root: ET.Element, robot: Robot, bodies: ArmBodies, motion: Motion | None, begin: float
 ) -> None:
     frames = add(root, "keyframe")
     times = np.zeros(1)

@@ -23,7 +23,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.numerics.vectors import skew
 from ocptip.robots.bodies import real_bodies
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.parts import Part, owners
 from ocptip.standing.simulation.mjcf import (
@@ -103,7 +103,7 @@ class Replay:
         return float(self.forces[at, k]), float(self.times[at]), int(k) + 1
 
 
-def simulator_numbers(robot: StandingRobot, step: float) -> str:
+def simulator_numbers(robot: Robot, step: float) -> str:
     """What of a replay belongs to the simulator, in words."""
     elastic = robot.support.elastic is not None
     numbers = ON_SPRINGS if elastic else RIGID
@@ -298,7 +298,7 @@ class PrescribedModel:
         OcptipError: MuJoCo does not take it.
     """
 
-    def __init__(self, robot: StandingRobot, motion: Motion, step: float) -> None:
+    def __init__(self, robot: Robot, motion: Motion, step: float) -> None:
         self.robot = robot
         spec = prescribed(to_mjcf(robot, motion), step)
         self._spec = spec
@@ -357,7 +357,7 @@ def _speeds(motion: Motion, times: np.ndarray, late: np.ndarray) -> np.ndarray:
     return found
 
 
-def _rest(mujoco: Any, model: Any, data: Any, robot: StandingRobot) -> None:
+def _rest(mujoco: Any, model: Any, data: Any, robot: Robot) -> None:
     """Put the base where its springs hold it at rest, the soles where they stood without load."""
     support, elastic = robot.support, robot.support.elastic
     assert elastic is not None

@@ -14,7 +14,7 @@ from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import RigidBody
 from ocptip.robots.bodies import real_bodies
 from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.simulation.mjcf import (
     BASE,
@@ -81,7 +81,7 @@ def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _lost(robot: StandingRobot) -> list[str]:
+def _lost(robot: Robot) -> list[str]:
     """What URDF cannot say, in words."""
     friction = ", ".join(
         f"{getattr(c, 'friction', None) or getattr(c, 'friction_upper', 0):g}" for c in robot.support.contacts

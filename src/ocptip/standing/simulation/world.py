@@ -12,7 +12,7 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
 from ocptip.numerics.inertia import union
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 
 
@@ -61,7 +61,7 @@ class World:
             parts.append(f"speed x {self.speed:.4g}")
         return ", ".join(parts)
 
-    def robot(self, robot: StandingRobot) -> StandingRobot:
+    def robot(self, robot: Robot) -> Robot:
         """The robot there, but for the factors on masses."""
         arm, own = robot.arm, robot.support
         if self.payload:

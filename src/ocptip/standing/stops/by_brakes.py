@@ -21,7 +21,7 @@ import numpy as np
 from ocptip.basics.errors import share_of_one
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.braking import Braked, Terms, brake, terms
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.trajectories.sampled import Motion
 
 POSTURES = 300  # looked at for collisions, at most
@@ -92,7 +92,7 @@ class BrakeCheck:
         brakes: its brakes, and what stops have to keep; greater GT need not be exact.
     """
 
-    def __init__(self, robot: StandingRobot, brakes: Brakes) -> None:
+    def __init__(self, robot: Robot, brakes: Brakes) -> None:
         self._robot, self._delay = robot, brakes.delay
         self._brakes = np.array(brakes.least), np.array(brakes.greatest)
         self._map = TipMap(robot.tip_over)
@@ -257,7 +257,7 @@ class BrakeCheck:
 
     @staticmethod
     def response(
-        robot: StandingRobot,
+        robot: Robot,
         q: np.ndarray,
         qd: np.ndarray,
         moving: np.ndarray,
@@ -273,7 +273,7 @@ class BrakeCheck:
 
 @lru_cache(maxsize=4)
 def stops_of_motion(
-    robot: StandingRobot, motion: Motion, brakes: Brakes, spacing: float = SPACING
+    robot: Robot, motion: Motion, brakes: Brakes, spacing: float = SPACING
 ) -> tuple[np.ndarray, BrakeStops]:
     """Stops begun at instants of a motion, s, `spacing` apart and at all events."""
     count = max(2, int(np.ceil(motion.end / spacing)))

@@ -18,7 +18,7 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
-from ocptip.standing.arm import StandingRobot, without_process
+from ocptip.standing.arm import Robot, without_process
 from ocptip.standing.tolerance import Tolerance
 
 _NOTHING = 1e-12  # relative to the largest: slopes below this choose nothing
@@ -36,7 +36,7 @@ class Deviations:
         places: slices of theta by name.
     """
 
-    def __init__(self, robot: StandingRobot, tolerance: Tolerance) -> None:
+    def __init__(self, robot: Robot, tolerance: Tolerance) -> None:
         self.robot = robot
         self.places: dict[str, slice] = {}
         for name, (least, _) in self._ends(tolerance).items():
@@ -290,6 +290,6 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def deviations_of(robot: StandingRobot, tolerance: Tolerance) -> Deviations:
+def deviations_of(robot: Robot, tolerance: Tolerance) -> Deviations:
     """Those of a robot, made once."""
     return Deviations(robot, tolerance)

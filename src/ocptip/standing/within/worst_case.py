@@ -20,7 +20,7 @@ from ocptip.basics.errors import InputError
 from ocptip.reserves.slip import SlipMap, known
 from ocptip.reserves.tipping import TipMap
 from ocptip.reserves.wrench_cone import ConeMap
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.deviations import Deviations, deviations_of
@@ -74,7 +74,7 @@ class WorstCase:
     """
 
     def __init__(self, robot: StandingMechanism, tolerance: Tolerance) -> None:
-        if not isinstance(robot, StandingRobot):
+        if not isinstance(robot, Robot):
             raise InputError(
                 "tolerance: of parallel robots only damping is looked at, in [tolerance] (--tolerance none)"
             )
@@ -317,7 +317,7 @@ class WorstCase:
         return self.robot.tip_over.ratio(moments)
 
 
-def _weakest(robot: StandingRobot, tolerance: Tolerance) -> StandingRobot:
+def _weakest(robot: Robot, tolerance: Tolerance) -> Robot:
     """The robot on contacts with the least friction."""
     if not tolerance.friction:
         return robot
