@@ -1,6 +1,7 @@
 """The documentation site: `python -m sphinx -W docs site`.
 
-Pages are those of this folder, three notebooks (executed), the studies' tables, and the docstrings.
+Pages are those of this folder, four notebooks (executed), tables of the studies and docstrings. Formulas are
+MathML, which browsers draw themselves: the site needs no network and no TeX.
 """
 
 from __future__ import annotations
@@ -8,8 +9,12 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
+from typing import NoReturn
 
+from docutils import nodes
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = "studies/results"
@@ -21,7 +26,8 @@ html_theme = "furo"
 html_title = "ocptip"
 exclude_patterns = ["_build"]
 
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+html_math_renderer = "mathml"
 myst_heading_anchors = 4
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
@@ -51,6 +57,7 @@ def _copy_tables(app: Sphinx) -> None:
 def _inside(app: Sphinx, name: str, content: list[str]) -> None:
     """Links to what was copied lead there, and each table has a title."""
     content[0] = content[0].replace(f"](../{RESULTS}/", "](results/")
+    content[0] = content[0].replace(f"](../../{RESULTS}/", "](../results/")
     if name.startswith("results/") and not content[0].startswith("# "):
         title = name.split("/")[-1].replace("_", " ").capitalize()
         content[0] = f"# {title}\n\n{content[0]}"
@@ -64,8 +71,16 @@ def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, line
         lines[i] = "".join(re.sub(r"^`([^`]+)`$", r"``\1``", part) for part in parts)
 
 
+def _formula(translator: HTML5Translator, node: nodes.Element) -> NoReturn:
+    """A formula of a line, or in the text."""
+    display = "block" if isinstance(node, nodes.math_block) else "inline"
+    translator.body.append(convert(node.astext(), display=display))
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    app.add_html_math_renderer("mathml", (_formula, None), (_formula, None))
     app.connect("builder-inited", _copy_tables)
     app.connect("source-read", _inside)
     app.connect("autodoc-process-docstring", _plain, priority=400)  # before napoleon

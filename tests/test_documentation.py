@@ -11,12 +11,12 @@ import sys
 import pytest
 
 from ocptip.cli.main import main
-from tests.places import ROOT
+from tests.places import EXAMPLES, ROOT
 
 PAGES = [
     ROOT / "README.md",
     ROOT / "studies" / "README.md",
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted(p for p in (ROOT / "docs").rglob("*.md") if "results" not in p.parts),
 ]
 SOURCES = [path for folder in ("src", "studies", "tests") for path in (ROOT / folder).rglob("*.py")]
 TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in PAGES}
@@ -60,8 +60,9 @@ FILES = sorted({
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder in which the paths of the examples lead to the repository's files."""
+    """A folder with the examples as `ocptip examples ex` copies them."""
     (tmp_path / "src").symlink_to(ROOT / "src")
+    (tmp_path / "ex").symlink_to(EXAMPLES)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -1,0 +1,187 @@
+"""How README and docs read: words, length of sentences, reading ease, banned words, cells, repository paths.
+
+A page is measured as a reader sees it: code, headings and addresses of links do not count as prose.
+Paragraphs and list items do. Table cells are measured by themselves. `tests/test_words.py` keeps the rules.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from studies.common import table
+
+ROOT = Path(__file__).resolve().parents[2]
+WORDS, MEAN, LONGEST, CELL, EASE = 1500, 18.0, 40, 15, 50.0
+"""Maximum words of a page, mean and maximum words of a sentence, maximum words of a cell; minimum ease."""
+
+BANNED = {
+    r"reserves?": "margin",
+    r"persist\w*": "contacts maintained, stable",
+    r"as described|as it is described": "nominal",
+    r"worlds": "scenarios",
+    r"tolerates|tolerated": "robustness, withstands",
+    r"(?<!_)price": "cost, energy penalty",
+    r"late|lateness": "delayed, delay",
+    r"jump(s|ed|ing)?": "acceleration step",
+    r"events?": "switching time",
+    r"pace": "speed override",
+    r"gripper point": "TCP",
+    r"(inverse )?branch(es)?": "IK solution",
+    r"plainest": "synchronised default motion",
+    r"bindings?": "contact model",
+    r"(printed|effective) (base|ones|data)": "as-published, identified base",
+    r"the source('s)?": "author, title, year, section",
+    r"(feet|gears|contacts) (that|which) give": "compliant feet, elastic joints",
+    r"ramps?": "trapezoidal velocity profile",
+    r"house|judges?|judged|doings|said|own|found|told": "(name the actor and the thing)",
+    r"look(s|ed|ing)? (at|for)": "check, search",
+    r"ways?(?! to)": "path, method",
+    r"hardly|anew|all but|ours|dear|dearer|frugal|in one sitting|somebody else('s)?": "(standard words)",
+    r"greatest|least(?! squares)(?<!at least)": "maximum, minimum",
+    r"by so much|so many": "by X",
+    r"certified": "proved",
+    r"(?<=[a-z]), too": "also",
+}
+"""What docs do not use, and what to say instead; quoted output, code and names of keys do not count."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """One Markdown file."""
+
+    path: Path
+
+    @cached_property
+    def text(self) -> str:
+        return self.path.read_text(encoding="utf-8")
+
+    @cached_property
+    def words(self) -> int:
+        return len(self.text.split())
+
+    @cached_property
+    def _plain(self) -> str:
+        """Without code blocks, comments, formulas, images and addresses; a code span is one word."""
+        text = re.sub(r"^(```+|:::+).*?^\1\s*$", "", self.text, flags=re.DOTALL | re.MULTILINE)
+        text = re.sub(r"^\$\$.*?^\$\$", "", text, flags=re.DOTALL | re.MULTILINE)
+        text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+        text = re.sub(r"^    .*$", "", text, flags=re.MULTILINE)
+        text = re.sub(r"!\[[^\]]*\]\([^)]*\)", "", text)
+        text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+        text = re.sub(r"`+[^`]+`+|\$[^$\n]+\$", "X", text)
+        return re.sub(r"[*_]{1,2}(?=\w)|(?<=[\w.])[*_]{1,2}", "", text)
+
+    @cached_property
+    def cells(self) -> list[str]:
+        """Of all tables, heads included."""
+        rows = [line for line in self._plain.splitlines() if line.startswith("|")]
+        return [cell.strip() for row in rows for cell in row.strip("| ").split("|") if set(cell) - set("-: ")]
+
+    @cached_property
+    def sentences(self) -> list[str]:
+        """Of paragraphs and list items."""
+        parts: list[str] = [""]
+        for line in self._plain.splitlines():
+            item = re.match(r"\s*([-*]|\d+\.) ", line)
+            if not line.strip() or item or re.match(r"[#|:>]|---|\(.*\)=$", line):
+                parts.append("")
+            if not re.match(r"[#|:]|---|\(.*\)=$", line):
+                parts[-1] += f" {line[item.end() :] if item else line}"
+        split = [re.split(r"(?<=[.!?])[\"')]?\s+(?=[A-Z0-9X])|:\s*$", part.strip()) for part in parts]
+        return [s for part in split for s in part if s and len(s.split()) > 1]
+
+    @property
+    def mean(self) -> float:
+        """Words of a sentence."""
+        return sum(map(_length, self.sentences)) / max(len(self.sentences), 1)
+
+    @property
+    def longest(self) -> str:
+        return max(self.sentences, key=_length, default="")
+
+    @property
+    def ease(self) -> float:
+        """Flesch reading ease: above 50 plain, below 30 very difficult."""
+        words = [w for s in self.sentences for w in re.findall(r"[A-Za-z]+", s)]
+        return 206.835 - 1.015 * self.mean - 84.6 * sum(map(_syllables, words)) / max(len(words), 1)
+
+    def banned(self) -> Iterator[str]:
+        """Word, its line, and what to use instead."""
+        plain = re.sub(r"\s*\n\s*(?![\n#|])", " ", self._plain)
+        for pattern, instead in BANNED.items():
+            for match in re.finditer(rf"\b(?:{pattern})\b", plain, flags=re.IGNORECASE):
+                around = plain[max(match.start() - 30, 0) : match.end() + 30].replace("\n", " ")
+                yield f"{match[0]!r} in '...{around}...': {instead}"
+
+    def long_cells(self) -> list[str]:
+        return [cell for cell in self.cells if _length(cell) > CELL]
+
+    def repository_paths(self) -> list[str]:
+        """Paths that are there in the repository but not where ocptip is installed."""
+        return re.findall(r"\bsrc/ocptip[\w/.]*", self.text)
+
+    def faults(self) -> list[str]:
+        """What breaks the rules; empty: the page is finished."""
+        faults = [f"banned {what}" for what in self.banned()]
+        faults += [f"cell of {_length(cell)} words: {cell}" for cell in self.long_cells()]
+        faults += [f"path of the repository: {path}" for path in self.repository_paths()]
+        if self.words > WORDS:
+            faults.append(f"{self.words} words, at most {WORDS}")
+        if self.mean > MEAN:
+            faults.append(f"{self.mean:.1f} words per sentence, at most {MEAN}")
+        if _length(self.longest) > LONGEST:
+            faults.append(f"sentence of {_length(self.longest)} words: {self.longest}")
+        return faults
+
+
+def _length(text: str) -> int:
+    return len(re.findall(r"[\w'.,-]*\w[\w'.,-]*", text))
+
+
+def _syllables(word: str) -> int:
+    groups = len(re.findall(r"[aeiouy]+", word.lower()))
+    silent = word.lower().endswith("e") and not word.lower().endswith(("le", "ee")) and groups > 1
+    return max(groups - silent - (groups > 1 and word.lower().endswith(("ed", "es")) and not silent), 1)
+
+
+def pages() -> list[Page]:
+    """README and all pages of docs, not those that the site's builder makes."""
+    docs = ROOT / "docs"
+    made = {docs / "results", docs / "_build"}
+    files = [p for p in sorted(docs.rglob("*.md")) if not made & set(p.parents)]
+    return [Page(path) for path in (ROOT / "README.md", *files)]
+
+
+def main() -> None:
+    """Print the table, or the faults of the pages that are named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("page", nargs="*", type=Path, help="list the faults of these pages")
+    named = parser.parse_args().page
+    for page in map(Page, named):
+        print(f"{page.path}: {page.words} words, {page.mean:.1f} per sentence, ease {page.ease:.0f}")
+        print(*(f"  {fault}" for fault in page.faults()), sep="\n")
+    if not named:
+        head = ("page", "words", "mean", "longest", "ease", "banned", "cells", "paths")
+        rows = [
+            (
+                str(page.path.relative_to(ROOT)),
+                str(page.words),
+                f"{page.mean:.1f}",
+                str(_length(page.longest)),
+                f"{page.ease:.0f}",
+                str(len(list(page.banned()))),
+                str(len(page.long_cells())),
+                str(len(page.repository_paths())),
+            )
+            for page in pages()
+        ]
+        print(*table(head, rows), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
