@@ -16,6 +16,7 @@ from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
 from ocptip.task_files.parallel import read_parallel_robot
+from tests.oracles.parallel_routes.forces import forces_by
 
 ROBOTS = Path(ocptip.__file__).parent / "examples" / "robots"
 MECHANISMS = {  # mobility, redundant closures
@@ -144,8 +145,8 @@ def test_motor_forces_by_every_route_and_mujoco(name):
     for seed in range(2):
         z, zd, zdd = state_of(robot, seed)
         own = robot.inverse_dynamics(z, zd, zdd)
-        for projection in ("constraint", "kkt", *(() if name == "sps6" else ("tree",))):
-            other = robot.inverse_dynamics(z, zd, zdd, projection=projection)
+        for route in ("constraints", "multipliers", *(() if name == "sps6" else ("tree",))):
+            other = forces_by(route, robot, z, zd, zdd)
             np.testing.assert_allclose(other.motors, own.motors, rtol=1e-9, atol=1e-9)
             assert other.residual < 1e-9
         rates = robot.passive(z, zd, zdd)
@@ -274,8 +275,6 @@ def test_what_is_not_possible_yet_is_said():
     robot = robot_of("tricept")
     with pytest.raises(InputError, match="q: the joint positions do not close"):
         robot.inverse_dynamics([0.1, 0, 0.7], [0] * 3, [0] * 3, robot.ik([0.0, 0, 0.7]).q)
-    with pytest.raises(InputError, match="idle freedoms"):
-        robot_of("sps6").inverse_dynamics(*state_of(robot_of("sps6"), 0), projection="tree")
 
 
 def test_standing_on_a_base():

@@ -1,10 +1,9 @@
-"""A parallel robot: kinematics, dynamics by four routes, mobility and singularities in one object."""
+"""A parallel robot: kinematics, dynamics, mobility and singularities in one object."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -18,12 +17,21 @@ from ocptip.parallel.analysis.singularity import Singularity, require_regular, s
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.reactions import JointReactions, joint_reactions
 from ocptip.parallel.dynamics.regressor import regressor
-from ocptip.parallel.dynamics.terms import Terms, converted, motor_drift, needs_complete_legs, quasi_terms
-from ocptip.parallel.kinematics.platform import ForwardPose, JointPositions, Kinematics, RobotMotion
-from ocptip.parallel.rates_and_forces import Forces, JointRates
-from ocptip.parallel.routes.constraint import ConstraintRoute
-from ocptip.parallel.routes.kkt import KKTAccelerations, KKTSystem
-from ocptip.parallel.routes.tree import tree_forces
+from ocptip.parallel.dynamics.terms import (
+    Forces,
+    Terms,
+    converted,
+    motor_drift,
+    needs_complete_legs,
+    quasi_terms,
+)
+from ocptip.parallel.kinematics.platform import (
+    ForwardPose,
+    JointPositions,
+    JointRates,
+    Kinematics,
+    RobotMotion,
+)
 
 if TYPE_CHECKING:
     from ocptip.parallel.analysis.assembly_modes import AssemblyModes
@@ -33,8 +41,6 @@ if TYPE_CHECKING:
     from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
     from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters
 
-Projection = Literal["coupling", "constraint", "tree", "kkt"]
-PROJECTIONS = ("coupling", "constraint", "tree", "kkt")
 Joints = Sequence[np.ndarray] | None
 """Joint positions per leg; None: to be found by the inverse kinematics."""
 
@@ -176,7 +182,6 @@ class ParallelRobot(MadeOf):
         q: Joints = None,
         *,
         rates: Literal["euler", "quasi"] = "euler",
-        projection: Projection = "coupling",
         wrench: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
     ) -> Forces:
@@ -187,9 +192,6 @@ class ParallelRobot(MadeOf):
             zd, zdd: (m,) their derivatives, or s' and s'' if `rates` is "quasi".
             q: joint positions per leg.
             rates: what zd and zdd are.
-            projection: "coupling" (legs and platform projected at the coupling points or, where needed, by
-                complete legs), "constraint" (derivatives of the closures), "tree" (cut loops), "kkt"
-                (multipliers). All give the same; the last three are slower and serve as checks.
             wrench: (6,) external force and moment on the platform about its origin, world axes.
             gravity: (3,), m/s^2, world axes; default the robot's.
 
@@ -197,18 +199,12 @@ class ParallelRobot(MadeOf):
             SolverError: singular pose, or motors that cannot balance the forces.
             InputError: wrong shapes, unknown names, pose out of reach.
         """
-        if projection not in PROJECTIONS:
-            raise InputError(f"projection: must be one of {', '.join(PROJECTIONS)}, got {projection!r}")
         if rates not in ("euler", "quasi"):
             raise InputError(f"rates: must be 'euler' or 'quasi', got {rates!r}")
         z, s, sd = self._state(z, zd, zdd, rates)
-        motion = self._regular_motion(z, s, q, complete=projection in ("tree", "kkt"))
-        if projection == "coupling":
-            tau = self._quasi_terms(motion, wrench, gravity).force(sd)
-            return self._distributed(self.kinematics.actuated_jacobian(motion), tau, projection)
-        if projection == "constraint":
-            return self._by_constraints(motion, sd, wrench, gravity)
-        return self._by_joints(motion, sd, projection, wrench, gravity)
+        motion = self._regular_motion(z, s, q)
+        tau = self._quasi_terms(motion, wrench, gravity).force(sd)
+        return self._distributed(self.kinematics.actuated_jacobian(motion), tau)
 
     def forward_dynamics(
         self,
@@ -244,15 +240,6 @@ class ParallelRobot(MadeOf):
                 f"forward dynamics: the mass matrix is not positive definite (eigenvalue {smallest:.2g})"
             ) from None
         return np.linalg.solve(factor.T, np.linalg.solve(factor, right))
-
-    def kkt_accelerations(
-        self, z: ArrayLike, s: ArrayLike, motors: ArrayLike, q: Joints = None
-    ) -> KKTAccelerations:
-        """Accelerations of all joints and the platform with Lagrange multipliers: a check, slow."""
-        z, s = self.kinematics.coordinates("z", z), self.kinematics.coordinates("s", s)
-        tau_a = finite_array("motors", motors, (len(self.description.actuated),))
-        motion = self.kinematics.motion(z, s, self._joints(z, q, complete=True), complete=True)
-        return KKTSystem(self.kinematics, motion, self.description.gravity, np.zeros(6)).accelerations(tau_a)
 
     def joint_reactions(
         self,
@@ -329,10 +316,6 @@ class ParallelRobot(MadeOf):
         make = leg_base_parameters if how == "leg" else numeric_base_parameters
         return make(self.description, **options)
 
-    @cached_property
-    def _constraints(self) -> ConstraintRoute:
-        return ConstraintRoute(self.kinematics, complete=self._complete)
-
     def _state(
         self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, rates: str = "euler"
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -369,39 +352,7 @@ class ParallelRobot(MadeOf):
             joints.append(array if complete else array[: leg.point])
         return tuple(joints)
 
-    def _by_constraints(
-        self, motion: RobotMotion, sd: np.ndarray, wrench: ArrayLike | None, gravity: ArrayLike | None
-    ) -> Forces:
-        H = self.kinematics.rate_matrices(motion.z, np.zeros(self.m))[0]
-        zd = np.linalg.solve(H, motion.s)
-        D = self.kinematics.rate_matrices(motion.z, zd)[1]
-        zdd = np.linalg.solve(H, sd - D @ zd)
-        joints = [part.q for part in motion.legs]
-        terms, J_z = self._constraints.terms(motion.z, zd, joints, self._gravity(gravity))
-        tau_s = np.linalg.solve(H.T, terms.force(zdd)) - motion.T.T @ _wrench(wrench)
-        return self._distributed(J_z @ np.linalg.inv(H), tau_s, "constraint")
-
-    def _by_joints(
-        self,
-        motion: RobotMotion,
-        sd: np.ndarray,
-        projection: str,
-        wrench: ArrayLike | None,
-        gravity: ArrayLike | None,
-    ) -> Forces:
-        g, w = self._gravity(gravity), _wrench(wrench)
-        jacobian = self.kinematics.actuated_jacobian(motion)
-        if projection == "tree":
-            acceleration = jacobian @ sd + motor_drift(self.description.actuated, motion)
-            motors, residual = tree_forces(self.kinematics, motion, acceleration, g, w), 0.0
-        else:
-            joints = tuple(leg.Jq @ sd + leg.drift for leg in motion.legs)
-            found = KKTSystem(self.kinematics, motion, g, w).forces(joints, motion.T @ sd + motion.T_drift)
-            motors, residual = found.motors, found.residual
-            _require_balance(residual, "motors and closures")
-        return Forces(motors, jacobian.T @ motors, residual, projection)
-
-    def _distributed(self, jacobian: np.ndarray, tau_s: np.ndarray, projection: str) -> Forces:
+    def _distributed(self, jacobian: np.ndarray, tau_s: np.ndarray) -> Forces:
         """Solve J_a' tau_a = tau_s; the smallest forces if there are more motors than coordinates."""
         square = jacobian.shape[0] == jacobian.shape[1]
         if square:
@@ -410,7 +361,7 @@ class ParallelRobot(MadeOf):
             motors = np.linalg.lstsq(jacobian.T, tau_s, rcond=None)[0]
         residual = np.abs(jacobian.T @ motors - tau_s).max() / max(np.abs(tau_s).max(), 1e-300)
         _require_balance(residual, f"{len(motors)} motors")
-        return Forces(motors, tau_s, float(residual), projection)
+        return Forces(motors, tau_s, float(residual))
 
     def _regular_motion(
         self, z: np.ndarray, s: np.ndarray, q: Joints, *, complete: bool = False, legs_only: bool = False

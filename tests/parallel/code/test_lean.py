@@ -17,12 +17,13 @@ from ocptip.parallel.description.ready_made import rrr3, ups6
 from ocptip.parallel.description.robot_description import CONVENTIONS, MDHRow
 from ocptip.parallel.dynamics.terms import quasi_terms
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.routes.constraint import ConstraintRoute
+from tests.oracles.parallel_routes.constraint import ConstraintRoute
+from tests.oracles.parallel_routes.forces import ROUTES, forces_by
 from tests.parallel.parallel_cases import KIND_NAMES, error, golden, random_state
 from tests.quick import some
 
 GOLDEN = 1e-9
-ROUTES = 1e-10
+SAME = 1e-10
 
 
 @pytest.mark.parametrize("kind", some(3, KIND_NAMES))
@@ -45,12 +46,11 @@ def test_all_routes_agree_on_random_robots(kind, seed):
     joints = robot.ik(state.z).q
     q = np.column_stack([leg[: len(state.q)] for leg in joints])
     found = lean_function(state.robot, ("tau", "J_a"), form="A")(state.z, state.s, state.sd, q)
-    for projection in ("coupling", "constraint", "tree", "kkt"):
-        other = robot.inverse_dynamics(
-            state.z, state.s, state.sd, joints, rates="quasi", projection=projection
-        )
-        assert error(found["tau"], other.motors) < ROUTES, projection
-    assert error(found["J_a"], robot.jacobian(state.z, joints)) < ROUTES
+    rates = state.z, state.s, state.sd, joints
+    assert error(found["tau"], robot.inverse_dynamics(*rates, rates="quasi").motors) < SAME
+    for route in ROUTES:
+        assert error(found["tau"], forces_by(route, robot, *rates, rates="quasi").motors) < SAME, route
+    assert error(found["J_a"], robot.jacobian(state.z, joints)) < SAME
 
 
 SLOW_KINDS = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("3RRR", "Delta", "4PRRR")]
@@ -87,12 +87,12 @@ def test_five_forms_are_one_equation(kind):
         results[form] = found = lean_function(state.robot, ("tau", "M", "c", "g"), form=form)(
             z, rates, accelerations, q
         )
-        assert error(found["tau"], expected_force[form]) < ROUTES, form
-        assert error(found["M"], expected_mass[form]) < ROUTES, form
-        assert error(found["M"] @ accelerations + found["c"] + found["g"], found["tau"]) < ROUTES, form
+        assert error(found["tau"], expected_force[form]) < SAME, form
+        assert error(found["M"], expected_mass[form]) < SAME, form
+        assert error(found["M"] @ accelerations + found["c"] + found["g"], found["tau"]) < SAME, form
     other, _ = ConstraintRoute(kinematics, complete=False).terms(z, zd, state.joints, state.robot.gravity)
     for name in ("M", "c", "g"):
-        assert error(results["Z"][name], getattr(other, name)) < ROUTES, name
+        assert error(results["Z"][name], getattr(other, name)) < SAME, name
     assert np.linalg.eigvalsh(S["M"])[0] > 0
 
 
@@ -106,7 +106,7 @@ def test_conventions(convention):
     zdd = np.linalg.solve(H, state.sd - D @ zd)
     expected = quasi_terms(state.kinematics, motion, state.robot.gravity).force(state.sd)
     lean = lean_function(state.robot, form="X")
-    assert error(lean(state.z, zd, zdd, state.q)["tau"], expected) < ROUTES
+    assert error(lean(state.z, zd, zdd, state.q)["tau"], expected) < SAME
     assert lean.count.weighted == pytest.approx(2401, rel=0.01)
 
 
@@ -166,9 +166,9 @@ def test_drives_friction_and_external_wrench(kind):
     every = dataclasses.replace(robot, actuated=tuple((leg, j) for leg in range(count) for j in range(n)))
     rows = lean_function(every, ("J_a",), form="S")(state.z, state.s, state.sd, state.q)["J_a"]
     external = state.kinematics.motion(state.z, state.s, state.joints, complete=False).T.T @ wrench
-    assert error(found["tau"], plain["tau"] + rows.T @ efforts - external) < ROUTES
-    assert error(found["M"] @ state.sd + found["c"] + found["g"], found["tau"]) < ROUTES
-    assert error(found["W_joint"] @ terms.ravel("F"), rows.T @ efforts) < ROUTES
+    assert error(found["tau"], plain["tau"] + rows.T @ efforts - external) < SAME
+    assert error(found["M"] @ state.sd + found["c"] + found["g"], found["tau"]) < SAME
+    assert error(found["W_joint"] @ terms.ravel("F"), rows.T @ efforts) < SAME
 
 
 @pytest.mark.parametrize(("kind", "dynpar"), some(3, [("3RPR", 2), ("4PRRR", 3), ("Delta", 2), ("6UPS", 3)]))
@@ -178,13 +178,13 @@ def test_regressor(kind, dynpar):
     lean = lean_function(state.robot, names, form="S", dynpar=dynpar)
     p = np.random.default_rng(1).uniform(-1, 1, len(lean.inertia))
     found = lean(state.z, state.s, state.sd, state.q, inertia=p)
-    assert error(found["W"] @ p, found["tau"]) < ROUTES
-    assert error(found["W_M"] @ p, found["M"] @ state.sd) < ROUTES
-    assert error(found["W_c"] @ p, found["c"]) < ROUTES
-    assert error(found["W_g"] @ p, found["g"]) < ROUTES
+    assert error(found["W"] @ p, found["tau"]) < SAME
+    assert error(found["W_M"] @ p, found["M"] @ state.sd) < SAME
+    assert error(found["W_c"] @ p, found["c"]) < SAME
+    assert error(found["W_g"] @ p, found["g"]) < SAME
     motors = lean_function(state.robot, ("tau", "W"), form="A", dynpar=dynpar)
     driven = motors(state.z, state.s, state.sd, state.q, inertia=p)
-    assert error(driven["W"] @ p, driven["tau"]) < ROUTES
+    assert error(driven["W"] @ p, driven["tau"]) < SAME
 
 
 def test_joint_rates_follow_the_closure():
@@ -192,8 +192,8 @@ def test_joint_rates_follow_the_closure():
     found = lean_function(state.robot, ("qd", "qdd"), form="S")(state.z, state.s, state.sd, state.q)
     motion = state.kinematics.motion(state.z, state.s, state.joints, complete=False)
     for i, leg in enumerate(motion.legs):
-        assert error(found["qd"][:, i], leg.qd) < ROUTES
-        assert error(found["qdd"][:, i], leg.Jq @ state.sd + leg.drift) < ROUTES
+        assert error(found["qd"][:, i], leg.qd) < SAME
+        assert error(found["qdd"][:, i], leg.Jq @ state.sd + leg.drift) < SAME
 
 
 def test_legs_of_different_kind_and_own_bodies():
@@ -215,10 +215,10 @@ def test_legs_of_different_kind_and_own_bodies():
         kinematics, kinematics.motion(state.z, state.s, joints, complete=False), robot.gravity
     )
     for name in ("M", "c", "g"):
-        assert error(found[name], getattr(expected, name)) < ROUTES
+        assert error(found[name], getattr(expected, name)) < SAME
     numeric = lean_function(robot, form="S", numeric_geometry=True)
     assert numeric.geometry_names == ()
-    assert error(numeric(state.z, state.s, state.sd, np.column_stack(joints))["tau"], found["tau"]) < ROUTES
+    assert error(numeric(state.z, state.s, state.sd, np.column_stack(joints))["tau"], found["tau"]) < SAME
 
 
 def test_other_parameters_at_call_time():
@@ -236,7 +236,7 @@ def test_motors_at_several_joints_of_a_leg():
     robot = dataclasses.replace(state.robot, actuated=((0, 0), (2, 0), (0, 1)))
     found = lean_function(robot, ("tau", "J_a"), form="A")(state.z, state.s, state.sd, state.q)
     tau_s = lean_function(robot, form="S")(state.z, state.s, state.sd, state.q)["tau"]
-    assert error(found["J_a"].T @ found["tau"], tau_s) < ROUTES
+    assert error(found["J_a"].T @ found["tau"], tau_s) < SAME
 
 
 def test_fast_callable_is_the_same_function():

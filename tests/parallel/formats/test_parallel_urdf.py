@@ -17,7 +17,7 @@ from ocptip.parallel.formats.urdf_legs import Cut
 from ocptip.parallel.kinematics.closed_form import leg_type
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.routes.tree import leg_newton_euler
+from tests.oracles.parallel_routes.tree import leg_newton_euler
 from tests.parallel.parallel_examples import five_axes, redundant_leg
 from tests.parallel.parallel_twin import relative
 

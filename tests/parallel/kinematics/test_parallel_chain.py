@@ -14,8 +14,8 @@ from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, Leg,
 from ocptip.parallel.kinematics.chain import leg_dynamics, leg_kinematics, serial_topology
 from ocptip.parallel.kinematics.closed_form import SIGNS, closed_form, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.routes.constraint import lagrange_leg
-from ocptip.parallel.routes.tree import leg_newton_euler
+from tests.oracles.parallel_routes.constraint import lagrange_leg
+from tests.oracles.parallel_routes.tree import leg_newton_euler
 from tests.parallel.parallel_cases import KIND_NAMES, chain_end, random_body, random_state
 from tests.parallel.parallel_twin import Twin, random_robot, rod_delta
 

@@ -20,8 +20,8 @@ from ocptip.parallel.code.lean import LeanFunction
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
+from ocptip.parallel.dynamics.terms import Forces
 from ocptip.parallel.kinematics.platform import JointPositions, Kinematics
-from ocptip.parallel.rates_and_forces import Forces
 from ocptip.parallel.symbolic.complete_legs import (
     CompleteArguments,
     CompleteEquations,

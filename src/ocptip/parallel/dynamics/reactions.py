@@ -7,15 +7,25 @@ do not fix the multipliers: those of least norm are one choice, and `unique` say
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ocptip.basics.write import Record
+from ocptip.numerics.vectors import cross
+from ocptip.parallel.analysis.mobility import stacked_closures
+from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.mdh import row_frame
+from ocptip.parallel.description.robot_description import REVOLUTE
+from ocptip.parallel.dynamics.terms import platform_terms
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
-from ocptip.parallel.routes.kkt import KKTSystem
-from ocptip.parallel.routes.tree import body_loads, body_states, transmitted
+
+_RANK = 1e-11
+
+Wrench = tuple[np.ndarray, np.ndarray]
+"""Force and moment (3,) in the axes of a row's frame, about its origin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +60,7 @@ def joint_reactions(
         gravity: (3,), m/s^2, world axes.
         wrench: (6,) external wrench on the platform about its origin, world axes.
     """
-    system = KKTSystem(kinematics, motion, gravity, wrench)
+    system = MultiplierSystem(kinematics, motion, gravity, wrench)
     accelerations = tuple(leg.Jq @ sd + leg.drift for leg in motion.legs)
     found = system.forces(accelerations, motion.T @ sd + motion.T_drift)
     joints, ends, row = [], [], 0
@@ -62,6 +72,81 @@ def joint_reactions(
         joints.append(_reactions(leg, part.q, part.qd, qdd, gravity, outer))
         ends.append(-at_ends)
     return JointReactions(tuple(joints), tuple(ends), found.motors, found.unique, found.residual)
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureForces:
+    """Motor forces and closure forces.
+
+    Attributes:
+        motors: (n_a,) motor forces, N or N m.
+        multipliers: closure forces, one per closure row; one choice of many if the robot is over-constrained.
+        residual: largest unbalanced force, relative to the largest force.
+        joints: per leg (n_f,) accelerations, those of idle freedoms included.
+        unique: True if no other motor and closure forces balance the same motion.
+    """
+
+    motors: np.ndarray
+    multipliers: np.ndarray
+    residual: float
+    joints: tuple[np.ndarray, ...]
+    unique: bool
+
+
+class MultiplierSystem:
+    """The equations at one instant, M v' + h = S' tau + J_c' lambda: legs, a free-flying platform, closures.
+
+    Least squares, because the multipliers of over-constrained robots are not unique; the residual tells
+    whether forces exist.
+
+    Args:
+        kinematics: of the robot.
+        motion: of the complete legs.
+        gravity: (3,), m/s^2, world axes.
+        wrench: (6,) external wrench on the platform about its origin, world axes.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, motion: RobotMotion, gravity: np.ndarray, wrench: np.ndarray
+    ) -> None:
+        legs = kinematics.legs
+        self._starts = np.concatenate([[0], np.cumsum([leg.n for leg in legs])])
+        count = int(self._starts[-1]) + 6
+        M, h = np.zeros((count, count)), np.zeros(count)
+        for i, (leg, part) in enumerate(zip(legs, motion.legs, strict=True)):
+            own = slice(self._starts[i], self._starts[i + 1])
+            M_i, c_i, g_i, *_ = leg.dynamics(part.q, part.qd, gravity)
+            M[own, own], h[own] = M_i, c_i + g_i
+        body = kinematics.description.platform.inertia
+        M_P, c_P, g_P = platform_terms(body, motion.R, motion.t[3:], gravity)
+        M[-6:, -6:], h[-6:] = M_P, c_P + g_P - wrench
+        self.M, self.h = M, h
+        self._idle = np.zeros((count, sum(leg.idle for leg in legs)))
+        column = 0
+        for i, (leg, part) in enumerate(zip(legs, motion.legs, strict=True)):
+            own = slice(self._starts[i], self._starts[i + 1])
+            self._idle[own, column : column + leg.idle] = leg.idle_motions(part.q)
+            column += leg.idle
+        self.J = stacked_closures(legs, [part.q for part in motion.legs], motion.R)
+        self.S = np.zeros((count, len(kinematics.description.actuated)))
+        for k, (leg, joint) in enumerate(kinematics.description.actuated):
+            self.S[self._starts[leg] + joint, k] = 1.0
+
+    def forces(self, joints: tuple[np.ndarray, ...], twist: np.ndarray) -> ClosureForces:
+        """Motor forces for joint accelerations per leg (n_f,) and the platform's acceleration (6,).
+
+        Idle freedoms take the accelerations that need no forces.
+        """
+        v = np.concatenate([*joints, twist])
+        right = self.M @ v + self.h
+        matrix = np.hstack([self.S, self.J.T, -self.M @ self._idle])
+        solution, _, rank, _ = np.linalg.lstsq(matrix, right, rcond=_RANK)
+        residual = np.abs(matrix @ solution - right).max() / max(np.abs(right).max(), 1e-300)
+        motors, multipliers, idle = np.split(solution, np.cumsum([self.S.shape[1], len(self.J)]))
+        moved = (v + self._idle @ idle)[: self._starts[-1]]
+        joints = tuple(np.split(moved, self._starts[1:-1]))
+        unique = rank == matrix.shape[1]
+        return ClosureForces(motors, multipliers, float(residual), joints, bool(unique))
 
 
 def _end_wrenches(leg: LegClosure, multipliers: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
@@ -103,3 +188,68 @@ def _reactions(
             for turn, (f, n) in zip(turns, transmitted(leg, states, loads), strict=True)
         ]
     )
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """Motion of a row's frame, in its own axes, and where it stands.
+
+    Attributes:
+        turn: (3, 3) to the axes of the row before; arm: (3,), m, origin in that row's frame.
+        w, wd: (3,) angular velocity and acceleration; a: (3,) acceleration of the origin minus gravity.
+    """
+
+    turn: np.ndarray
+    arm: np.ndarray
+    w: np.ndarray
+    wd: np.ndarray
+    a: np.ndarray
+
+
+def body_states(
+    leg: LegClosure, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, gravity: np.ndarray
+) -> list[BodyState]:
+    """Motion of all rows of a leg from the base on."""
+    topology = leg.topology
+    states: list[BodyState] = []
+    still = BodyState(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), leg.base.T @ -gravity)
+    for row, parent, joint in zip(topology.rows, topology.parents, topology.joints, strict=True):
+        A, arm = row_frame(row, 0.0 if joint is None else q[joint])
+        before = still if parent < 0 else states[parent]
+        w, wd = A.T @ before.w, A.T @ before.wd
+        a = A.T @ (before.a + cross(before.wd, arm) + cross(before.w, cross(before.w, arm)))
+        if joint is not None:
+            rate = np.array([0.0, 0.0, qd[joint]])
+            if row.sigma == REVOLUTE:
+                wd = wd + cross(w, rate) + [0.0, 0.0, qdd[joint]]
+                w = w + rate
+            else:
+                a = a + 2 * cross(w, rate) + [0.0, 0.0, qdd[joint]]
+        states.append(BodyState(A, arm, w, wd, a))
+    return states
+
+
+def body_loads(leg: LegClosure, states: Sequence[BodyState]) -> list[Wrench]:
+    """Wrench that moves and carries every row's own body."""
+    bodies = [*leg.leg.bodies, *[BodyInertia()] * (len(states) - len(leg.leg.bodies))]
+    return [inertial_load(body, state) for body, state in zip(bodies, states, strict=True)]
+
+
+def transmitted(leg: LegClosure, states: Sequence[BodyState], loads: Sequence[Wrench]) -> list[Wrench]:
+    """Wrench that every row gets from the one before: its own load and those of the rows behind it."""
+    found = list(loads)
+    for k in reversed(range(len(found))):
+        parent = leg.topology.parents[k]
+        if parent >= 0:
+            force, moment = found[parent]
+            turned = states[k].turn @ found[k][0]
+            moment = moment + states[k].turn @ found[k][1] + cross(states[k].arm, turned)
+            found[parent] = force + turned, moment
+    return found
+
+
+def inertial_load(body: BodyInertia, state: BodyState) -> Wrench:
+    """Wrench that moves and carries one body."""
+    s, w, wd = body.first_moment, state.w, state.wd
+    force = body.mass * state.a + cross(wd, s) + cross(w, cross(w, s))
+    return force, body.inertia @ wd + cross(w, body.inertia @ w) + cross(s, state.a)

@@ -51,6 +51,21 @@ class Terms(Record):
         return self.M @ acceleration + self.c + self.g
 
 
+@dataclass(frozen=True, eq=False)
+class Forces(Record):
+    """Result of the inverse dynamics.
+
+    Attributes:
+        motors: (n_a,) motor forces, N or N m; of redundant drives those with the smallest norm.
+        generalized: (m,) tau_s dual to s', N and N m.
+        residual: part of tau_s that the motors cannot balance, relative.
+    """
+
+    motors: np.ndarray
+    generalized: np.ndarray
+    residual: float
+
+
 def quasi_terms(kinematics: Kinematics, motion: RobotMotion, gravity: np.ndarray) -> Terms:
     """Form S by projection of legs and platform.
 

@@ -89,6 +89,21 @@ class RobotMotion:
     legs: tuple[LegMotion, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class JointRates:
+    """Positions, speeds and accelerations of all joints, coupling joints included.
+
+    Attributes:
+        q, qd, qdd: per leg (n_f,).
+        residual: largest closure error of the positions, m or rad.
+    """
+
+    q: tuple[np.ndarray, ...]
+    qd: tuple[np.ndarray, ...]
+    qdd: tuple[np.ndarray, ...]
+    residual: float
+
+
 class Kinematics:
     """Kinematics of a robot; assembles it once in its home pose.
 

@@ -2,7 +2,7 @@
 
 h(z, q) = 0, A = dh/dz, B = dh/dq, q' = -B^-1 A z' = J z', J' = -B^-1 (A' + B' J). Legs and platform follow
 from their energies (Lagrange), the platform in its Euler coordinates. Nothing here uses a geometric Jacobian,
-so that this route checks the others.
+so that this route checks the library.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class ConstraintRoute:
 
     def __init__(self, kinematics: Kinematics, *, complete: bool) -> None:
         if kinematics.description.redundant:
-            raise InputError("projection: 'constraint' knows no redundant joints; use 'coupling' or 'kkt'")
+            raise InputError("closure constraints: no redundant joints")
         self._kinematics, self._complete = kinematics, complete
         self._platform = _platform_function(kinematics)
         self._closures = [_closure_function(kinematics, leg, complete) for leg in kinematics.legs]
