@@ -38,9 +38,8 @@ from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import mass_sensitivities
-from ocptip.robots.model import ArmModel
+from ocptip.robots.model import ArmModel, without_process
 from ocptip.robots.motors import DCMotors, Motors
-from ocptip.standing.arm import without_process
 
 _STATES, _SEED = 60, 0  # random states at which the rank is found
 _RANK = 1e-9  # share of the first pivot

@@ -12,7 +12,8 @@ from ocptip.basics.errors import InputError
 from ocptip.measured.recording import ANGLE, BASE, GRIPPER, POWER, SHIFT, SPEED, TORQUE, WRENCH
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.kinematics import gripper_batch
-from ocptip.standing.arm import Robot, without_process
+from ocptip.robots.model import without_process
+from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion

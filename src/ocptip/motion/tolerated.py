@@ -24,8 +24,9 @@ from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
+from ocptip.robots.model import without_process
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import Robot, without_process
+from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.mechanism import StandingMechanism

@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +26,9 @@ from ocptip.robots.coupling import Coupling
 from ocptip.robots.gears import Gears
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
+
+FULL_SPEED = 0.5
+"""s in which a joint reaches its full speed, where no acceleration is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,6 +336,20 @@ class ArmModel:
                 raise InputError(f"limits: no {name!r}; there are {', '.join(known)}")
         return dataclasses.replace(self, limits=dataclasses.replace(self.limits, **limits))
 
+    def with_usual_accelerations(self, source: str) -> ArmModel:
+        """The same arm whose joints reach full speed in `FULL_SPEED`, where no acceleration limit is known.
+
+        Args:
+            source: what does not give them, for the note: "the file".
+        """
+        speed, acceleration = self.limits.speed, self.limits.acceleration
+        unknown = np.isfinite(speed) & ~np.isfinite(acceleration)
+        if not unknown.any():
+            return self
+        note = f"acceleration limits: full speed in {FULL_SPEED:g} s, for {source} gives none"
+        arm = self.with_limits(acceleration=np.where(unknown, speed / FULL_SPEED, acceleration))
+        return dataclasses.replace(arm, notes=(*arm.notes, note))
+
     def with_spheres(
         self, sphere_sets: Iterable[SphereSet], *, excluded_pairs: Iterable[tuple[str, str]] = ()
     ) -> ArmModel:
@@ -360,6 +378,23 @@ class ArmModel:
         return dataclasses.replace(
             self, sphere_sets=sets, collision_pairs=pairs, floor_sets=moving, obstacle_sets=moving
         )
+
+
+_BARE: WeakKeyDictionary[ArmModel, ArmModel] = WeakKeyDictionary()
+
+
+def without_process(arm: ArmModel) -> ArmModel:
+    """The same arm, one for each, on whose gripper nothing acts."""
+    if arm.process is None:
+        return arm
+    if arm not in _BARE:
+        _BARE[arm] = arm.with_process(None)
+    return _BARE[arm]
+
+
+def keep_bare(arm: ArmModel, bare: ArmModel) -> None:
+    """Let `without_process` give this one for an arm, so that what was built for it serves again."""
+    _BARE[arm] = bare
 
 
 def joint_states(name: str, value: ArrayLike, joints: int) -> tuple[np.ndarray, bool]:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from importlib import import_module
 from types import ModuleType
+from typing import Any, TypeAlias
 
 from ocptip.basics.errors import InputError
+
+PinocchioModel: TypeAlias = Any
+"""A `pinocchio.Model`; its package has no types."""
 
 
 def load_pinocchio() -> ModuleType:

@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
-from typing import Self
-from weakref import WeakKeyDictionary
+from functools import cached_property
+from typing import Any, Self
 
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
-from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, Collisions, GapLabel, random_postures
-from ocptip.robots.collision.model import ShapeCollisions
+from ocptip.robots.arm_source import arm_from
+from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
+from ocptip.robots.collision.model import ShapeCollisions, collisions_of
 from ocptip.robots.collision.opened import opened
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
-from ocptip.robots.geometry import CollisionModel, Floor, Obstacle, in_closed_form
+from ocptip.robots.geometry import Floor, Obstacle
 from ocptip.robots.kinematics import chain, gripper_batch
-from ocptip.robots.model import ArmModel
-from ocptip.robots.motors import Motors
+from ocptip.robots.model import ArmModel, keep_bare, without_process
+from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.payload import Payload
+from ocptip.robots.pinocchio import PinocchioModel
 from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
+from ocptip.robots.sanity import too_light
 from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
@@ -81,12 +87,88 @@ class Robot(StandingMechanism):
             support,
             motors,
             arm.limits,
-            _collisions(arm, self.around, self.shapes),
+            collisions_of(arm, self.around, self.shapes),
             float(np.sum(arm.masses)),
             reference_moment,
             redistribution,
             sensor or WrenchSensor(arm.mount_position),
         )
+
+    @classmethod
+    def from_urdf(
+        cls,
+        source: str | os.PathLike[str] | PinocchioModel,
+        *,
+        contacts: Sequence[Binding] | ArrayLike,
+        base_mass: float,
+        base_com: ArrayLike,
+        friction: float | None = None,
+        base_inertia: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        base_link: str | None = None,
+        tool_frame: str | None = None,
+        mount_position: Sequence[float] = (0.0, 0.0, 0.0),
+        mount_rotation: np.ndarray | None = None,
+        payload: Payload | float | None = None,
+        motors: Motors | None = None,
+        locked_joints: Mapping[str, float] | None = None,
+        collision: bool = True,
+        package_dirs: Sequence[str | os.PathLike[str]] = (),
+        **others: Any,
+    ) -> Self:
+        """A robot from the path of a URDF, its text, or a Pinocchio model, and from how its base stands.
+
+        Args:
+            source: path, text (it begins with <), or `pinocchio.Model`, which needs `tool_frame`.
+            contacts: positions (n, 3), m, base axes, of ordinary contacts with a vertical normal; or contacts
+                of any kind.
+            base_mass: kg, without the arm, with those links of the URDF that do not move.
+            base_com: (3,), m, base axes: centre of mass of the base.
+            friction: coefficient of the contacts, where `contacts` are positions.
+            base_inertia, gravity: see `Support`.
+            base_link, tool_frame, locked_joints: see `ocptip.robots.urdf.arm_from_urdf`.
+            mount_position: (3,), m: base origin to the origin of `base_link`; by default they are the same.
+            mount_rotation: (3, 3): axes of `base_link` to base axes; default none.
+            payload: what the gripper holds; kg: a point mass at the tool frame.
+            motors: default: estimated from limits of torque and speed.
+            collision: whether collision geometry is read from the URDF.
+            package_dirs: folders of ROS packages for meshes.
+            others: obstacles, shapes, floor, reference_moment, redistribution, sensor: see `Robot`.
+
+        Raises:
+            InputError: naming the argument that cannot be used.
+        """
+        arm = arm_from(
+            source,
+            base_link=base_link,
+            tool_frame=tool_frame,
+            locked_joints=locked_joints,
+            collision=collision,
+            package_dirs=package_dirs,
+        )
+        if reason := too_light(arm, base_mass):
+            raise InputError(f"base_mass: {reason}")
+        support = Support(
+            feet(contacts, friction),
+            mass=base_mass,
+            center_of_mass=base_com,
+            inertia=base_inertia,
+            gravity=gravity,
+        )
+        held = payload if payload is None or isinstance(payload, Payload) else Payload(payload)
+        arm = arm.mounted(mount_position, mount_rotation).with_payload(held)
+        if motors is None:
+            motors, note = DCMotors.estimated(arm), "motors: estimated from torque and speed limits"
+            arm = replace(arm, notes=(*arm.notes, note))
+        return cls(arm, support, motors, **others)
+
+    def __repr__(self) -> str:
+        """Joints with units, masses, contacts and payload."""
+        kinds = Counter(contact.kind for contact in self.support.contacts)
+        contacts = " and ".join(f"{count} {kind}" for kind, count in kinds.items())
+        joints = ", ".join(f"{name} ({unit})" for name, unit in zip(self.names, self.units, strict=True))
+        masses = ", ".join(f"{name} {mass:.4g} kg" for name, mass in self.masses.items())
+        return f"<Robot {self.arm.name}: joints {joints}; {masses}; contacts {contacts}>"
 
     @property
     def payload(self) -> Payload | None:
@@ -262,7 +344,7 @@ class Robot(StandingMechanism):
     def _acting(self, process: ProcessWrench) -> Self:
         """The same robot with another process; what was built for the arm without one stays."""
         arm = self.arm.with_process(process)
-        _BARE[arm] = without_process(self.arm)
+        keep_bare(arm, without_process(self.arm))
         other = object.__new__(type(self))
         vars(other).update(vars(self) | {"arm": arm, "_arguments": {**self._arguments, "arm": arm}})
         return other
@@ -358,25 +440,3 @@ class Robot(StandingMechanism):
             q, qd, qdd, support.gravity, force, moment, support.center_of_mass
         )
         return torque, wrench + support.weight
-
-
-_BARE: WeakKeyDictionary[ArmModel, ArmModel] = WeakKeyDictionary()
-
-
-def without_process(arm: ArmModel) -> ArmModel:
-    """The same arm, one for each, on whose gripper nothing acts."""
-    if arm.process is None:
-        return arm
-    if arm not in _BARE:
-        _BARE[arm] = arm.with_process(None)
-    return _BARE[arm]
-
-
-@lru_cache(maxsize=8)
-def _collisions(arm: ArmModel, obstacles: tuple[Obstacle, ...], shapes: tuple[BodyShape, ...]) -> Collisions:
-    """Of spheres among floor, walls, pillars and balls in closed form, of all else by solids."""
-    if arm.geometry is None and not arm.sphere_sets:
-        return CollisionModel(arm)
-    if arm.geometry is None and all(map(in_closed_form, (*obstacles, *shapes))):
-        return CollisionModel(arm, obstacles, shapes)
-    return ShapeCollisions(arm, obstacles, shapes)

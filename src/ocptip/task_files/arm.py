@@ -39,8 +39,6 @@ _LIMITS = {  # key: limit, whether it is one of sliding joints, scale
 }
 LOCKED = {"locked_deg": (False, DEGREES), "locked_m": (True, 1.0)}  # key: of sliding joints, scale
 _MOST_PARTS = 64
-FULL_SPEED = 0.5
-"""s in which a joint reaches its full speed, where no acceleration is given."""
 
 
 def arm_of_file(path: str | os.PathLike[str]) -> ArmModel:
@@ -134,14 +132,7 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
             own = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
             values[name][own] = given[np.isfinite(given)]
     table.close()
-    arm = arm.with_limits(**values)
-    speed, acceleration = arm.limits.speed, arm.limits.acceleration
-    unknown = np.isfinite(speed) & ~np.isfinite(acceleration)
-    if not unknown.any():
-        return arm
-    note = f"acceleration limits: full speed in {FULL_SPEED:g} s, for the file gives none"
-    arm = arm.with_limits(acceleration=np.where(unknown, speed / FULL_SPEED, acceleration))
-    return replace(arm, notes=(*arm.notes, note))
+    return arm.with_limits(**values).with_usual_accelerations("the file")
 
 
 def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:

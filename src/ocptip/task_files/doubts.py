@@ -12,6 +12,7 @@ from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres
 from ocptip.basics.errors import LARGEST
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.robots.sanity import too_light
 
 if TYPE_CHECKING:
     from ocptip.robots.model import ArmModel
@@ -30,7 +31,6 @@ _LENGTHS = re.compile(  # of robot and base; the world may be large
     r"|(base|(segment\[\d+\]\.)?payload(\.\w+)?)\.shape(\[\d+\])?\.(position|size|radius|length)"
 )
 
-_ROUNDED_MASS = 0.99  # of the mass in a URDF: less than that is no rounding of two digits
 _LIGHTEST_BASE = 0.25  # of the arm's mass; the published experiments had 0.42
 
 
@@ -69,12 +69,8 @@ def require_base_mass(data: Table, arm: ArmModel, mass: float, *, accepted: bool
     Raises:
         InputError: it is lighter, and that is not accepted.
     """
-    if not accepted and mass < _ROUNDED_MASS * arm.base_mass:
-        raise data.error(
-            f"{mass:.4g} kg is less than the {arm.base_mass:.4g} kg of those links of the URDF that do not "
-            "move and are part of the base; give the mass of the whole base, or accept_mass = true",
-            "base.mass",
-        )
+    if not accepted and (reason := too_light(arm, mass)):
+        raise data.error(f"{reason}, or accept_mass = true", "base.mass")
 
 
 def doubt_masses(data: Table, robot: StandingMechanism) -> None:

@@ -15,11 +15,10 @@ from ocptip.basics.toml import MARK
 from ocptip.basics.toml_text import toml_value
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.collision.urdf import PACKAGE, geometry_from_urdf, missing_meshes
-from ocptip.robots.model import ArmModel
+from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
-from ocptip.task_files.arm import FULL_SPEED
 from ocptip.task_files.example_base import ExampleBase, example_base
 from ocptip.task_files.example_motion import ExampleMotion, example_motion
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, positive_number, refuse_huge
+from ocptip.basics.errors import InputError, finite_array, positive_number, refuse_huge
 from ocptip.basics.frozen import settle
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
@@ -134,6 +136,23 @@ class UnilateralContact(Binding):
 
     def force_pieces(self) -> list[ForcePiece]:
         return [ForcePiece(0.0, np.inf, 0.0, self.friction)]
+
+
+def feet(contacts: Sequence[Binding] | ArrayLike, friction: float | None = None) -> list[Binding]:
+    """Contacts as they are, or ordinary ones at positions (n, 3), m, with normal z, of one friction.
+
+    Raises:
+        InputError: no friction for positions, or friction beside contacts that have their own.
+    """
+    own = [contact for contact in contacts if isinstance(contact, Binding)] if np.iterable(contacts) else []
+    if own:
+        if friction is not None:
+            raise InputError("friction: for positions only; these contacts have their own")
+        return list(contacts)  # pyright: ignore[reportArgumentType] # others are refused by the support
+    places = finite_array("contacts", contacts, (None, 3))
+    if friction is None:
+        raise InputError("friction: missing; contacts given as positions need it")
+    return [UnilateralContact(position=place, friction=friction) for place in places]
 
 
 def preceding(h: int, facets: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from itertools import combinations, product
 from typing import Any
 
@@ -21,7 +22,7 @@ from ocptip.robots.collision.gaps import (
     random_postures,
 )
 from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Hull, MeshFile, Shape
-from ocptip.robots.geometry import FLOOR, Floor, Obstacle, floors_among
+from ocptip.robots.geometry import FLOOR, CollisionModel, Floor, Obstacle, floors_among, in_closed_form
 from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, joint_states
 from ocptip.robots.pinocchio import load_coal
@@ -247,3 +248,15 @@ def link_frames_function(arm: ArmModel) -> cs.Function:
     rotations, origins = chain(arm, q)
     frames = [cs.vertcat(cs.vec(rotations[i].T), origins[i]) for i in range(arm.links)]
     return cs.Function("frames", [q], [cs.vertcat(*frames)])
+
+
+@lru_cache(maxsize=8)
+def collisions_of(
+    arm: ArmModel, obstacles: tuple[Obstacle, ...], shapes: tuple[BodyShape, ...]
+) -> Collisions:
+    """Of spheres among floor, walls, pillars and balls in closed form, of all else by solids."""
+    if arm.geometry is None and not arm.sphere_sets:
+        return CollisionModel(arm)
+    if arm.geometry is None and all(map(in_closed_form, (*obstacles, *shapes))):
+        return CollisionModel(arm, obstacles, shapes)
+    return ShapeCollisions(arm, obstacles, shapes)

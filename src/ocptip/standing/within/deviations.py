@@ -18,7 +18,8 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
-from ocptip.standing.arm import Robot, without_process
+from ocptip.robots.model import without_process
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 
 _NOTHING = 1e-12  # relative to the largest: slopes below this choose nothing

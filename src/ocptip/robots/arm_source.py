@@ -1,0 +1,78 @@
+"""An arm out of what users have: the path of a URDF, its text, or a model of Pinocchio."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError
+from ocptip.robots.collision.urdf import geometry_from_urdf
+from ocptip.robots.model import ArmModel
+from ocptip.robots.pinocchio import PinocchioModel
+from ocptip.robots.urdf import arm_from_pinocchio, arm_from_urdf
+
+_TEXT = "robot.urdf"
+"""Name of the file, in messages, for a URDF that is given as text."""
+
+
+def arm_from(
+    source: str | os.PathLike[str] | PinocchioModel,
+    *,
+    base_link: str | None = None,
+    tool_frame: str | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    collision: bool = True,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+) -> ArmModel:
+    """Read an arm with its collision geometry; joints without an acceleration limit get a usual one.
+
+    Args:
+        source: path of a URDF, its text, or a Pinocchio model, which has no collision geometry.
+        base_link, tool_frame: see `arm_from_urdf`; for a Pinocchio model "universe" by default, and required.
+        locked_joints: joint name to angle, rad (sliding joints: m), of joints that do not move.
+        collision: whether the URDF's collision geometry is read.
+        package_dirs: folders with the packages that mesh names refer to.
+
+    Raises:
+        InputError: the source cannot be used; one line that says why.
+    """
+    names = {"base_link": base_link, "tool_frame": tool_frame, "locked_joints": locked_joints}
+    if not isinstance(source, str | os.PathLike):
+        return _from_model(source, **names).with_usual_accelerations("the model")
+    with _file_of(source) as path:
+        arm = arm_from_urdf(path, **names)
+        if collision:
+            arm = replace(arm, geometry=geometry_from_urdf(path, arm, package_dirs=package_dirs))
+    return arm.with_usual_accelerations("the URDF")
+
+
+def _from_model(
+    model: PinocchioModel, *, base_link: str | None, tool_frame: str | None, **others: Any
+) -> ArmModel:
+    if not (hasattr(model, "jointPlacements") and hasattr(model, "inertias")):
+        kind = type(model).__name__
+        raise InputError(f"source: expected the path of a URDF, its text, or a pinocchio.Model, got {kind}")
+    if tool_frame is None:
+        known = ", ".join([frame.name for frame in model.frames][-3:])
+        raise InputError(f"tool_frame: missing; a Pinocchio model needs it, its last frames are {known}")
+    return arm_from_pinocchio(model, base_link=base_link or "universe", tool_frame=tool_frame, **others)
+
+
+@contextmanager
+def _file_of(source: str | os.PathLike[str]) -> Iterator[Path]:
+    """The file of a path, or a temporary one of a text; messages do not name its folder."""
+    if not (isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")):
+        yield Path(source)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, _TEXT)
+        path.write_text(source, encoding="utf-8")
+        try:
+            yield path
+        except InputError as error:
+            raise InputError(f"{error}".replace(str(path), _TEXT), "") from None
