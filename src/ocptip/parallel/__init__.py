@@ -14,30 +14,23 @@ from ocptip.parallel.description.branched import BranchedLeg
 from ocptip.parallel.description.ready_made import delta, make_robot, rrr3
 from ocptip.parallel.dynamics.actuation import limited_motor_forces, motor_forces
 from ocptip.parallel.dynamics.base_wrench import base_wrench
-from ocptip.parallel.dynamics.sensitivities import ForceSensitivities
-from ocptip.parallel.formats.export import to_urdf, urdf_cuts, urdf_home
+from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
-from ocptip.parallel.formats.urdf import convert_parallel_urdf, read_parallel_urdf
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
 
 __all__ = [
     "BranchedLeg",
-    "ForceSensitivities",
     "ParallelRobot",
     "base_wrench",
-    "convert_parallel_urdf",
     "delta",
     "lean_function",
     "limited_motor_forces",
     "make_robot",
     "motor_forces",
-    "read_parallel_urdf",
     "rrr3",
     "simulate",
     "to_mjcf",
     "to_urdf",
-    "urdf_cuts",
-    "urdf_home",
     "write_c",
 ]

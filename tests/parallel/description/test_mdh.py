@@ -11,17 +11,15 @@ from hypothesis import strategies as st
 
 from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import (
-    JointAxis,
     compose,
     fixed_row,
     inverse,
-    joints_to_coupling,
-    mdh_chain,
     moved_inertia,
     rotation_angles,
     row_frame,
 )
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE
+from tests.oracles.parallel_urdf.chain import JointAxis, joints_to_coupling, mdh_chain
 from tests.parallel.parallel_cases import random_body
 
 X, Y, Z = np.eye(3)

@@ -20,10 +20,11 @@ from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.ready_made import delta, prrr4, rpr3, rrr3, ups6
 from ocptip.parallel.dynamics.base_wrench import moving_mass
-from ocptip.parallel.formats.export import to_urdf, urdf_cuts, urdf_home
+from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
+from tests.oracles.parallel_urdf.reader import urdf_cuts, urdf_home
 from tests.parallel.parallel_examples import five_axes, prr3, redundant_leg, vertical_delta
 from tests.parallel.parallel_twin import random_robot, relative, rod_delta
 

@@ -11,13 +11,13 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3, ups6
 from ocptip.parallel.description.rotations import PlatformCoordinates
-from ocptip.parallel.formats.export import to_urdf, urdf_cuts, urdf_home
-from ocptip.parallel.formats.urdf import convert_parallel_urdf, read_parallel_urdf
-from ocptip.parallel.formats.urdf_legs import Cut
+from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.kinematics.closed_form import leg_type
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.robot import ParallelRobot
 from tests.oracles.parallel_routes.tree import leg_newton_euler
+from tests.oracles.parallel_urdf.legs import Cut
+from tests.oracles.parallel_urdf.reader import convert_parallel_urdf, urdf_cuts, urdf_home
 from tests.parallel.parallel_examples import five_axes, redundant_leg
 from tests.parallel.parallel_twin import relative
 
@@ -358,49 +358,6 @@ def test_friction_and_names(tmp_path):
     assert found.description.legs[0].viscous == (0.3, 0.0, 0.0)
     assert found.description.legs[0].coulomb == (0.2, 0.0, 0.0)
     assert found.links["base"].leg == -1
-    path = tmp_path / "robot.urdf"
-    options = {"cuts": urdf_cuts(rrr3()), "actuated": motor_names(rrr3()), "home": urdf_home(rrr3())}
-    assert read_parallel_urdf(path, platform="platform", **options).name == "3RRR"
-
-
-BAD = [
-    (
-        {"platform": "plattform"},
-        r"platform: there is no link 'plattform'; there are base, .*; did you mean 'platform'\?",
-    ),
-    ({"platform": "base"}, "platform: link 'base' does not move"),
-    ({"platform": "leg1_link1"}, r"cuts\[1\].platform: link 'platform_leg2' is not fixed on 'leg1_link1'"),
-    ({"cuts": []}, "cuts: a parallel robot needs at least one"),
-    ({"cuts": ["leg2"]}, r"cuts\[1\]: expected a Cut or"),
-    ({"cuts": [("leg2_link3",)]}, r"cuts\[1\]: expected a Cut or"),
-    ({"cuts": [("leg2_link3", "platform_leg2", "ball")]}, "cut.kind: must be one of fixed, revolute"),
-    (
-        {"cuts": [("leg2_link4", "platform_leg2")]},
-        r"cuts\[1\].leg: there is no link 'leg2_link4'; .*did you mean 'leg2_link3'",
-    ),
-    ({"cuts": [("leg2_base", "platform_leg2")]}, r"cuts\[1\].leg: link 'leg2_base' does not move"),
-    (
-        {"cuts": [("leg2_link3", "platform_leg2")]},
-        "joint 'leg3_joint1': belongs to none of the legs; the legs are",
-    ),
-    ({"cuts": [("leg2_link2", "platform_leg2")] * 2}, "joint 'leg2_joint1': belongs to more than one leg"),
-    ({"actuated": ["joint9"]}, "actuated: there is no moving joint 'joint9'.*leg1_joint1, leg1_joint2"),
-    ({"redundant": ["leg1"]}, "redundant: there is no moving joint 'leg1'"),
-    (
-        {"home": {"leg1_join1": 0.0}},
-        "home: there is no moving joint 'leg1_join1'; .*did you mean 'leg1_joint1'",
-    ),
-    ({"home": {"leg1_joint1": "up"}}, r"home\['leg1_joint1'\]: expected a number"),
-    ({"home": {}}, r"cuts\[1\]: 'leg2_link3' and 'platform_leg2' \(fixed\) are .* mm and .* deg apart"),
-    ({"free": ["x", "up"]}, "free: expected names among x, y, z"),
-    ({"tolerance": 0}, "tolerance: must be > 0"),
-]
-
-
-@pytest.mark.parametrize(("changes", "message"), BAD)
-def test_bad_input(changes, message, tmp_path):
-    with pytest.raises(InputError, match=rf"robot\.urdf: {message}"):
-        read_back(rrr3(), tmp_path, **changes)
 
 
 def test_gap_in_mm(tmp_path):
@@ -417,19 +374,3 @@ def test_small_gaps_are_closed(tmp_path):
     found = read_back(ups6(), tmp_path, home=home)
     assert np.abs(found.description.home - ups6().home).max() < 1e-4
     assert ParallelRobot(found.description).ik(found.description.home).residual < 1e-13
-
-
-def test_unreadable_files(tmp_path):
-    path = tmp_path / "broken.urdf"
-    options = {"platform": "a", "cuts": [("a", "b")], "actuated": []}
-    with pytest.raises(InputError, match="no such file"):
-        read_parallel_urdf(path, **options)
-    path.write_text("<robot/>")
-    with pytest.raises(InputError, match=r"broken\.urdf: not a readable URDF"):
-        read_parallel_urdf(path, **options)
-    path.write_text(
-        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="floating"><parent link="a"/>'
-        '<child link="b"/></joint></robot>'
-    )
-    with pytest.raises(InputError, match="joint 'j': only revolute, continuous, prismatic and fixed"):
-        read_parallel_urdf(path, **options)

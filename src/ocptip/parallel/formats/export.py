@@ -27,7 +27,6 @@ from ocptip.parallel.formats.skeleton import (
     link_name,
     numbers,
 )
-from ocptip.parallel.formats.urdf_legs import Cut
 from ocptip.parallel.robot import ParallelRobot
 
 _LIMIT = "1000000"
@@ -37,9 +36,7 @@ def to_urdf(robot: ParallelRobot | RobotDescription) -> str:
     """The robot as URDF: a tree, because URDF knows no loops.
 
     A frame `platform_leg2` on the platform coincides with the last link of leg 2 in the closed robot, and so
-    on; a comment in the file lists the pairs, :func:`urdf_cuts` returns them, and `read_parallel_urdf` of
-    :mod:`ocptip.parallel.formats.urdf` reads them back. Drive inertia is lost; the home positions
-    of the joints are in a comment, and :func:`urdf_home` returns them.
+    on; comments in the file list the pairs and the home positions of the joints. Drive inertia is lost.
 
     Args:
         robot: it need not move as described, but legs must reach the home pose.
@@ -64,27 +61,6 @@ def to_urdf(robot: ParallelRobot | RobotDescription) -> str:
             _fixed_joint(root, f"{closure.name}_mount", PLATFORM, closure.name, closure.frame)
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
-
-
-def urdf_cuts(robot: ParallelRobot | RobotDescription) -> tuple[Cut, ...]:
-    """The cut joints of :func:`to_urdf` as `parallel.formats.urdf.read_parallel_urdf` takes them.
-
-    Raises:
-        InputError: a leg branches; the reader knows chains only.
-    """
-    skeleton = Skeleton.of(robot)
-    for closure in skeleton.closures:
-        if skeleton.legs[closure.leg].topology.parents != tuple(range(-1, closure.row)):
-            raise InputError(
-                f"leg {closure.leg + 1}: branches or has loops; only chains can be read from URDF"
-            )
-    return tuple(Cut(link_name(c.leg, c.row), c.name, "fixed") for c in skeleton.closures)
-
-
-def urdf_home(robot: ParallelRobot | RobotDescription) -> dict[str, float]:
-    """Joint positions of the home pose by the names of :func:`to_urdf`, rad or m."""
-    skeleton = Skeleton.of(robot)
-    return {joint_name(i, j): float(value) for i, q in enumerate(skeleton.home) for j, value in enumerate(q)}
 
 
 def _remarks(skeleton: Skeleton) -> list[str]:

@@ -31,12 +31,14 @@ from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import Frame, compose, inverse, rotation_angles
 from ocptip.parallel.description.robot_description import COORDINATES, Leg, Platform, RobotDescription
 from ocptip.parallel.description.rotations import rotation_vector
-from ocptip.parallel.formats.urdf_assembly import closed_home, free_coordinates, platform_frame
-from ocptip.parallel.formats.urdf_legs import Cut, UrdfLeg
+from ocptip.parallel.formats.skeleton import Skeleton, joint_name, link_name
 from ocptip.parallel.kinematics.closures import LegClosure
+from ocptip.parallel.robot import ParallelRobot
+from tests.oracles.parallel_urdf.assembly import closed_home, free_coordinates, platform_frame
+from tests.oracles.parallel_urdf.legs import Cut, UrdfLeg
 
 if TYPE_CHECKING:
-    from ocptip.parallel.formats.urdf_tree import UrdfTree
+    from tests.oracles.parallel_urdf.tree import UrdfTree
 
 _OPEN_ANGLE = 1e-3
 
@@ -122,7 +124,7 @@ def convert_parallel_urdf(
         InputError: a file that cannot be read, unknown names (with those that exist), joints in no leg or in
             two, or cuts that are open in the home pose (with the gap in mm).
     """
-    from ocptip.parallel.formats.urdf_tree import UrdfTree
+    from tests.oracles.parallel_urdf.tree import UrdfTree
 
     Platform((True,) * 6, convention)  # refuses an unknown convention
     tree = UrdfTree(path)
@@ -219,12 +221,12 @@ def _legs(tree: UrdfTree, platform: str, cuts: Sequence[Cut | tuple[str, ...]], 
             raise InputError(f"{where}.leg: link {cut.leg!r} does not move; it must be at the end of a leg")
         legs.append(UrdfLeg(tree, number, cut, tree.chain(end), snap))
     used = [joint for leg in legs for joint in leg.chain]
-    for joint, joint_name in enumerate(tree.joints, start=1):
+    for joint, name in enumerate(tree.joints, start=1):
         if used.count(joint) != 1:
             many = "none of the legs" if joint not in used else "more than one leg"
             ends = ", ".join(leg.cut.leg for leg in legs)
             raise InputError(
-                f"joint {joint_name!r}: belongs to {many}; the legs are the chains from the root link "
+                f"joint {name!r}: belongs to {many}; the legs are the chains from the root link "
                 f"{tree.links[0]!r} to {ends}, and every moving joint must be in one of them"
             )
     return legs
@@ -267,8 +269,8 @@ def _pairs(
     tree: UrdfTree, legs: Sequence[UrdfLeg], argument: str, names: Sequence[str]
 ) -> tuple[tuple[int, int], ...]:
     pairs = []
-    for joint_name in names:
-        joint = tree.joint(argument, joint_name)
+    for name in names:
+        joint = tree.joint(argument, name)
         pairs += [(i, leg.chain.index(joint)) for i, leg in enumerate(legs) if joint in leg.chain]
     return tuple(pairs)
 
@@ -286,3 +288,24 @@ def _places(tree: UrdfTree, legs: Sequence[UrdfLeg]) -> dict[str, LinkPlace]:
                 row = leg.chain.index(joint)
                 places[link] = LinkPlace(i, row, *compose(inverse(leg.frames[row]), frame))
     return places
+
+
+def urdf_cuts(robot: ParallelRobot | RobotDescription) -> tuple[Cut, ...]:
+    """The cut joints of `to_urdf` as the reader takes them.
+
+    Raises:
+        InputError: a leg branches; the reader knows chains only.
+    """
+    skeleton = Skeleton.of(robot)
+    for closure in skeleton.closures:
+        if skeleton.legs[closure.leg].topology.parents != tuple(range(-1, closure.row)):
+            raise InputError(
+                f"leg {closure.leg + 1}: branches or has loops; only chains can be read from URDF"
+            )
+    return tuple(Cut(link_name(c.leg, c.row), c.name, "fixed") for c in skeleton.closures)
+
+
+def urdf_home(robot: ParallelRobot | RobotDescription) -> dict[str, float]:
+    """Joint positions of the home pose by the names of `to_urdf`, rad or m."""
+    skeleton = Skeleton.of(robot)
+    return {joint_name(i, j): float(value) for i, q in enumerate(skeleton.home) for j, value in enumerate(q)}

@@ -12,21 +12,12 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation, product_of
-from ocptip.parallel.description.mdh import (
-    Frame,
-    JointAxis,
-    MDHChain,
-    compose,
-    fixed_row,
-    inverse,
-    joints_to_coupling,
-    mdh_chain,
-    rotation_angles,
-)
+from ocptip.parallel.description.mdh import Frame, compose, fixed_row, inverse, rotation_angles
 from ocptip.parallel.description.robot_description import REVOLUTE, Leg
+from tests.oracles.parallel_urdf.chain import JointAxis, MDHChain, joints_to_coupling, mdh_chain
 
 if TYPE_CHECKING:
-    from ocptip.parallel.formats.urdf_tree import UrdfTree
+    from tests.oracles.parallel_urdf.tree import UrdfTree
 
 CUT_KINDS = {"fixed": 0, "revolute": 1, "universal": 2, "spherical": 3}
 """Kinds of cut joints and the number of joints they add to the leg."""

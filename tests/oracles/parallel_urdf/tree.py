@@ -12,10 +12,11 @@ import numpy as np
 from ocptip.basics.errors import InputError, naming, number_from
 from ocptip.basics.text import did_you_mean
 from ocptip.parallel.description.body_inertia import BodyInertia
-from ocptip.parallel.description.mdh import Frame, JointAxis, compose, inverse
+from ocptip.parallel.description.mdh import Frame, compose, inverse
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.robots.urdf_parser import pinocchio_model
+from tests.oracles.parallel_urdf.chain import JointAxis
 
 if TYPE_CHECKING:
     pass
