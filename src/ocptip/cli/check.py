@@ -15,7 +15,6 @@ import numpy as np
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
-from ocptip.certificate.trusted.described import TORQUES
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segment_table, segments_of
 from ocptip.cli.given_motion import motion_of, read_options, task_of
@@ -51,6 +50,7 @@ from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.drives import with_rise
+from ocptip.standing.limits import TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -323,7 +323,7 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
     look at, are too large, and where the path cannot be fitted.
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
-    if checked.verified or task.robot.varying or not {TORQUES, *OF_PATH}.isdisjoint(broken):
+    if checked.verified or task.robot.varying or not {TORQUE_WITHIN, *OF_PATH}.isdisjoint(broken):
         return ""
     try:
         path = path_of_motion(motion).path

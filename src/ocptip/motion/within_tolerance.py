@@ -1,8 +1,8 @@
 """A whole motion at the worst of its tolerance: every instant, and every joint by itself where it jumps.
 
 For the contacts these are instants, with every joint as late as it can be without a jump, and the states of
-late joints around jumps of accelerations, in all combinations, see `late_joints`. Torques are looked at with
-all joints on time, by the closed form of certificates; distances with joints that are late, each by itself.
+late joints around jumps of accelerations, in all combinations, see `late_joints`. Torques are evaluated with
+all joints on time, see `maximum_torques`; distances with joints that are late, each by itself.
 """
 
 from __future__ import annotations
@@ -14,19 +14,22 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import quantity
-from ocptip.certificate.describe import model_data, tolerance_data
-from ocptip.certificate.trusted.described import CLEARANCE, TORQUES
-from ocptip.certificate.trusted.drives import Drives
-from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Worst as Measured
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import (
+    CLEARANCE_WITHIN,
+    SLIP_WITHIN,
+    TIP_WITHIN,
+    TORQUE_WITHIN,
+    MotionLimits,
+)
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
+from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import Worst, WorstCase, worst_case_of
 from ocptip.trajectories.sampled import Motion
 
@@ -138,16 +141,16 @@ class WithinTolerance:
     def measured(self, limits: MotionLimits) -> list[Measured]:
         """As the other worst values of a check."""
         found = []
-        for worst, name in ((self.tip, "GN_worst_case"), (self.slip, "GT_worst_case")):
+        for worst, name in ((self.tip, TIP_WITHIN), (self.slip, SLIP_WITHIN)):
             if worst is not None:
                 most, value = getattr(limits, name), worst.value if worst.bound is None else worst.bound
                 found.append(Measured(name, value, worst.time, most, worst.how, value - most))
-        value, most = self.torque.value, limits.torque_ratio_worst_case
+        value, most = self.torque.value, getattr(limits, TORQUE_WITHIN)
         where = f"joint {self.torque.joint}"
-        found.append(Measured(TORQUES, value, self.torque.time, most, where, value - most))
+        found.append(Measured(TORQUE_WITHIN, value, self.torque.time, most, where, value - most))
         if self.gap is not None:
-            value, least = self.gap.value, limits.clearance_worst_case
-            name = f"{CLEARANCE}_m"
+            value, least = self.gap.value, getattr(limits, CLEARANCE_WITHIN)
+            name = f"{CLEARANCE_WITHIN}_m"
             found.append(Measured(name, value, self.gap.time, least, self.gap.between, least - value, True))
         return found
 
@@ -282,11 +285,10 @@ def _some(times: np.ndarray, events: np.ndarray) -> np.ndarray:
 
 def _worst_torque(robot: Robot, motion: Motion, tolerance: Tolerance, times: np.ndarray) -> WorstTorque:
     found = WorstTorque(0.0, 0.0, 1)
-    drives = Drives(model_data(robot), tolerance_data(tolerance, robot.support))
     every = times = _some(np.unique(times), motion.event_times)
     for _ in range(1 + NEARER):
-        most = drives.greatest(*(Form.of(part.T) for part in motion.states(times)), np.tile(times, (2, 1)))
-        shares = most / robot.limits.torque[:, None]
+        most = maximum_torques(robot, tolerance, *motion.states(times), robot.acting(times))
+        shares = (most / robot.limits.torque).T
         joint, k = np.unravel_index(np.argmax(shares), shares.shape)
         if shares[joint, k] > found.value:
             found = WorstTorque(float(shares[joint, k]), float(times[k]), int(joint) + 1)

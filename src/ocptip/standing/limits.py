@@ -15,6 +15,10 @@ from ocptip.standing.tolerance import NONE, Tolerance, overshoot_of
 NEARLY_LOST = 0.999
 """Of GN and GT: so near to 1, where a contact is lost, may the worst within a tolerance come in samples."""
 
+TIP_WITHIN, SLIP_WITHIN = "GN_worst_case", "GT_worst_case"
+TORQUE_WITHIN, CLEARANCE_WITHIN = "torque_ratio_worst_case", "clearance_worst_case"
+"""Limits within an uncertainty, and results of it: the result of the clearance has the unit, "_m", behind."""
+
 
 @dataclass(frozen=True)
 class MotionLimits:
@@ -64,10 +68,10 @@ class MotionLimits:
     brakes: Brakes | None = None
 
     def __post_init__(self) -> None:
-        for name in ("GN", "GT", "jump_tip_over", "jump_slip", "GN_worst_case", "GT_worst_case"):
+        for name in ("GN", "GT", "jump_tip_over", "jump_slip", TIP_WITHIN, SLIP_WITHIN):
             share_of_one(name, getattr(self, name))
         positive_number("torque_ratio", self.torque_ratio)
-        for name in ("clearance", "clearance_worst_case", "angle_margin", "min_duration", "foot_lift"):
+        for name in ("clearance", CLEARANCE_WITHIN, "angle_margin", "min_duration", "foot_lift"):
             positive_number(name, getattr(self, name), zero_allowed=True)
         overshoot_of(self.damping)  # refuses what is none
         if not self.max_duration > 0:
@@ -110,4 +114,4 @@ class MotionLimits:
 
 
 _OF_STOPS = ("stops", "brakes")
-_OF_TOLERANCE = ("tolerance", "GN_worst_case", "GT_worst_case", "clearance_worst_case")
+_OF_TOLERANCE = ("tolerance", TIP_WITHIN, SLIP_WITHIN, CLEARANCE_WITHIN)

@@ -1,0 +1,114 @@
+"""Maximum torques of the drives of an arm within an uncertainty, all joints on time (sliding joints: forces).
+
+A torque is a sum over bodies: the weight of a body times what it asks of the joint, which is linear in
+gravity and in the square of the pace. CasADi's derivatives of the arm's equations of motion give these parts.
+Their maximum over weights, paces, tilts of gravity and pushes at the gripper has a closed form. Products of
+deviations are bounded, so that the maximum is an upper bound.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.dynamics import newton_euler
+from ocptip.robots.kinematics import chain
+from ocptip.robots.model import ArmModel
+from ocptip.standing.arm import StandingRobot, without_process
+from ocptip.standing.tolerance import Tolerance
+
+
+def maximum_torques(
+    robot: StandingRobot,
+    tolerance: Tolerance,
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    acting: np.ndarray,
+) -> np.ndarray:
+    """(N, n): upper bounds of the absolute values of the torques, N m or N.
+
+    Args:
+        robot: on its base.
+        tolerance: of it.
+        q, qd, qdd: (N, n) states.
+        acting: (N, 6) the process if it varies, else (N, 0); see `StandingMechanism.acting`.
+    """
+    own, arm = tolerance.of(robot.payload), without_process(robot.arm)
+    parts, still, none = _parts(arm), np.zeros(q.shape), np.zeros(3)
+    pace, push, swing, side, axes = parts(q, qd, qdd, none)
+    pulls = np.stack([parts(q, still, still, axis)[0] for axis in np.eye(3)])  # (3, N, n, bodies)
+    about = robot.support.center_of_mass
+    process = robot.pushed(robot.arm, q, still, still, acting, gravity=none, about=about).torque
+    low, high = _weights(arm, own)
+    mean, half, gravity = 0.5 * (low + high), 0.5 * (high - low), robot.support.gravity
+    size, paces = np.linalg.norm(gravity), ((1 - own.speed) ** 2, (1 + own.speed) ** 2)
+
+    level, pull = np.tensordot(gravity, pulls, axes=1), np.moveaxis(pulls @ mean, 0, -1)
+    along, reach = pull @ gravity, size * np.linalg.norm(pull, axis=2)
+    across = np.linalg.norm(np.cross(pull, gravity), axis=2)
+    spread = size * own.tilt * (np.linalg.norm(pulls, axis=0) @ half) + own.push * np.linalg.norm(
+        push, axis=2
+    )
+    found = np.zeros(q.shape)
+    for factor in paces:
+        nominal = factor * (pace @ mean + arm.armature * qdd) + process
+        more = spread + np.abs(factor * pace + level) @ half
+        for sign in (1.0, -1.0):
+            tilted = np.maximum(np.arctan2(across, sign * along) - own.tilt, 0.0)
+            found = np.maximum(found, sign * nominal + reach * np.cos(tilted) + more)
+    if arm.payload is not None and any(own.payload_center):
+        box = np.asarray(own.payload_center)
+        most = (1 + own.payload_mass) * np.outer(box, box)  # products of two shifts
+        moments = np.abs(np.cross(side[:, :, :, None], swing[:, :, None, :], axis=1))  # (N, 3, 3, 3)
+        loose = np.einsum("nwl,nwij,ij->nl", np.abs(axes), moments, most)
+        ratios = np.eye(arm.n) if arm.coupling is None else arm.coupling.matrix
+        found += paces[1] * (loose @ np.abs(ratios))
+    return found
+
+
+def _weights(arm: ArmModel, own: Tolerance) -> tuple[np.ndarray, np.ndarray]:
+    """Minimum and maximum of the weights of `_parts`."""
+    links = np.full(len(arm.masses), own.arm_mass)
+    held, box = own.payload_mass, (1 + own.payload_mass) * np.asarray(own.payload_center)
+    payload = ([1 - held, *-box], [1 + held, *box]) if arm.payload is not None else ([], [])
+    return (
+        np.concatenate([1 - links, payload[0], [0.0]]),
+        np.concatenate([1 + links, payload[1], [own.extra_mass]]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _parts(arm: ArmModel) -> BatchFunction:
+    """What the drives need of each body per weight, and what else depends on the state.
+
+    Weights are factors of links and payload, shifts of the payload's centre of mass along gripper axes, m,
+    and the mass of a point at the gripper, kg.
+
+    In: `q`, `qd`, `qdd` (n,), `gravity` (3,). Out: torques per weight (n, bodies) and per force at the
+    gripper (n, 3); force that the payload needs per shift (3, 3), and gripper axes (3, 3), both in base axes;
+    axes of the links' joints (3, L), zero if they slide.
+    """
+    q, qd, qdd = (cs.SX.sym(name, arm.n) for name in ("q", "qd", "qdd"))
+    gravity, force, none = cs.SX.sym("gravity", 3), cs.SX.sym("force", 3), cs.SX.zeros(3)
+    links, extra, shift = cs.SX.sym("links", len(arm.masses)), cs.SX.sym("extra"), cs.SX.zeros(3)
+    weights, at, carried = [links], [np.ones(len(arm.masses))], []
+    if (payload := arm.payload) is not None:
+        factor, shift = cs.SX.sym("payload"), cs.SX.sym("shift", 3)
+        mass, centre, inertia = payload.seen_from(arm.tool_rotation, arm.offsets[-1])
+        carried.append((factor * mass, cs.SX(centre) + arm.tool_rotation @ shift, factor * cs.SX(inertia)))
+        weights, at = [*weights, factor, shift], [*at, np.ones(1), np.zeros(3)]
+    carried.append((extra, cs.SX(arm.offsets[-1]), np.zeros((3, 3))))
+    torque, wrench = newton_euler(
+        arm.with_payload(None), q, qd, qdd, gravity, force, none, none, scales=links, carried=carried
+    )
+    every, values = cs.vertcat(*weights, extra, force), np.concatenate([*at, np.zeros(4)])
+    slopes = cs.substitute(cs.jacobian(torque, every), every, values)
+    swing = cs.substitute(-cs.jacobian(wrench[:3], shift), every, values) if payload else cs.SX.zeros(3, 3)
+    frames = chain(arm, q)[0]
+    axes = [none if slides else R[:, 2] for R, slides in zip(frames[:-1], arm.slides, strict=True)]
+    outputs = [slopes[:, :-3], slopes[:, -3:], swing, frames[-1], cs.horzcat(*axes)]
+    return BatchFunction(cs.Function("torques_by_body", [q, qd, qdd, gravity], outputs))
