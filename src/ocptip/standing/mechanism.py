@@ -23,63 +23,16 @@ from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.robots.collision.gaps import CLEARANCE, Collisions
-from ocptip.robots.model import JointLimits
+from ocptip.robots.model import JointLimits, joint_states
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain
+from ocptip.standing.further_limits import FurtherLimits
+from ocptip.standing.margins import Margins
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.sampled import Motion
-
-
-@dataclass(frozen=True, eq=False)
-class FurtherLimits:
-    """Limits of a mechanism on functions of its state that are neither torques nor coordinates.
-
-    Attributes:
-        names: (k,), of quantities; a check reports the worst of each name.
-        details: (k,), which one, e.g. "motor 2".
-        lower, upper: (k,), infinite where there is none.
-        units: (k,), numbers that make the quantity about 1.
-    """
-
-    names: tuple[str, ...] = ()
-    details: tuple[str, ...] = ()
-    lower: np.ndarray = field(default_factory=lambda: np.empty(0))
-    upper: np.ndarray = field(default_factory=lambda: np.empty(0))
-    units: np.ndarray = field(default_factory=lambda: np.empty(0))
-
-    @property
-    def count(self) -> int:
-        """Number of quantities k."""
-        return len(self.names)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the quantities for columns of tables, such as "motor_speed_motor_2"."""
-        pairs = zip(self.names, self.details, strict=True)
-        return tuple(f"{name}_{detail.replace(' ', '_')}" for name, detail in pairs)
-
-    @property
-    def limited(self) -> np.ndarray:
-        """(k,) True where there is a limit."""
-        return np.isfinite(self.lower) | np.isfinite(self.upper)
-
-    def described(self, k: int, excess: float) -> tuple[float, float, bool]:
-        """Value of a quantity (its size, if it has an upper limit), limit, and whether that is the least.
-
-        Args:
-            k: which quantity.
-            excess: of :meth:`excess`.
-        """
-        if np.isfinite(self.upper[k]):
-            return float(self.upper[k] + excess * self.units[k]), float(self.upper[k]), False
-        return float(self.lower[k] - excess * self.units[k]), float(self.lower[k]), True
-
-    def excess(self, values: np.ndarray) -> np.ndarray:
-        """How far values (..., k) are beyond their limits, in their units; negative within."""
-        return np.maximum(self.lower - values, values - self.upper) / self.units
 
 
 @dataclass(frozen=True, eq=False)
@@ -412,6 +365,29 @@ class StandingMechanism(MadeOf, ABC):
             sensor_name=self.sensor.name,
             steady_power=self.support.power,
         )
+
+    def margins(self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None) -> Margins:
+        """All margins of the contacts in one state, (n,), or in many, (N, n).
+
+        Args:
+            q: rad (sliding joints, straight coordinates: m).
+            qd: rad/s (m/s); default: at rest.
+            qdd: rad/s^2 (m/s^2); default: none.
+
+        Raises:
+            InputError: shapes do not fit, or what acts on the gripper varies with time or place.
+        """
+        angles, single = joint_states("q", q, self.n)
+        speeds, accelerations = (
+            np.zeros_like(angles) if value is None else joint_states(name, value, self.n)[0]
+            for name, value in (("qd", qd), ("qdd", qdd))
+        )
+        if not len(angles) == len(speeds) == len(accelerations):
+            counts = f"{len(angles)}, {len(speeds)} and {len(accelerations)}"
+            raise InputError(f"q, qd, qdd: expected as many states of each, got {counts}")
+        states = self.contact_states(self.loads(angles, speeds, accelerations)[1])
+        found = Margins.of(states, self.tip_over, self.slip)
+        return found[0] if single else found
 
     def require_fit(self, joints: int) -> None:
         """Raise InputError unless a motion has as many joints."""

@@ -27,7 +27,8 @@ from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
-from ocptip.standing.mechanism import FurtherLimits, MotionSamples, StandingMechanism
+from ocptip.standing.further_limits import FurtherLimits
+from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.arm_motion import gauss_legendre
 from ocptip.trajectories.sampled import Motion

@@ -1,0 +1,56 @@
+"""Limits of a mechanism on functions of its state that are neither torques nor coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherLimits:
+    """Limits of a mechanism on functions of its state that are neither torques nor coordinates.
+
+    Attributes:
+        names: (k,), of quantities; a check reports the worst of each name.
+        details: (k,), which one, e.g. "motor 2".
+        lower, upper: (k,), infinite where there is none.
+        units: (k,), numbers that make the quantity about 1.
+    """
+
+    names: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
+    lower: np.ndarray = field(default_factory=lambda: np.empty(0))
+    upper: np.ndarray = field(default_factory=lambda: np.empty(0))
+    units: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def count(self) -> int:
+        """Number of quantities k."""
+        return len(self.names)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the quantities for columns of tables, such as "motor_speed_motor_2"."""
+        pairs = zip(self.names, self.details, strict=True)
+        return tuple(f"{name}_{detail.replace(' ', '_')}" for name, detail in pairs)
+
+    @property
+    def limited(self) -> np.ndarray:
+        """(k,) True where there is a limit."""
+        return np.isfinite(self.lower) | np.isfinite(self.upper)
+
+    def described(self, k: int, excess: float) -> tuple[float, float, bool]:
+        """Value of a quantity (its size, if it has an upper limit), limit, and whether that is the least.
+
+        Args:
+            k: which quantity.
+            excess: of :meth:`excess`.
+        """
+        if np.isfinite(self.upper[k]):
+            return float(self.upper[k] + excess * self.units[k]), float(self.upper[k]), False
+        return float(self.lower[k] - excess * self.units[k]), float(self.lower[k]), True
+
+    def excess(self, values: np.ndarray) -> np.ndarray:
+        """How far values (..., k) are beyond their limits, in their units; negative within."""
+        return np.maximum(self.lower - values, values - self.upper) / self.units
