@@ -18,7 +18,7 @@ import pytest
 import ocptip
 from ocptip.cli import stand as stand_module
 from ocptip.cli.main import main
-from ocptip.cli.progress import _kernels_are_compiled
+from ocptip.cli.terminal import _kernels_are_compiled
 from ocptip.contact import pivoting, verdict
 from ocptip.contact.solver import solve, solve_many
 from ocptip.contact.verdict import stability
@@ -93,9 +93,9 @@ def scene_file(tmp_path):
 
 
 def run(*arguments, **environment):
-    """The command in a process of its own."""
+    """The command in a process of its own; without its progress, which a slow machine adds."""
     code = "import sys; from ocptip.cli.main import main; sys.exit(main())"
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],
         capture_output=True,
         text=True,
@@ -104,6 +104,8 @@ def run(*arguments, **environment):
         env={**os.environ, **environment},
         check=False,
     )
+    done.stderr = re.sub(r"^ocptip \w+: .* \(\d+ s\)\n", "", done.stderr, flags=re.MULTILINE)
+    return done
 
 
 def stand_json(capsys, *arguments):
@@ -428,7 +430,7 @@ def test_bad_input_is_exit_code_2_in_one_line(capsys, scene_file, tmp_path, argu
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["stand"], ["fall"], ["stand", "a", "b"], ["stand", "a", "--gn-reference", "x"]]
+    "arguments", [["--json"], ["stand"], ["fall"], ["stand", "a", "b"], ["stand", "a", "--gn-reference", "x"]]
 )
 def test_wrong_command_line_is_one_line(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
@@ -500,7 +502,8 @@ def test_closed_pipe_is_no_error(scene_file):
         check=False,
     )
     os.close(write_end)
-    assert (result.returncode, result.stderr) == (0, b"")
+    assert result.returncode == 0
+    assert not [line for line in result.stderr.splitlines() if not line.startswith(b"ocptip stand: compil")]
 
 
 def test_help_and_version_load_no_numerics():
@@ -514,7 +517,7 @@ def test_help_and_version_load_no_numerics():
 
 
 def test_cold_kernels_are_recognised(capsys, scene_file, tmp_path):
-    code = "from ocptip.cli.progress import _kernels_are_compiled as check; print(check())"
+    code = "from ocptip.cli.terminal import _kernels_are_compiled as check; print(check())"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     cold = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True

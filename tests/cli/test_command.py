@@ -37,6 +37,7 @@ ARGUMENTS = {
     "compare": ["recording.csv", "plan"],
     "identify": ["payload", "recording.csv", "plan"],
     "report": ["plan"],
+    "completion": ["bash"],
 }
 NAMES = [command.name for command in COMMANDS]
 

@@ -19,7 +19,7 @@ from ocptip.cli.layout import summary, table, under
 from ocptip.cli.many import Asked, digest_of
 from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.place import refusal_lines, where_text
-from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.terminal import say_if_compiling
 from ocptip.placement.for_cycle import CyclePlacement, CyclePlacements, place_for_cycle
 from ocptip.placement.output import refusal_to_dict
 from ocptip.placement.result import NoPlacementError

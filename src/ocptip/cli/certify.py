@@ -20,7 +20,7 @@ from ocptip.cli.cycles import require_plain, segments_of
 from ocptip.cli.given_motion import motion_of, read_options, task_of
 from ocptip.cli.layout import named, under
 from ocptip.cli.options import given_limits, with_limits
-from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask

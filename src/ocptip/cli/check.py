@@ -29,7 +29,6 @@ from ocptip.cli.layout import (
     under,
 )
 from ocptip.cli.options import given_limits, with_limits
-from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import (
     cycle_with_path_stops,
     sensitivities_of,
@@ -39,6 +38,7 @@ from ocptip.cli.stops import (
     stops_to_dict,
     with_path_stops,
 )
+from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask

@@ -9,19 +9,30 @@ import os
 import sys
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ocptip.cli.piped import lines_while
+from ocptip.cli.arguments import Argument
+from ocptip.cli.terminal import coloured, latest, lines_while
 
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
+START, PLAN, VERIFY, PLACE, MACHINE, CLOSED = GROUPS = (
+    "start",
+    "plan",
+    "verify",
+    "place",
+    "machine",
+    "poses and closed chains",
+)
+"""Groups of commands, in the order of the help."""
 stops: list[int] = []
 """Signals that asked this process to stop."""
+FURTHER_CODES = f"{BAD_INPUT} bad input, {INTERNAL_ERROR} internal error, {INTERRUPTED} interrupted"
 _LONGEST = 4000  # characters of a message
 _NO_MEMORY = "Cannot allocate memory"
 _FILES, _FILES_PER_JOB = 32, 8
@@ -34,12 +45,14 @@ class Report(ABC):
     Attributes:
         written: the files that were written.
         warnings: what was suspicious about the input.
+        verbose: the text has all details.
         early: the text ends with the files, and what it says before them is said before they are written.
     """
 
     early: ClassVar[bool] = False
     written: list[Path] = field(default_factory=list, init=False)
     warnings: list[str] = field(default_factory=list, init=False)
+    verbose: bool = field(default=False, init=False)
 
     @property
     @abstractmethod
@@ -93,43 +106,23 @@ class Answer(Report):
         return self._data
 
 
-Argument = Callable[[Any], None]
-"""Adds itself to a parser."""
-
-
-def argument(name: str, metavar: str | tuple[str, ...] | None, text: str, **options: Any) -> Argument:
-    """An argument with its help, as `argparse` takes it."""
-    if metavar:
-        options["metavar"] = metavar
-    return lambda parser: parser.add_argument(name, help=text, **options)
-
-
-def either(*arguments: Argument) -> Argument:
-    """Arguments of which one may be given."""
-
-    def add(parser: Any) -> None:
-        group = parser.add_mutually_exclusive_group()
-        for one in arguments:
-            one(group)
-
-    return add
-
-
 @dataclass(frozen=True)
 class Command:
     """A command; the function `run` of the module `cli/<name>.py` turns its options into a report.
 
     Attributes:
         name: as it is typed.
+        group: of `GROUPS`.
         help: for the list of commands.
         description: for its own help.
         codes: what the exit codes 0 and 1 mean.
-        arguments: all but --json.
+        arguments: all but those that every command has.
         preload: modules that its processes need.
         files: options that name files which are written.
     """
 
     name: str
+    group: str
     help: str
     description: str
     codes: str
@@ -158,14 +151,20 @@ class Command:
 
     def add_to(self, commands: Any) -> None:
         """Add it to the subparsers of the command line."""
-        epilog = f"exit code: {self.codes}, {BAD_INPUT} bad input"
-        parser = commands.add_parser(self.name, help=self.help, description=self.description, epilog=epilog)
+        epilog = f"exit codes: {self.codes}, {FURTHER_CODES}"
+        parser = commands.add_parser(
+            self.name, help=self.help, description=self.description, epilog=epilog, allow_abbrev=False
+        )
         for add in self.arguments:
             add(parser)
+        parser.usage = f"ocptip {self.name} [options] {_positionals(parser)}"
         if self.files:
             named = f"replace {' and '.join(f'--{name}' for name in self.files)}, written by ocptip or not"
             parser.add_argument("--overwrite", action="store_true", help=named)
-        parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+        output = parser.add_argument_group("output").add_mutually_exclusive_group()
+        output.add_argument("--json", action="store_true", help="print JSON instead of text")
+        output.add_argument("-v", "--verbose", action="store_true", help="print all details")
+        output.add_argument("-q", "--quiet", action="store_true", help="print the verdict only, no progress")
 
     def execute(self, options: argparse.Namespace, own_process: bool = False) -> int:
         """Run, write, print; every error becomes one line on stderr. Returns the exit code."""
@@ -173,6 +172,7 @@ class Command:
             self._refuse_targets(options)
             if own_process:
                 self.prepare(options)
+            latest.quiet = options.quiet
             module = import_module(f"ocptip.cli.{self.name}")
             if own_process:
                 import_module("ocptip.numerics.few_cycles").loaded()
@@ -181,12 +181,13 @@ class Command:
             lines = lines_while(sys.stderr, f"ocptip {self.name}") if own_process else nullcontext()
             with suspicions() as said, one_thread, lines:
                 report: Report = module.run(options)
-            report.warnings = said
-            answer = report.to_text() if report.early and not options.json else ""
+            report.warnings, report.verbose = said, options.verbose
+            answer = report.to_text() if report.early and not options.json and not options.quiet else ""
             if answer:
                 _print(answer)
             failure = written(report)
             text = report.to_json() if options.json else report.to_text()
+            text = text.split("\n", 1)[0] if options.quiet else text
             if rest := text.removeprefix(answer).lstrip("\n"):
                 _print(rest)
             return report.exit_code if failure is None else say(*explained(failure))
@@ -194,6 +195,17 @@ class Command:
             return say(INTERRUPTED, f"interrupted {stop}".rstrip())
         except Exception as error:  # Python itself would exit with 1, which means "no"
             return say(*explained(error))
+
+
+def _positionals(parser: argparse.ArgumentParser) -> str:
+    """Positional arguments in words, for the first line of the help."""
+    words = []
+    for action in parser._actions:
+        if not action.option_strings:
+            word = f"{action.metavar or '|'.join(action.choices or [action.dest])}"
+            more = f"{word} ..." if action.nargs in ("+", "*") else word
+            words.append(f"[{more}]" if action.nargs in ("?", "*") else more)
+    return " ".join(words)
 
 
 def _require_files(jobs: int) -> None:
@@ -317,7 +329,7 @@ def say(code: int, message: str) -> int:
 
 def _print(text: str) -> None:
     try:
-        print(text, flush=True)
+        print(coloured(text, sys.stdout), flush=True)
     except OSError as error:
         # The reader (`| head`) has left, or the disk is full; Python would complain when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

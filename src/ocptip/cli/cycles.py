@@ -20,7 +20,6 @@ from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import check_rows, gear_rows, summary, table, under, use_of_reserves
 from ocptip.cli.many import Asked
 from ocptip.cli.options import given_limits, step_of
-from ocptip.cli.progress import Progress
 from ocptip.cli.stops import (
     price_line,
     price_of_stops,
@@ -29,6 +28,7 @@ from ocptip.cli.stops import (
     stops_to_dict,
     with_safe_stops,
 )
+from ocptip.cli.terminal import Progress
 from ocptip.motion.check import certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle

@@ -7,6 +7,7 @@ Exit codes: 0 yes (it stands, it is verified), 1 no, 2 bad input, or too little 
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import signal
 import sys
@@ -14,7 +15,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from ocptip.cli.command import BAD_INPUT, INTERRUPTED, explained, say, stops
+from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, GROUPS, INTERRUPTED, explained, say, stops
 from ocptip.cli.commands import COMMANDS
 
 
@@ -23,6 +24,50 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"ocptip: {message} (see {self.prog} --help)\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As `argparse`, but options may stand anywhere among positional arguments."""
+        words = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(self._options_last(words), namespace)
+
+    def _options_last(self, words: list[str]) -> list[str]:
+        """Positional arguments, then options with their values; unchanged for the choice of a command.
+
+        `argparse` gives an option that takes several values, or an optional one, all words up to the next
+        option: it would refuse `--stops PLAN`. It also refuses positional arguments on both sides of one.
+        """
+        if self._subparsers is not None:
+            return words
+        actions = {name: one for one in self._actions for name in one.option_strings}
+        end = words.index("--") if "--" in words else len(words)
+        positional: list[str] = []
+        options: list[str] = []
+        k = 0
+        while k < end:
+            first, k = k, k + 1
+            if not _is_option(words[first]):
+                positional.append(words[first])
+                continue
+            if action := actions.get(words[first]):
+                k = min(k + self._count_values(action, words[k:end]), end)
+            options += words[first:k]
+        return (
+            [*positional, *options] if end == len(words) else [*options, "--", *positional, *words[end + 1 :]]
+        )
+
+    def _count_values(self, action: Any, words: list[str]) -> int:
+        """How many of the words after an option are its values."""
+        if action.nargs is None or isinstance(action.nargs, int):
+            return 1 if action.nargs is None else action.nargs
+        most = 1 if action.nargs == "?" else len(words)
+        others = (k for k, word in enumerate(words) if _is_option(word) or not action.accepts(word))
+        count = min(next(others, len(words)), most)
+        return max(count, 1) if action.nargs == "+" else count  # argparse refuses a first word that is wrong
+
+
+def _is_option(word: str) -> bool:
+    """Whether a word is an option, not a negative number or a name."""
+    return word.startswith("-") and len(word) > 1 and not word[1].isdigit() and word[1] != "."
 
 
 class _Version(argparse.Action):
@@ -49,7 +94,14 @@ def _main(arguments: Sequence[str] | None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    options = _parser().parse_args(arguments)
+    whole, words = parser(), list(sys.argv[1:] if arguments is None else arguments)
+    if not words:
+        whole.print_help()
+        return 0
+    _refuse_unknown(words, whole)
+    options = whole.parse_args(words)
+    if options.command is None:
+        whole.error("no command given")
     command = next(c for c in COMMANDS if c.name == options.command)
     if arguments is None:  # a process of its own
         # OpenBLAS takes memory for each thread, and raises SIGINT at itself where it gets none.
@@ -76,10 +128,38 @@ def _stop_on_signals() -> None:
             signal.signal(number, stop)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="ocptip", description="Does it stand, with what reserve, and how sure is that?")
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    whole = _Parser(
+        prog="ocptip",
+        description="Keeps standing robots standing: stability margins, base placement, arm motions, proofs.",
+        epilog=f"{_listed()}\n\nexit codes: 0 yes, 1 no, {FURTHER_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage="ocptip COMMAND ... | ocptip COMMAND --help",
+        allow_abbrev=False,
+    )
+    whole.add_argument("-V", "--version", action=_Version, nargs=0, help="print the version and exit")
+    commands = whole.add_subparsers(prog="ocptip", dest="command", metavar="COMMAND", help=argparse.SUPPRESS)
     for command in COMMANDS:
         command.add_to(commands)
-    return parser
+    return whole
+
+
+def _listed() -> str:
+    """The commands by groups."""
+    width = max(len(command.name) for command in COMMANDS)
+    parts = []
+    for group in GROUPS:
+        rows = [f"  {one.name:<{width}}  {one.help}" for one in COMMANDS if one.group == group]
+        parts.append("\n".join([f"{group}:", *rows]))
+    return "\n\n".join(parts)
+
+
+def _refuse_unknown(words: Sequence[str], whole: argparse.ArgumentParser) -> None:
+    """Refuse a command that does not exist, with the nearest one that does."""
+    names = [command.name for command in COMMANDS]
+    word = next(iter(words), "")
+    if word and not word.startswith("-") and word not in names:
+        near = difflib.get_close_matches(word, names, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        whole.error(f"no such command: {word!r}{hint}")

@@ -19,7 +19,7 @@ from ocptip.basics.write import file_target, versions, write_text
 from ocptip.cli.arm_code import arm_code, is_arm
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
-from ocptip.cli.progress import Progress
+from ocptip.cli.terminal import Progress
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity

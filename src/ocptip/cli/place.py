@@ -19,7 +19,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import output_directory, require_least
-from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import scope_of
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from ocptip.placement.place import place

@@ -27,7 +27,6 @@ from ocptip.cli.layout import (
 )
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
 from ocptip.cli.options import output_directory, require_least, step_of, with_limits
-from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import (
     price_line,
     price_of_stops,
@@ -36,6 +35,7 @@ from ocptip.cli.stops import (
     stops_of,
     with_safe_stops,
 )
+from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute

@@ -16,7 +16,7 @@ from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import table
 from ocptip.cli.parallel import grid_ranges, size_of_grid
-from ocptip.cli.progress import Progress
+from ocptip.cli.terminal import Progress
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile
 from ocptip.indices.workspace_maps import IndexMaps, index_maps

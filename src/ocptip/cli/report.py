@@ -22,8 +22,8 @@ from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import segment_rows
 from ocptip.cli.layout import certificate_rows, masses, tolerated_lines, within_rows
-from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import stops_of
+from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask

@@ -19,7 +19,7 @@ from ocptip.cli.given_motion import task_of
 from ocptip.cli.layout import use_of_reserves
 from ocptip.cli.options import given_columns, given_limits, output_directory, rate_of, step_of
 from ocptip.cli.plan import PlanReport
-from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.output import run_motion

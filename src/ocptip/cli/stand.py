@@ -16,7 +16,7 @@ from ocptip.basics.text import percent, quantity, ratio, without_noise
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, sensitivities_to_dict, table, under
-from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates

@@ -3,8 +3,7 @@
 import io
 import time
 
-from ocptip.cli.piped import lines_while
-from ocptip.cli.progress import Progress
+from ocptip.cli.terminal import Progress, lines_while
 
 
 class Terminal(io.StringIO):

@@ -1,0 +1,194 @@
+"""Arguments that several commands share. Loads no numerics."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+from typing import Any
+
+Argument = Callable[[Any], None]
+"""Adds itself to a parser, or to a group of one."""
+
+
+def argument(
+    name: str,
+    metavar: str | tuple[str, ...] | None,
+    text: str,
+    *,
+    accepts: Callable[[str], bool] | None = None,
+    **options: Any,
+) -> Argument:
+    """An argument with its help, as `argparse` takes it.
+
+    Args:
+        name: with "--" of an option.
+        metavar: what stands for its value in the help.
+        text: its help.
+        accepts: whether a word can be one of its values, for options that take several; default: whatever
+            `type` and `choices` accept.
+        options: of `argparse.ArgumentParser.add_argument`.
+    """
+    if metavar:
+        options["metavar"] = metavar
+
+    def add(parser: Any) -> None:
+        action = parser.add_argument(name, help=text, **options)
+        action.accepts = accepts or _accepted(action.type, action.choices)
+
+    return add
+
+
+def either(*arguments: Argument) -> Argument:
+    """Arguments of which at most one may be given."""
+
+    def add(parser: Any) -> None:
+        exclusive = parser.add_mutually_exclusive_group()
+        for one in arguments:
+            one(exclusive)
+
+    return add
+
+
+def group(title: str, *arguments: Argument) -> Argument:
+    """Arguments under a title of their own in the help."""
+
+    def add(parser: Any) -> None:
+        under = parser.add_argument_group(title)
+        for one in arguments:
+            one(under)
+
+    return add
+
+
+def _accepted(convert: Callable[[str], Any] | None, choices: Any) -> Callable[[str], bool]:
+    def accepts(word: str) -> bool:
+        if choices is not None:
+            return word in choices
+        try:
+            return convert is None or convert(word) is not None
+        except ValueError:
+            return False
+
+    return accepts
+
+
+_STOPS = ("path", "brakes", "both")
+
+
+def is_range(word: str) -> bool:
+    """NAME=LOW:HIGH."""
+    return "=" in word
+
+
+def is_index(word: str) -> bool:
+    """The name of a performance index, such as dm_2; robots are in capitals, or files."""
+    return re.fullmatch(r"[a-z][a-z0-9_]*", word) is not None
+
+
+TOLERANCE = argument(
+    "--tolerance",
+    "SET",
+    "uncertainty of floor, masses, friction and drives: none, workshop (default of plan, retime, place), "
+    "site, or a TOML file with [tolerance]",
+)
+LIMITS = group(
+    "limits",
+    *(
+        argument(option, unit, f"{text} (default: as in the task, or {default})", type=float)
+        for option, unit, text, default in (
+            ("--gn", "X", "maximum tip-over index GN; 1: a contact lifts", 0.9),
+            ("--gt", "X", "maximum friction utilisation GT; 1: a contact slips", 0.9),
+            ("--torque-ratio", "X", "maximum torque / torque limit of any joint", 1),
+            ("--clearance", "M", "minimum distance between colliding bodies, m", 0.01),
+            ("--foot-lift", "M", "maximum lift of a compliant foot, m", 0),
+        )
+    ),
+    TOLERANCE,
+)
+JOBS = argument("--jobs", "N", "processes (default: one per core)", type=int)
+SCHEDULER = argument("--scheduler", "ADDRESS", "run on the workers of a Dask cluster at this address")
+SEED = argument("--seed", "N", "seed of the random numbers (default: 0)", type=int, default=0)
+OUT = group(
+    "files",
+    argument(
+        "--out", "DIR", "output folder (default: ocptip-COMMAND-NAME); for several tasks DIR/NAME of each"
+    ),
+    argument("--overwrite", None, "replace files that ocptip did not write", action="store_true"),
+    argument("--no-figures", None, "write no figures", action="store_true"),
+)
+SENSITIVITIES = argument(
+    "--sensitivities",
+    None,
+    "list which changes would help, and by how much",
+    action="store_true",
+)
+MOTION_OF = (
+    either(
+        argument("--case", "A..H", "the motion belongs to a published case (default: as the file says)"),
+        argument("--task", "TASK.toml", "the motion belongs to this task (default: as the folder says)"),
+    ),
+    argument("--base", "SET", "base data of a published case: printed or effective (default)"),
+)
+COST_PER_SECOND = argument(
+    "--price-per-second", "W", "minimise energy + W joules per second of duration", type=float
+)
+RATE = argument(
+    "--rate",
+    "HZ",
+    "points per second for the controller (default: 100; linear: its update rate, 500)",
+    type=float,
+)
+EFFORT = argument("--effort", None, "write torques into trajectory.json", action="store_true")
+MAX_DURATION = argument("--max-duration", "S", "maximum duration of the motion, s", type=float)
+UNIT = argument("--unit", None, "unit of angles in columns without one", choices=("deg", "rad"))
+COLUMNS = argument(
+    "--columns",
+    "FILE.toml",
+    "map of CSV columns: a table [columns] with name = title or number, names as in motion.csv",
+)
+FILE_OF_MOTION = group(
+    "format of the motion",
+    COLUMNS,
+    argument(
+        "--rate",
+        "HZ",
+        "update rate of the controller that interpolates points without speeds (default: 500)",
+        type=float,
+    ),
+    UNIT,
+    argument(
+        "--rise-time",
+        "S",
+        "rise time of accelerations of profile commands, s (default: as in the motion or the task)",
+        type=float,
+    ),
+)
+BASE_LINK = argument("--base-link", "LINK", "link at rest in the URDF (default: root, or the driven base)")
+TOOL_FRAME = argument("--tool-frame", "FRAME", "end-effector link in the URDF (default: detected by name)")
+
+
+def objective(default: str) -> Argument:
+    """What a plan minimises."""
+    text = f"what is minimised (default: {default})"
+    return argument("--objective", None, text, choices=("energy", "time", "both"))
+
+
+def time_scale(text: str) -> Argument:
+    """Factors of the duration that are checked, too."""
+    return argument("--time-scale", "F", text, type=float, nargs="+", default=[])
+
+
+def stops(name: str, text: str, default: str) -> Argument:
+    """Protective stops; without a value `default`."""
+
+    def kind(word: str) -> str:
+        if word not in (*_STOPS, default):
+            raise argparse.ArgumentTypeError(
+                f"must be {', '.join(_STOPS[:-1])} or {_STOPS[-1]}, got {word!r}"
+            )
+        return word
+
+    return argument(
+        name, "|".join(_STOPS), text, nargs="?", const=default, type=kind, accepts=_STOPS.__contains__
+    )
