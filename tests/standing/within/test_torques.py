@@ -14,7 +14,7 @@ from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, SITE, Tolerance
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -42,7 +42,7 @@ def robot(request, tmp_path):
     robot = experiment_task("B").robot
     if request.param == "sliding and coupled":
         arm = arm_of(tmp_path, 3, [False, True, False, False], {4: (1, -0.5, 0.2)})
-        return StandingRobot(arm.with_payload(HELD), robot.support, robot.motors)
+        return Robot(arm.with_payload(HELD), robot.support, robot.motors)
     arm = robot.arm if request.param == "B" else robot.arm.with_payload(HELD)
     return robot.varied(arm=arm.with_process(PRESSED) if request.param == "pressing" else arm)
 

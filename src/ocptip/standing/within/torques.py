@@ -17,12 +17,12 @@ from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import StandingRobot, without_process
+from ocptip.standing.arm import Robot, without_process
 from ocptip.standing.tolerance import Tolerance
 
 
 def maximum_torques(
-    robot: StandingRobot,
+    robot: Robot,
     tolerance: Tolerance,
     q: np.ndarray,
     qd: np.ndarray,
