@@ -32,6 +32,7 @@ FLOORS = [
     "published",
     "task_files",
     "pictures",
+    "api",
     "cli",
     "__main__",
 ]

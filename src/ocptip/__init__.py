@@ -18,6 +18,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ocptip.api.stand import stand
     from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
         Binding,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     )
     from ocptip.pictures.scene import plot_scene
     from ocptip.reserves import Slip, TipOver
+    from ocptip.standing.arm import Robot
     from ocptip.task_files.scene import Scene, read_scene
 
     __version__: str
@@ -49,6 +51,7 @@ _HOME = {
     "Load": "ocptip.contact",
     "OcptipError": "ocptip.basics.errors",
     "RigidClamp": "ocptip.contact",
+    "Robot": "ocptip.standing.arm",
     "Scene": "ocptip.task_files.scene",
     "Slip": "ocptip.reserves",
     "Support": "ocptip.contact",
@@ -59,6 +62,7 @@ _HOME = {
     "solve": "ocptip.contact",
     "solve_many": "ocptip.contact",
     "stability": "ocptip.contact",
+    "stand": "ocptip.api.stand",
 }
 
 __all__ = [
@@ -71,6 +75,7 @@ __all__ = [
     "Load",
     "OcptipError",
     "RigidClamp",
+    "Robot",
     "Scene",
     "Slip",
     "Support",
@@ -82,6 +87,7 @@ __all__ = [
     "solve",
     "solve_many",
     "stability",
+    "stand",
 ]
 
 

@@ -11,6 +11,7 @@ from ocptip.basics.errors import InputWarning
 
 FARTHEST = 50.0
 """Lengths of a robot and its base above this, m, are taken for millimetres."""
+_ROUNDED = 0.99  # of the mass in a URDF: less than that is no rounding of two digits
 
 
 def doubt(message: str) -> None:
@@ -30,3 +31,13 @@ def doubt_metres(where: str, lengths: Any) -> None:
     largest = np.abs(np.asarray(lengths, dtype=float)).max(initial=0.0)
     if largest > FARTHEST:
         doubt(f"{where}: {largest:.4g} m is far for a robot; are these millimetres?")
+
+
+def too_light(mass: float, resting: float) -> str:
+    """Why a base of this mass, kg, cannot hold the resting links of a URDF, kg; empty if it can."""
+    if mass >= _ROUNDED * resting:
+        return ""
+    return (
+        f"{mass:.4g} kg is less than the {resting:.4g} kg of those links of the URDF that do not move and "
+        "are part of the base; give the mass of the whole base"
+    )

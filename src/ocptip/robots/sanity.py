@@ -18,18 +18,6 @@ LIGHTEST = 1.5
 HEAVIEST = 1500.0
 """Largest plausible mass per squared length of its chain, kg/m^2: an arm of a PR2 has 41, in grams 41000."""
 
-_ROUNDED = 0.99  # of the mass in a URDF: less than that is no rounding of two digits
-
-
-def too_light(arm: ArmModel, mass: float) -> str:
-    """Why a base of this mass, kg, cannot hold the resting links of the arm's URDF; empty if it can."""
-    if mass >= _ROUNDED * arm.base_mass:
-        return ""
-    return (
-        f"{mass:.4g} kg is less than the {arm.base_mass:.4g} kg of those links of the URDF that do not "
-        "move and are part of the base; give the mass of the whole base"
-    )
-
 
 class ImpossibleLinksError(InputError):
     """Links that move have an inertia that no body has.

@@ -13,6 +13,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ocptip.basics.doubts import too_light
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
@@ -31,7 +32,6 @@ from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.pinocchio import PinocchioModel
 from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
-from ocptip.robots.sanity import too_light
 from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
@@ -146,7 +146,7 @@ class Robot(StandingMechanism):
             collision=collision,
             package_dirs=package_dirs,
         )
-        if reason := too_light(arm, base_mass):
+        if reason := too_light(base_mass, arm.base_mass):
             raise InputError(f"base_mass: {reason}")
         support = Support(
             feet(contacts, friction),

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres
+from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres, too_light
 from ocptip.basics.errors import LARGEST
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.robots.sanity import too_light
 
 if TYPE_CHECKING:
     from ocptip.robots.model import ArmModel
@@ -69,7 +68,7 @@ def require_base_mass(data: Table, arm: ArmModel, mass: float, *, accepted: bool
     Raises:
         InputError: it is lighter, and that is not accepted.
     """
-    if not accepted and (reason := too_light(arm, mass)):
+    if not accepted and (reason := too_light(mass, arm.base_mass)):
         raise data.error(f"{reason}, or accept_mass = true", "base.mass")
 
 

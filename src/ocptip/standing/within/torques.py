@@ -16,8 +16,8 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
-from ocptip.robots.model import ArmModel
-from ocptip.standing.arm import Robot, without_process
+from ocptip.robots.model import ArmModel, without_process
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 
 

@@ -1,0 +1,1 @@
+"""What commands and users call: one module per verb. `ocptip` exports all of it."""

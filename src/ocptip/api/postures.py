@@ -1,0 +1,125 @@
+"""A robot that rests in a posture, as the scene of its base."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.text import did_you_mean
+from ocptip.contact.support import Load
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.task import MotionTask
+from ocptip.placement.within import posture_within
+from ocptip.standing.arm import Robot
+from ocptip.standing.instants import Instants
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.rest import own_refusals
+from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.within.rest import WithinAtRest
+from ocptip.task_files.cycle import read_task
+from ocptip.task_files.scene import Scene
+
+Rests = dict[str, tuple[StandingMechanism, np.ndarray, MotionLimits]]
+"""Robot, joint values and limits of postures at rest, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class RestingPosture:
+    """A robot at rest.
+
+    Attributes:
+        name: "start", "goal", the name of a segment whose goal it is, or "given".
+        robot: on its support, with what it holds and what acts on its gripper at rest.
+        q: (n,), rad (straight coordinates: m).
+        limits: of the task.
+        scene: the support, with what the robot does to it as the only load.
+    """
+
+    name: str
+    robot: StandingMechanism
+    q: np.ndarray
+    limits: MotionLimits
+    scene: Scene
+
+    @classmethod
+    def of(
+        cls, task: str, name: str, robot: StandingMechanism, q: np.ndarray, limits: MotionLimits
+    ) -> RestingPosture:
+        """The posture with its scene."""
+        still, support = np.zeros((1, robot.n)), robot.support
+        wrench = robot.loads(q[None], still, still)[1][0]
+        own = wrench - support.weight
+        load = Load(own[:3], own[3:], support.center_of_mass)
+        where = "in the given posture" if name == "given" else f"at {name}"
+        scene = Scene(f"{task} {where}", support, (load,), wrench, limits.tolerance)
+        return cls(name, robot, q, limits, scene)
+
+    @cached_property
+    def instant(self) -> Instants:
+        """The robot at rest in the posture."""
+        return Instants.at_rest(self.robot, self.q[None])
+
+    @property
+    def refusals(self) -> list[str]:
+        """Why the robot itself cannot be there: angles, clearance, torques."""
+        return own_refusals(self.robot, self.limits, self.instant)
+
+    def within(self, tolerance: Tolerance) -> WithinAtRest | None:
+        """The worst of a tolerance; None without one, and for parallel robots, which have none."""
+        if not tolerance.given or not isinstance(self.robot, Robot):
+            return None
+        return posture_within(self.robot, self.q, tolerance)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; joint values in rad and m."""
+        return {
+            "name": self.name,
+            "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),
+            "units": list(self.robot.units),
+            "torques": self.instant.torques[0].tolist(),
+            "broken": self.refusals,
+        }
+
+
+def resting_posture(
+    what: MotionTask | CycleTask | StandingMechanism | RestingPosture | str | os.PathLike[str],
+    q: ArrayLike | str | None,
+) -> RestingPosture:
+    """The posture of a robot, or of that of a task or its file; see :func:`ocptip.stand`."""
+    if isinstance(what, RestingPosture):
+        return what
+    if isinstance(what, StandingMechanism):
+        if q is None or isinstance(q, str):
+            raise InputError(f"q: expected {what.n} joint values of the robot, got {q!r}")
+        values = finite_array("q", q, (what.n,))
+        return RestingPosture.of("robot", "given", what, values, MotionLimits())
+    task = what if isinstance(what, MotionTask | CycleTask) else read_task(what, WORKSHOP)
+    rests = rests_of(task)
+    if isinstance(q, str):
+        if q not in rests:
+            raise InputError(f"q: expected one of {', '.join(rests)}, got {q!r}{did_you_mean(q, rests)}")
+        return RestingPosture.of(task.name, q, *rests[q])
+    robot, start, limits = rests["start"]
+    if q is None:
+        return RestingPosture.of(task.name, "start", robot, start, limits)
+    return RestingPosture.of(task.name, "given", robot, finite_array("q", q, (robot.n,)), limits)
+
+
+def rests_of(task: MotionTask | CycleTask) -> Rests:
+    """Postures at rest that a task names: start, goal, goals of segments."""
+    if isinstance(task, MotionTask):
+        ends = {"start": (0, task.start), "goal": (1, task.goal)}
+        return {name: (task.robot.resting(share), q, task.limits) for name, (share, q) in ends.items()}
+    first = task.segments[0].task
+    rests = {"start": (first.robot.resting(0), first.start, first.limits)}
+    for segment in task.segments:
+        own = segment.task
+        rests[segment.name] = own.robot.resting(1), own.goal, own.limits
+    return rests

@@ -1,0 +1,328 @@
+"""`ocptip.stand`: everything about one scene, or about a robot that rests in a posture."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.text import percent, quantity
+from ocptip.basics.write import plain, versions, write_json
+from ocptip.contact.elastic import Shared
+from ocptip.contact.states import ContactState, ContactStates
+from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, state_remark
+from ocptip.reserves.equal_compliance import EqualSharing, equal_sharing, face_each_other, reported_slip
+from ocptip.reserves.force_sets import ForceSets
+from ocptip.reserves.friction_needed import friction_needed
+from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
+from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.task_files.scene import Scene, read_scene
+from ocptip.task_files.tolerance import load_tolerance
+
+if TYPE_CHECKING:
+    from ocptip.api.postures import RestingPosture
+    from ocptip.motion.cycles.task import CycleTask
+    from ocptip.motion.task import MotionTask
+    from ocptip.standing.mechanism import StandingMechanism
+    from ocptip.standing.sensitivity import Sensitivity
+    from ocptip.standing.tolerance import Tolerance
+    from ocptip.standing.within.rest import WithinAtRest
+
+NO_MARGIN = 1 - 1e-9
+"""GN and GT from here on are 1 but for rounding."""
+
+
+def stand(
+    what: Scene | MotionTask | CycleTask | StandingMechanism | RestingPosture | str | os.PathLike[str],
+    q: ArrayLike | str | None = None,
+    *,
+    uncertainty: Tolerance | str | None = None,
+    reference_moment: float | None = None,
+    sensitivities: bool = False,
+) -> Standing:
+    """Return whether a base is stable under its loads, with forces, margins and the evidence.
+
+    Example::
+
+        ocptip.stand("examples/scenes/pushed_cart.toml").stable
+
+    Args:
+        what: a scene or its file; or a task, its file, or a robot, which rests in a posture.
+        q: the posture of a robot: (n,), rad (straight coordinates: m), or a name in the task ("start",
+            "goal", a segment). With a posture a file is a task file.
+        uncertainty: the worst case that the base has to stand, an object, a preset ("workshop", "none") or a
+            TOML file with a table `[tolerance]`. Default: that of the file or the task.
+        reference_moment: N m, M0 of GN; of scenes only, robots have one.
+        sensitivities: whether to compute what would help; of scenes only.
+
+    Raises:
+        InputError: a file, a value or a name cannot be used; one line.
+    """
+    posture = None
+    if isinstance(what, str | os.PathLike) and q is None:
+        what = read_scene(what)
+    if isinstance(what, Scene):
+        if q is not None:
+            raise InputError("q: belongs to a robot; a scene has none")
+        scene = what
+    else:
+        from ocptip.api.postures import resting_posture  # loads for 0.3 s what scenes do not need
+
+        if reference_moment is not None or sensitivities:
+            name = "sensitivities" if sensitivities else "reference_moment"
+            raise InputError(f"{name}: of a scene; a robot in a posture has its own reference moment")
+        posture = resting_posture(what, q)
+        scene = posture.scene
+    if uncertainty is None:
+        tolerance = scene.tolerance
+    else:
+        tolerance = load_tolerance(uncertainty) if isinstance(uncertainty, str | os.PathLike) else uncertainty
+    return _solved(scene, posture, tolerance, reference_moment, sensitivities)
+
+
+def _solved(
+    scene: Scene,
+    posture: RestingPosture | None,
+    tolerance: Tolerance,
+    reference: float | None,
+    wants_sensitivities: bool,
+) -> Standing:
+    support, slip = scene.support, Slip(scene.support)
+    within, sensitivities = None, ()
+    if posture is not None:
+        within = posture.within(tolerance)
+    elif tolerance.given:
+        from ocptip.standing.within.rest import scene_within
+
+        with naming(scene.name):
+            within = scene_within(support, scene.loads, tolerance, reference)
+    verdict = stability(support, scene.wrench)
+    state = verdict.state
+    if verdict.weak and state.solved and not state.persistent:
+        state = standing_state(verdict) or state
+    states = state.states
+    tip_over = TipOver(support, reference) if posture is None else posture.robot.tip_over
+    if wants_sensitivities:
+        from ocptip.standing.sensitivity import scene_sensitivities
+
+        sensitivities = scene_sensitivities(support, scene.loads, reference)
+    return Standing(
+        scene=scene,
+        states=states,
+        tip=tip_over.evaluate(states),
+        slip=slip.evaluate(states, derivatives=False),
+        redistribution=slip.redistribution,
+        verdict=verdict,
+        reference_given=reference is not None,
+        within=within,
+        sensitivities=sensitivities,
+        posture=posture,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Standing:
+    """What is known of a base under its loads.
+
+    Attributes:
+        scene: the base on its contacts, and the loads.
+        states: a batch of one: the contact solver's answer; where that moves although a solution on the
+            true cones stands, that one.
+        tip, slip: the margins against tipping and slipping of that state.
+        redistribution: of the slip margin: "tangential", or "full" where normal forces are not unique.
+        verdict: whether every solution of the contact laws stands.
+        reference_given: the reference moment of GN is the user's, not the support's.
+        within: the worst of the uncertainty; None: none was given.
+        sensitivities: what changes would do; empty if not asked for.
+        posture: of the robot whose scene this is; None: the scene is no robot's.
+    """
+
+    scene: Scene
+    states: ContactStates
+    tip: TipOverReserve
+    slip: SlipReserve
+    redistribution: Redistribution
+    verdict: StabilityVerdict
+    reference_given: bool = False
+    within: WithinAtRest | None = None
+    sensitivities: Sequence[Sensitivity] = ()
+    posture: RestingPosture | None = None
+
+    def __repr__(self) -> str:
+        """The verdict with the margins and their units."""
+        axis, moment = self.nearest_axis, ""
+        if axis:
+            numbers = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
+            moment = f"tipping margin {quantity(axis['moment_reserve'], 'N m', 3)} about contacts {numbers}, "
+        force = quantity(float(np.min(self.normal_forces)), "N", 3)
+        verdict = "stable" if self.stable else "not stable"
+        used = f"friction used {percent(float(self.slip.slip_ratio[0]))}, minimum normal force {force}"
+        return f"<Standing {self.scene.name}: {verdict} ({self.verdict.verdict}), {moment}{used}>"
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the data as JSON, or a picture (.png, .pdf, .svg), into a file; returns its path."""
+        path = Path(path)
+        if path.suffix == ".json":
+            write_json(path, plain(self.to_dict()))
+            return path
+        from ocptip.pictures.scene import plot_scene
+
+        plot_scene(self.scene, self.states, self.tip, reported_slip(self.states, self.slip), path)
+        return path
+
+    @property
+    def state(self) -> ContactState:
+        """The one state."""
+        return self.states[0]
+
+    @cached_property
+    def equal(self) -> EqualSharing | None:
+        """How equally compliant feet share the load; None where the sharing is unique or the base moves."""
+        equal = equal_sharing(self.states)
+        return equal if equal and np.isfinite(equal.GT[0]) else None
+
+    @cached_property
+    def friction_needed(self) -> float | None:
+        """Factor on the friction with which the contacts just hold the base; None if it is not known."""
+        if self.scene.planar or not self.state.solved:
+            return None
+        needed = friction_needed(self.scene.support, self.scene.wrench)
+        return needed if np.isfinite(needed) else None
+
+    @property
+    def normal_forces(self) -> np.ndarray:
+        """(n,) N: of equally compliant feet, where rigid ones leave them open."""
+        return (self.equal or self.slip).normal_forces[0]
+
+    @property
+    def friction_used(self) -> np.ndarray:
+        """(n,) shares of the friction, with these normal forces."""
+        return (self.equal or self.slip).usage[0]
+
+    @property
+    def normal_reserves(self) -> np.ndarray:
+        """(n,) distance of the normal forces from the ends of their sets, N."""
+        return np.minimum(*ForceSets(self.scene.support).room(self.normal_forces))
+
+    @cached_property
+    def feet(self) -> Shared | None:
+        """How feet that give share the load; None for rigid ones, or where the base does not rest."""
+        elastic = self.scene.support.elastic
+        shared = elastic.share(self.states.wrenches) if elastic and self.state.persistent else None
+        return shared if shared and shared.found[0] else None
+
+    @property
+    def stable(self) -> bool:
+        """True if the base is stable as described, and within the uncertainty where there is one."""
+        return self.nominally_stable and (self.within is None or self.within.stands)
+
+    @property
+    def nominally_stable(self) -> bool:
+        """True if the base as described stands: all solutions of the contact laws do, as far as is known.
+
+        With ordinary contacts this does not depend on the facets of the friction pyramids. Where rigid
+        contacts leave it open, declared springs decide.
+        """
+        undecided = self.verdict.weak and not self.verdict.decided
+        undecided &= self.verdict.state.persistent
+        return self.state.solved and (self.verdict.strong or undecided or self.on_springs)
+
+    @property
+    def on_springs(self) -> bool:
+        """Whether the forces of declared springs hold the base, within the friction."""
+        return bool(self.feet and self.slip.GT[0] < NO_MARGIN and not face_each_other(self.scene.support))
+
+    @property
+    def equal_remark(self) -> str:
+        """What equally compliant feet do, where the best sharing of the load does something else."""
+        if self.equal is None:
+            return ""
+        lifted = np.flatnonzero(self.equal.lifts[0]) + 1
+        found = [f"contact {k} lifts" for k in lifted]
+        found += [] if self.equal.stands[0] else ["the friction is not enough"]
+        return f"with equally compliant feet {' and '.join(found)}" if found else ""
+
+    @property
+    def without_reserve(self) -> str:
+        """What the least further load does to a base that just stands: "tips" or "slips"; else empty."""
+        if not self.nominally_stable:
+            return ""
+        if self.tip.GN[0] >= NO_MARGIN:
+            return "tips"
+        return "slips" if self.slip.GT[0] >= NO_MARGIN else ""
+
+    @property
+    def remark(self) -> str:
+        """Why the solver's state does not look like the verdict; else empty."""
+        return state_remark(self.verdict, float(np.nanmax(np.append(self.slip.usage[0], 0.0))))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything; contacts in the order of the file."""
+        state, changes = self.state, [one.to_dict() for one in self.sensitivities]
+        axis, counterexample = self.nearest_axis, self.verdict.counterexample
+        return {
+            "scene": self.scene.name,
+            "persistent": self.nominally_stable,
+            **({"within": self.within.to_dict()} if self.within else {}),
+            "without_reserve": self.without_reserve or None,
+            "solved": state.solved,
+            "status": state.status,
+            "stability": self.verdict.verdict,
+            "stability_explanation": self.verdict.explanation,
+            "stability_decided": self.verdict.decided,
+            "counterexample": None if counterexample is None else counterexample.modes,
+            "kinds": [contact.kind for contact in self.scene.support.contacts],
+            "modes": state.modes,
+            "forces": state.forces,
+            "redistribution": self.redistribution,
+            "normal_forces": self.normal_forces,
+            "friction_used": self.friction_used,
+            "equal_compliance": self.equal
+            and {
+                "GT": self.equal.GT[0],
+                "stands": bool(self.equal.stands[0]),
+                "lifts": np.flatnonzero(self.equal.lifts[0]) + 1,
+                "remark": self.equal_remark or None,
+            },
+            "best_sharing": self.equal
+            and {"normal_forces": self.slip.normal_forces[0], "friction_used": self.slip.usage[0]},
+            "remark": self.remark or None,
+            "normal_reserves": self.normal_reserves,
+            "foot_motions": self.feet.deflections[0] if self.feet else None,
+            "acceleration": state.acceleration,
+            "GN": self.tip.GN[0],
+            "GT": self.slip.GT[0],
+            "tip_ratio": self.tip.tip_ratio[0],
+            "lift_acceleration_m_s2": self.tip.lift_acceleration[0],
+            "slip_ratio": self.slip.slip_ratio[0],
+            "slide_acceleration_m_s2": self.slip.slide_acceleration[0],
+            "friction_needed": self.friction_needed,
+            "tipping_axis": axis,
+            "wrench": self.scene.wrench,
+            **({"sensitivities": changes} if changes else {}),
+            **({"posture": self.posture.to_dict()} if self.posture else {}),
+            "residual": self.verdict.state.residual,
+            "pivots": self.verdict.state.pivots,
+            "versions": versions(),
+        }
+
+    @property
+    def nearest_axis(self) -> dict[str, Any] | None:
+        """The tipping axis with the least moment reserve, N m; contacts from 1; None without one."""
+        index, axes = int(self.tip.nearest_axis[0]), self.tip.tip_over.axes
+        if not 0 <= index < len(axes):
+            return None
+        axis = axes[index]
+        return {
+            "contacts": [k + 1 for k in axis.contacts],
+            "point": axis.point,
+            "direction": axis.direction,
+            "moment_reserve": self.tip.moments[0, index],
+        }
