@@ -43,8 +43,9 @@ from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
-from ocptip.trajectories.arm_motion import INSIDE, ArmMotion, earliest_end, passive_command
+from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, RampCommand
+from ocptip.trajectories.trajectory import INSIDE
 
 LEAST_SPEED = 0.001
 """Lower bound of speeds as a share of the joint's limit; the planner lets joints all but rest."""

@@ -11,7 +11,8 @@ import numpy as np
 from ocptip.motion.check import check_motion
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import MotionSamples
-from ocptip.trajectories.arm_motion import INSIDE, ArmMotion
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import INSIDE
 
 SEARCHED = (0.05, 20.0)  # tau* is sought between these
 CELL = 5e-4  # s

@@ -3,6 +3,8 @@
 import copy
 import json
 from dataclasses import replace
+from fractions import Fraction
+from math import comb
 
 import numpy as np
 import pytest
@@ -117,6 +119,35 @@ def test_pieces_are_the_motion(swing):
         states_at(data, piece, u), motion.states(t), (1e-12, 1e-11, 1e-8), strict=True
     ):
         np.testing.assert_allclose(found, expected, atol=tolerance)
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.03])
+@pytest.mark.parametrize("controller", [None, "cubic", "quintic"])
+def test_coefficients_are_exact_up_to_rounding(swing, rise, controller):
+    """Of rational numbers: the polynomials of the trajectory, moved to the middle of a piece."""
+    if controller == "quintic" and not rise:
+        return
+    motion = swing[1].with_rise_times(rise)
+    motion = motion if controller is None else controller_points(motion, controller)
+    data = motion_data(motion)
+    for (left, right), angles in list(zip(data["times"], data["angles"], strict=True))[1:-1:3]:
+        middle, half = (Fraction(0.5 * (right + left * sign)) for sign in (1, -1))
+        for j, found in enumerate(angles):
+            breaks, c = motion.breaks[j], motion.coefficients[j]
+            piece = int(np.searchsorted(breaks, float(middle), side="right")) - 1
+            if piece >= c.shape[1]:  # it has come to rest
+                exact = [Fraction(motion.goal[j])]
+            else:
+                since, own = middle - Fraction(breaks[piece]), [Fraction(x) for x in c[:, piece]]
+                exact = [
+                    half**k * sum(comb(i, k) * own[i] * since ** (i - k) for i in range(k, len(own)))
+                    for k in range(len(own))
+                ]
+            size = max(map(abs, exact))
+            assert len(found) == 6
+            assert not any(found[len(exact) :])
+            for one, other in zip(exact, found, strict=False):
+                assert abs(one - Fraction(other)) <= 1e-14 * size
 
 
 def _way_there(start, way, bend, nodes):

@@ -28,7 +28,8 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import MERGE, ArmMotion
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import MERGE
 
 
 @pytest.fixture(scope="module")

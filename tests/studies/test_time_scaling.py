@@ -225,7 +225,7 @@ def test_bent_motion_is_raised_by_what_its_joint_does():
     bend = [RampCommand(case.start[1] - 0.3, 0.6, 4.0), RampCommand(case.start[1], 0.6, 4.0)]
     others = [[RampCommand(g, 0.5, 2.0)] for g in goal]
     motion = ArmMotion.from_commands(case.start, [others[0], bend, *others[2:]])
-    lowest = motion.joints[1].angle_range[0]
+    lowest = motion.joints[1].pieces.angle_ranges[0, 0]
     length = np.hypot(*arm.offsets[1][:2])
     tilt = np.arctan2(*arm.offsets[1][:2])
     expected = length * (np.cos(lowest - tilt) - np.cos(case.start[1] - tilt))

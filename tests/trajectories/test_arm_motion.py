@@ -83,7 +83,7 @@ def test_states_of_all_joints():
             assert values.shape == (40, 2)
             assert values.tolist() == np.column_stack(of_joints).tolist()
     assert motion.states(0.3)[0].shape == (2,)
-    assert motion.angle_ranges.tolist() == [list(joint.angle_range) for joint in motion.joints]
+    assert motion.angle_ranges.tolist() == [joint.pieces.angle_ranges[0].tolist() for joint in motion.joints]
 
 
 @given(st.lists(st.tuples(angles(), commands), min_size=1, max_size=3))

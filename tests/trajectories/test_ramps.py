@@ -75,7 +75,7 @@ def test_motion_obeys_physics(phi_start, given_commands):
     middle = motion.states(0.5 * (inside[1:] + inside[:-1]))[1]
     travelled = np.sum(simpson * (speed[:-1] + 4 * middle + speed[1:]))
     assert travelled == pytest.approx(motion.phi_end - phi_start, abs=np.diff(inside).max() ** 2 * 12 * 10)
-    low, high = motion.angle_range
+    low, high = motion.pieces.angle_ranges[0]
     assert low - 1e-12 <= angle.min()
     assert angle.max() <= high + 1e-12
 
@@ -126,8 +126,8 @@ def test_overshoot_at_a_reversal_is_in_the_range():
     """(5.35): turned back at speed w with a, the joint still goes w^2 / (2 a)."""
     motion = JointRamps.from_commands(0.0, [RampCommand(1.0, 1.0, 10.0), RampCommand(-1.0, 1.0, 0.5)])
     turned_at = motion.angles[2]
-    assert motion.angle_range == pytest.approx((-1.0, turned_at + 1.0))
-    assert motion.angle_range[1] > motion.angles.max() + 0.5
+    assert motion.pieces.angle_ranges[0] == pytest.approx((-1.0, turned_at + 1.0))
+    assert motion.pieces.angle_ranges[0, 1] > motion.angles.max() + 0.5
 
 
 def test_states_at_boundaries_and_outside():

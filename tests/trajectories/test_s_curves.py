@@ -11,11 +11,11 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.jumps import Jumps
-from ocptip.trajectories.arm_motion import MERGE, ArmMotion
+from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 from ocptip.trajectories.read import load_motion
-from ocptip.trajectories.s_curves import JointSCurve
+from ocptip.trajectories.trajectory import MERGE
 from tests.trajectories.strategies import angles, commands, numbers
 
 rises = numbers(1e-3, 0.8)
@@ -24,7 +24,7 @@ rises = numbers(1e-3, 0.8)
 def curve(phi, ramps, rise):
     made = JointRamps.from_commands(phi, ramps)
     assume(made.end > 0.01)
-    return JointSCurve(made, rise)
+    return ArmMotion((made,), (rise,))
 
 
 @settings(max_examples=60)
@@ -34,13 +34,13 @@ def test_states_are_means_of_the_ramps_over_the_rise_time(phi, ramps, rise, seed
     made = curve(phi, ramps, rise)
     times = np.random.default_rng(seed).uniform(-0.2, made.end + 0.2, 25)
     nodes, weights = np.polynomial.legendre.leggauss(3)
-    found = np.array(made.states(times)).T
+    found = np.hstack(made.states(times))
     for t, state in zip(times, found, strict=True):
-        edges = made.ramps.times
+        edges = made.joints[0].times
         cuts = np.unique([t - rise, t, *edges[(edges > t - rise) & (edges < t)]])
         half = 0.5 * np.diff(cuts)[:, None]
         at = 0.5 * (cuts[1:] + cuts[:-1])[:, None] + half * nodes
-        means = [np.sum(half * weights * part) / rise for part in made.ramps.states(at)]
+        means = [np.sum(half * weights * part) / rise for part in made.joints[0].states(at)]
         np.testing.assert_allclose(state, means, rtol=1e-9, atol=1e-9 + 1e-11 / rise)
 
 
@@ -48,13 +48,13 @@ def test_states_are_means_of_the_ramps_over_the_rise_time(phi, ramps, rise, seed
 @given(phi=angles(), ramps=commands, rise=rises)
 def test_pieces_join_and_rest_at_both_ends(phi, ramps, rise):
     made = curve(phi, ramps, rise)
-    for t in made.times:
+    for t in made.breaks[0]:
         before, after = made.states(t - 1e-12), made.states(t + 1e-12)
         np.testing.assert_allclose(before, after, atol=1e-7 * max(1.0, 1e-3 / rise))
-    assert made.end == made.ramps.end + rise
-    assert [float(v) for v in made.states(made.end + 1.0)] == [ramps[-1].phi_e, 0.0, 0.0]
-    assert [float(v) for v in made.states(-1.0)] == [phi, 0.0, 0.0]
-    assert np.all(np.diff(made.times) > 0)
+    assert made.end == made.joints[0].end + rise
+    assert [v.item() for v in made.states(made.end + 1.0)] == [ramps[-1].phi_e, 0.0, 0.0]
+    assert [v.item() for v in made.states(-1.0)] == [phi, 0.0, 0.0]
+    assert np.all(np.diff(made.breaks[0]) > 0)
 
 
 @settings(max_examples=60)
@@ -67,20 +67,21 @@ def test_pieces_join_and_rest_at_both_ends(phi, ramps, rise):
 def test_extremes_are_exact_and_within_those_of_the_ramps(phi, ramps, rise):
     made = curve(phi, ramps, rise)
     q, v, a = made.states(np.linspace(0, made.end, 4001))
-    low, high = made.angle_range
+    low, high = made.angle_ranges[0]
     h = made.end / 4000
-    speed, acceleration = made.speed_peak, made.acceleration_peak
+    (speed,), (acceleration,) = made.speed_peaks, made.acceleration_peaks
+    ramps = made.with_rise_times(0.0)
     for exact, sampled, slack in (
         (high, q.max(), speed * h),
         (-low, -q.min(), speed * h),
         (speed, np.abs(v).max(), acceleration * h),
-        (acceleration, np.abs(a).max(), 2 * made.ramps.acceleration_peak / rise * h),
+        (acceleration, np.abs(a).max(), 2 * ramps.acceleration_peaks[0] / rise * h),
     ):
         assert sampled - 1e-9 <= exact <= sampled + slack + 1e-9
-    own = made.ramps.angle_range
+    own = ramps.angle_ranges[0]
     assert own[0] - 1e-9 <= low <= high <= own[1] + 1e-9
-    assert speed <= made.ramps.speed_peak * (1 + 1e-9)
-    assert acceleration <= made.ramps.acceleration_peak * (1 + 1e-9) + 1e-12 / rise
+    assert speed <= ramps.speed_peaks[0] * (1 + 1e-9)
+    assert acceleration <= ramps.acceleration_peaks[0] * (1 + 1e-9) + 1e-12 / rise
 
 
 @settings(max_examples=100)
@@ -88,7 +89,7 @@ def test_extremes_are_exact_and_within_those_of_the_ramps(phi, ramps, rise):
 def test_crossings_are_where_the_speed_changes_its_sign(phi, ramps, rise):
     made = curve(phi, ramps, rise)
     times = np.linspace(2e-6, made.end - 2e-6, 3001)
-    speeds = made.states(times)[1]
+    speeds = made(times, 1)[:, 0]
     certain = np.abs(speeds) > 1e-9
     signs, kept = np.sign(speeds[certain]), times[certain]
     near = np.diff(kept) < 2 * (times[1] - times[0])  # not with a rest in between
@@ -99,11 +100,9 @@ def test_crossings_are_where_the_speed_changes_its_sign(phi, ramps, rise):
 
 
 def test_a_reversal_crosses_half_a_rise_time_later():
-    made = JointSCurve(
-        JointRamps.from_commands(0.0, [RampCommand(1.0, 0.8, 2.0), RampCommand(-0.5, 1.0, 2.0)]), 0.05
-    )
-    own = made.ramps.crossings[np.isfinite(made.ramps.crossings)]
-    np.testing.assert_allclose(made.crossings, own + 0.025, atol=1e-12)
+    ramps = ArmMotion.from_commands([0.0], [[RampCommand(1.0, 0.8, 2.0), RampCommand(-0.5, 1.0, 2.0)]])
+    assert len(ramps.crossings) == 1
+    np.testing.assert_allclose(ramps.with_rise_times(0.05).crossings, ramps.crossings + 0.025, atol=1e-12)
 
 
 MOTION = ArmMotion.from_commands(
@@ -123,9 +122,9 @@ def test_whole_motions(rise):
     times = np.linspace(-0.1, motion.end + 0.1, 200)
     states = motion.states(times)
     for j, (own, ramps) in enumerate(zip(each, MOTION.joints, strict=True)):
-        alone = (JointSCurve(ramps, own) if own else ramps).states(times)
+        alone = ArmMotion((ramps,), own).states(times)
         for part, value in zip(states, alone, strict=True):
-            np.testing.assert_array_equal(part[:, j], value)
+            np.testing.assert_array_equal(part[:, j], value[:, 0])
     ends = [ramps.end + own for ramps, own in zip(MOTION.joints[:2], each[:2], strict=True)]
     assert motion.end == max(ends)  # the third does not move
     edges = np.concatenate([MOTION.joints[0].times + each[0], MOTION.joints[1].times + each[1]])
@@ -138,7 +137,7 @@ def test_none_gives_the_ramps_themselves():
     for none in (0, 0.0, (), (0.0, 0.0, 0.0), np.zeros(3)):
         motion = MOTION.with_rise_times(none)
         assert motion.rise_times == ()
-        assert motion.curves is motion.joints
+        assert all(own is joint.pieces for own, joint in zip(motion.pieces, motion.joints, strict=True))
         assert motion.to_dict() == MOTION.to_dict()
         assert "rise_time_s" not in motion.to_dict()
 

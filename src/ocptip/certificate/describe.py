@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import factorial
 from typing import TYPE_CHECKING, Any
 
 import casadi as cs
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from ocptip.certificate.trusted.arm import PROCESS, TIMES
 from ocptip.contact.support import Support
@@ -19,15 +21,11 @@ from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot
 
-_SAMPLES = np.array([-0.9, -0.3, 0.3, 0.9])
-_ROUNDING = 1e-10  # of accelerations: smaller coefficients are none
-_NODES = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
 _ALIKE = 1e-6  # of accelerations
 _HALVED, _MOST = 6, 4000  # times pieces are halved that bend too much; pieces of a motion
 _ARM = "rotations offsets masses centres inertias slides armature mount_position mount_rotation"
@@ -38,80 +36,68 @@ def motion_data(motion: Motion) -> dict[str, Any]:
     """Pieces of a motion: between its events, and the rest before and after it.
 
     Of each piece `times`, (2,), s, and `angles`, (n, 6): coefficients of 1, u, u^2 ... with u from -1 to 1
-    over the piece, rad or m. Events within 0.1 us are one: the coefficients come from the piece's middle and
-    accelerations inside it, exact up to rounding for polynomials of degree 5. What is of higher degree is cut
-    into pieces that are as near as `unlike` wants them, if few halvings are enough.
+    over the piece, rad or m. They are those of the motion, moved to the middle of the piece: exact up to
+    rounding for polynomials of degree 5. Pieces of higher degree are cut until they are as near to such ones
+    as `unlike` wants them, if few halvings are enough. Events within 0.1 us are one, so a joint's polynomial
+    may end as much before its piece.
     """
     ends = motion.intervals
-    data = _pieces(motion, ends)
+    angles, off = _polynomials(motion, ends)
     for _ in range(_HALVED):
-        off, largest = _off(motion, data)
-        short = off > _ALIKE * largest
+        short = off > _least_difference(motion)
         if not short.any() or len(ends) + np.count_nonzero(short) > _MOST:
             break
         middle = ends[short].mean(axis=1)
         left, right = np.append(ends[:, 0], middle), np.append(ends[:, 1], middle)
         ends = np.column_stack([np.sort(left), np.sort(right)])
-        data = _pieces(motion, ends)
-    return data
-
-
-def _pieces(motion: Motion, intervals: np.ndarray) -> dict[str, Any]:
-    """Such data, of these intervals (pieces, 2), s."""
-    left, right = intervals.T
-    middle, half = 0.5 * (left + right), 0.5 * (right - left)
-    q, qd, _ = motion.states(middle)
-    inside = np.maximum(half - INSIDE, 0.0)
-    u = _SAMPLES * np.minimum(1.0, inside / (0.9 * half))[:, None]
-    qdd = motion.states((middle[:, None] + u * half[:, None]).ravel())[2].reshape(*u.shape, -1)
-    a = np.zeros_like(qdd)  # (pieces, coefficients, n) of the accelerations
-    for k in range(len(u)):
-        if inside[k] > 0:
-            a[k] = np.linalg.solve(np.vander(u[k], 4, increasing=True), qdd[k])
-        else:
-            a[k, 0] = qdd[k, 0]
-    small = _ROUNDING * np.maximum(1.0, np.max(np.abs(qdd), axis=1))
-    a[:, 1:] = np.where(np.abs(a[:, 1:]) <= small[:, None], 0.0, a[:, 1:])
-    bent = half[:, None, None] ** 2 * a / np.array([2, 6, 12, 20])[:, None]
-    c = np.moveaxis(np.concatenate([q[:, None], (half[:, None] * qd)[:, None], bent], axis=1), 1, 2)
-    rest = np.zeros((2, motion.n, c.shape[2]))
+        angles, off = _polynomials(motion, ends)
+    rest = np.zeros((2, *angles.shape[1:]))
     rest[:, :, 0] = motion.start, motion.goal
-    ends = np.array([[0.0, 0.0], [motion.end, motion.end]])
+    outside = np.array([[0.0, 0.0], [motion.end, motion.end]])
     return {
-        "times": np.concatenate([ends[:1], intervals, ends[1:]]).tolist(),
-        "angles": np.concatenate([rest[:1], c, rest[1:]]).tolist(),
+        "times": np.concatenate([outside[:1], ends, outside[1:]]).tolist(),
+        "angles": np.concatenate([rest[:1], angles, rest[1:]]).tolist(),
     }
 
 
-def unlike(motion: Motion, data: dict[str, Any]) -> str:
-    """Why pieces of a motion do not say what it does; empty if they do.
+def _polynomials(motion: Motion, intervals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (pieces, n, 6) in these intervals (pieces, 2), s, and by how much accelerations are off.
 
-    Accelerations are compared at 16 points of each piece, its middle has the angles and speeds of the motion.
-    So polynomials of time of degree 15 are known: what a cubic path is in cubic timing has degree 9.
+    What is of higher degree than 5 is cut from the Chebyshev series of the accelerations, whose terms are at
+    most their coefficients: their sum bounds the difference, (pieces,), rad/s^2 or m/s^2.
     """
-    off, largest = _off(motion, data)
+    middle, half = intervals.mean(axis=1), 0.5 * np.diff(intervals, axis=1)
+    orders = np.arange(max(len(part.derivatives) for part in motion.pieces))
+    values = [motion(middle, k) * half**k / factorial(k) for k in orders]
+    c = np.zeros((*values[0].shape, max(len(orders), 6)))
+    c[:, :, : len(orders)] = np.stack(values, axis=-1)
+    if len(orders) <= 6:
+        return c, np.zeros(len(c))
+    factors = orders[2:] * (orders[2:] - 1.0)
+    rows = [chebyshev.poly2cheb(row) for row in np.eye(len(factors))]  # of the powers, as series
+    to_series = np.array([np.pad(row, (0, len(factors) - len(row))) for row in rows])
+    series = (c[:, :, 2:] * factors) @ to_series
+    off = np.sum(np.abs(series[:, :, 4:]), axis=2) / half**2
+    c[:, :, 2:6] = series[:, :, :4] @ np.linalg.inv(to_series[:4, :4]) / factors[:4]
+    return c[:, :, :6], np.max(off, axis=1)
+
+
+def _least_difference(motion: Motion) -> float:
+    """Accelerations of pieces that differ by less are those of the motion, rad/s^2 or m/s^2."""
+    return _ALIKE * max(1.0, float(np.max(motion.acceleration_peaks)))
+
+
+def unlike(motion: Motion, data: dict[str, Any]) -> str:
+    """Why pieces of a motion do not say what it does; empty if they do."""
+    ends = np.array(data["times"])[1:-1]
+    off = _polynomials(motion, ends)[1]
     k = int(np.argmax(off))
-    if off[k] <= _ALIKE * largest:
+    if off[k] <= _least_difference(motion):
         return ""
     return (
         f"the motion is no polynomial of time of degree 5 in {len(off)} pieces: by {off[k]:.2g} rad or m/s^2 "
-        f"near {np.mean(data['times'][k + 1]):.4g} s; what a controller runs of it can be certified"
+        f"near {np.mean(ends[k]):.4g} s; what a controller runs of it can be certified"
     )
-
-
-def _off(motion: Motion, data: dict[str, Any]) -> tuple[np.ndarray, float]:
-    """By how much accelerations of pieces are off, (pieces,), and the largest acceleration, at least 1."""
-    times = np.array(data["times"])[1:-1]
-    middle, half = times.mean(axis=1), 0.5 * (times[:, 1] - times[:, 0])
-    own, off = np.flatnonzero(half > 2 * INSIDE), np.zeros(len(times))
-    if not len(own):
-        return off, 1.0
-    u = _NODES * (1 - INSIDE / half[own])[:, None]
-    t = (middle[own, None] + u * half[own, None]).ravel()
-    found = states_at(data, np.repeat(own + 1, len(_NODES)), u.ravel())[2]
-    expected = motion.states(t)[2]
-    off[own] = np.max(np.abs(found - expected).reshape(len(own), -1), axis=1)
-    return off, max(1.0, float(np.max(np.abs(expected))))
 
 
 def states_at(

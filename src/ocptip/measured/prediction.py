@@ -15,8 +15,8 @@ from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import without_process
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import INSIDE
 
 DAMPING = 0.05
 """Ratio with which the search for that of springs begins."""

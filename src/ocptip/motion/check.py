@@ -28,8 +28,8 @@ from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import Limit, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import INSIDE
 
 MOST_INSTANTS = 1_000_000
 """Largest number of instants of the first grid: some 3 GB of memory."""

@@ -27,8 +27,8 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.jumps import SMALLEST
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.worst_case import WorstCase
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import INSIDE
 
 MOST = 5000  # combinations of what joints do at one instant; of more, all alike, or all but one
 MOST_OF_ALL = 20_000  # combinations in a motion; of more, those that are worst by slopes

@@ -24,8 +24,8 @@ from ocptip.motion.execution import Execution
 from ocptip.motion.source import TASK, TaskSource, source_of
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
-from ocptip.trajectories.arm_motion import INSIDE, MERGE
 from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.trajectory import INSIDE, MERGE
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan

@@ -30,8 +30,8 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import INSIDE
 
 SPACING = 0.01  # s: between instants, at most
 FIRST = 20  # wrenches beyond half spaces that are looked at before the others

@@ -17,7 +17,7 @@ from ocptip.motion.late_joints import doings, worst_of_ways
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.arm_motion import INSIDE
+from ocptip.trajectories.trajectory import INSIDE
 
 NAMES = ("tip-over within tolerance", "slip within tolerance")
 _NEAR = 0.03  # of M0, or of GT: rows that are missed by less than this are taken, too

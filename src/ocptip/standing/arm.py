@@ -18,6 +18,7 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
+from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.arm_source import arm_from
 from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
@@ -36,9 +37,9 @@ from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
-from ocptip.trajectories.arm_motion import MERGE, gauss_legendre
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import MERGE
 
 _STEP = 0.005  # s: between instants at which the gripper's way is looked at
 _STEPS = 2000  # of a path, likewise

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number, rotation_matrix
 from ocptip.contact.support import Support
 from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.parallel.description.robot_description import PRISMATIC
 from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
 from ocptip.parallel.minimal_form import minimal_form
@@ -30,7 +31,6 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
-from ocptip.trajectories.arm_motion import gauss_legendre
 from ocptip.trajectories.sampled import Motion
 
 MOTOR_SPEED, SINGULARITY = "motor_speed", "singularity"

@@ -9,20 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, naming, number_from, positive_number, whole_number
-from ocptip.basics.frozen import read_only, settle
+from ocptip.basics.errors import InputError, finite_array, naming, number_from, positive_number
+from ocptip.basics.frozen import settle
+from ocptip.trajectories.pieces import Pieces
 from ocptip.trajectories.ramps import JointRamps, RampCommand
-from ocptip.trajectories.s_curves import JointSCurve
+from ocptip.trajectories.s_curves import s_curve
+from ocptip.trajectories.trajectory import Trajectory
 
-MERGE = 1e-7  # events nearer to each other than this are one, s: rounding of commands moves events
-INSIDE = 1.5 * MERGE
-"""Distance from events at which their two sides are looked at, s."""
 SHORTEST_RISE = 1e-4
 """Least rise time, s: far above the time within which events are one."""
 _COMMAND_KEYS = ("phi_e", "speed", "acceleration")
@@ -71,49 +70,8 @@ def passive_command(
     return RampCommand(phi_goal, v, min(acceleration, a_limit))  # above it by rounding only
 
 
-class EventfulMotion:
-    """What motions have that their events divide into smooth pieces.
-
-    Attributes:
-        peak_rounding: share of the limits by which rounding may lift speeds and accelerations.
-        assumed: what the reader of a file had to assume, in words.
-    """
-
-    peak_rounding = 0.0
-    assumed: tuple[str, ...] = ()
-
-    @cached_property
-    def event_times(self) -> np.ndarray:
-        """Instants of the events, sorted, (S,), s."""
-        raise NotImplementedError
-
-    @property
-    def intervals(self) -> np.ndarray:
-        """Intervals between events, (S - 1, 2), s: within each, torque and power are smooth."""
-        return np.column_stack([self.event_times[:-1], self.event_times[1:]])
-
-    def quadrature(self, order: int = 4) -> tuple[np.ndarray, np.ndarray]:
-        """Return Gauss-Legendre nodes (s) inside all intervals and their weights (s), (5.25); both (N,).
-
-        `weights @ f(nodes)` is the integral over the motion, exact for polynomials up to degree
-        2 order - 1 in each interval. N = (S - 1) order, sorted by time.
-
-        Raises:
-            InputError: order is not a whole number >= 1.
-        """
-        return gauss_legendre(self.intervals, order)
-
-    def both_sides(self, spacing: float) -> np.ndarray:
-        """Start, end, both sides of all events, instants between them at most `spacing` apart, (N,), s."""
-        pieces = [self.event_times[[0, -1]]]
-        for left, right in self.intervals:
-            count = max(4, int(np.ceil((right - left) / spacing)) + 1)
-            pieces.append(np.linspace(left + INSIDE, right - INSIDE, count))
-        return np.unique(np.concatenate(pieces))
-
-
-@dataclass(frozen=True, eq=False)
-class ArmMotion(EventfulMotion):
+@dataclass(frozen=True, eq=False, repr=False)
+class ArmMotion(Trajectory):
     """The motion of all n joints of an arm, each with its own ramps, all from rest at t = 0.
 
     With rise times the joints move in S-curves, see `ocptip.trajectories.s_curves`; ramps have none.
@@ -131,7 +89,7 @@ class ArmMotion(EventfulMotion):
         settle(self, joints=tuple(self.joints))
         if not self.joints:
             raise InputError("joints: at least one is needed, got none")
-        settle(self, rise_times=checked_rise_times(self.rise_times, self.n))
+        settle(self, rise_times=checked_rise_times(self.rise_times, len(self.joints)))
 
     @classmethod
     def from_commands(
@@ -168,12 +126,11 @@ class ArmMotion(EventfulMotion):
         return ArmMotion(self.joints, checked_rise_times(rise_times, self.n))
 
     @cached_property
-    def curves(self) -> tuple[JointRamps | JointSCurve, ...]:
-        """What the joints do."""
-        if not self.rise_times:
-            return self.joints
-        pairs = zip(self.joints, self.rise_times, strict=True)
-        return tuple(JointSCurve(ramps, rise) if rise > 0 else ramps for ramps, rise in pairs)
+    def pieces(self) -> tuple[Pieces, ...]:
+        """What each joint does."""
+        rises = self.rise_times or (0.0,) * len(self.joints)
+        pairs = zip(self.joints, rises, strict=True)
+        return tuple(s_curve(ramps, rise) if rise > 0 else ramps.pieces for ramps, rise in pairs)
 
     @classmethod
     def with_passive(
@@ -217,73 +174,6 @@ class ArmMotion(EventfulMotion):
             command = passive_command(start[j], goal[j], end, v[j], a[j])
             joints[j] = JointRamps.from_commands(start[j], [command])
         return cls(tuple(joints[j] for j in range(n)))
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
-
-    @property
-    def start(self) -> np.ndarray:
-        """Angles before the motion, (n,), rad."""
-        return np.array([joint.phi_start for joint in self.joints])
-
-    @property
-    def goal(self) -> np.ndarray:
-        """Angles after the motion, (n,), rad."""
-        return np.array([joint.phi_end for joint in self.joints])
-
-    @property
-    def end(self) -> float:
-        """When the last joint has come to rest, s."""
-        return max(joint.end for joint in self.curves)
-
-    @property
-    def angle_ranges(self) -> np.ndarray:
-        """Least and greatest angle of each joint during the motion, overshoot included, (n, 2), rad."""
-        return np.array([joint.angle_range for joint in self.curves])
-
-    @property
-    def speed_peaks(self) -> np.ndarray:
-        """Greatest |speed| of each joint, (n,), rad/s."""
-        return np.array([joint.speed_peak for joint in self.curves])
-
-    @property
-    def acceleration_peaks(self) -> np.ndarray:
-        """Greatest |acceleration| of each joint, (n,), rad/s^2."""
-        return np.array([joint.acceleration_peak for joint in self.curves])
-
-    def states(
-        self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return angles (rad), speeds (rad/s), accelerations (rad/s^2) at N times (s): three arrays (N, n).
-
-        See :meth:`JointRamps.states` for `side` and errors; a single time gives (n,).
-        """
-        states = [joint.states(times, side=side) for joint in self.curves]
-        angles, speeds, accelerations = (np.stack(values, axis=-1) for values in zip(*states, strict=True))
-        return angles, speeds, accelerations
-
-    @cached_property
-    def crossings(self) -> np.ndarray:
-        """When any joint's speed changes sign, sorted, (K,), s (5.27). A passive joint's does not."""
-        times = np.concatenate([joint.crossings for joint in self.curves])
-        return np.sort(times[np.isfinite(times)])
-
-    @cached_property
-    def event_times(self) -> np.ndarray:
-        """Boundaries of all joints' phases and all zero crossings of speeds, sorted, (S,), s (5.24), (5.26).
-
-        From 0 to the end. Events within 0.1 us of each other are one, so that no interval is shorter. An arm
-        that does not move has but the event 0.
-        """
-        end = self.end
-        times = np.unique(np.concatenate([self.crossings, *(joint.times for joint in self.curves)]))
-        kept = [0.0]
-        for t in times:
-            if t - kept[-1] > MERGE and end - t > MERGE:
-                kept.append(float(t))
-        return np.array([*kept, end] if end > MERGE else kept)
 
     def time_scaled(self, factor: float) -> ArmMotion:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
@@ -366,25 +256,6 @@ def checked_rise_times(rise_times: Any, n: int, name: str = "rise_time") -> tupl
     if any(0 < one < SHORTEST_RISE for one in found):
         raise InputError(f"{name}: must be 0 or at least {SHORTEST_RISE} s, got {min(filter(None, found))!r}")
     return found if any(found) else ()
-
-
-def gauss_legendre(intervals: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Gauss-Legendre nodes (s) in all intervals ((S, 2), s) and their weights (s), both (N,).
-
-    Raises:
-        InputError: order is not a whole number >= 1.
-    """
-    x, w = unit_gauss_legendre(whole_number("order", order, 1))
-    left, right = intervals.T
-    length = (right - left)[:, None]
-    return (left[:, None] + length * x).ravel(), (length * w).ravel()
-
-
-@cache
-def unit_gauss_legendre(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on [0, 1], (order,) each."""
-    x, w = np.polynomial.legendre.leggauss(order)
-    return read_only((x + 1) / 2), read_only(w / 2)
 
 
 def _is_list(value: Any) -> bool:

@@ -78,7 +78,7 @@ def controller_points(
         return SampledMotion(times, angles, speeds, accelerations)
     if not all(motion.rise_times or [0.0]):
         raise InputError("rise_time: must be > 0 for quintic, which cannot run accelerations that jump")
-    times = _spread(np.unique(np.concatenate([curve.times for curve in motion.curves])), step)
+    times = _spread(np.unique(np.concatenate(motion.breaks)), step)
     angles, speeds, accelerations = motion.states(times)
     _rest(motion, times, angles, speeds, accelerations)
     return SampledMotion(times, angles, speeds, accelerations)

@@ -22,7 +22,6 @@ a piece has one or several. Events of the motion are the ends of pieces at which
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import clarabel
@@ -52,7 +51,7 @@ ENOUGH = 20  # samples from which on noise is estimated
 STILL = 0.3186  # quantile 0.25 of the absolute value of a standard normal variable
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FittedMotion(SampledMotion):
     """A motion through samples within a tolerance, see the module.
 
@@ -81,12 +80,10 @@ class FittedMotion(SampledMotion):
         """(n,): the tolerance comes from noise, not from rounding."""
         return self.tolerance > 1.5 * np.maximum(self.rounding, FINEST)
 
-    @cached_property
-    def _changes(self) -> np.ndarray:
+    def _switching(self, derivatives: np.ndarray) -> np.ndarray:
         """(knots,) True where an acceleration jumps, by more than it may be off; the program leaves few."""
-        accelerations = 2 * self._curve.c[1]
-        jumps = np.abs(np.diff(accelerations, axis=0))
-        large = jumps > PEAK_TOLERANCE * np.max(np.abs(accelerations), axis=0)
+        jumps = np.abs(np.diff(derivatives[2], axis=0))
+        large = jumps > PEAK_TOLERANCE * np.max(np.abs(derivatives[2]), axis=0)
         return np.concatenate([[True], np.any(large, axis=1), [True]])
 
     def fit_to_dict(self) -> dict[str, Any]:

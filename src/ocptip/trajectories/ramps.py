@@ -20,13 +20,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.basics.frozen import read_only, settle
+from ocptip.trajectories.pieces import Pieces, Side
 
 _IDLE = 1.0  # speed (rad/s) and acceleration (rad/s^2) of a command that moves nothing; any value would do
 
@@ -92,20 +93,6 @@ def servo_ramp(phi_a: float, w_a: float, phi_e: float, speed: float, acceleratio
 
 def _sign(value: float) -> float:
     return float((value > 0) - (value < 0))
-
-
-def checked_times(times: ArrayLike, side: str) -> np.ndarray:
-    """Return times (any shape, s) as floats.
-
-    Raises:
-        InputError: a time is not finite, or side is neither "left" nor "right".
-    """
-    t = np.asarray(times, dtype=float)
-    if not np.all(np.isfinite(t)):
-        raise InputError("times: contains NaN or infinity")
-    if side not in ("left", "right"):
-        raise InputError(f'side: must be "left" or "right", got {side!r}')
-    return t
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,23 +201,6 @@ class JointRamps:
         crossing = self.times[:-2:2] + np.abs(before) / self._command_accelerations
         return np.where(before * after < 0, crossing, np.nan)
 
-    @cached_property
-    def angle_range(self) -> tuple[float, float]:
-        """Least and greatest angle of the motion, rad, exact: overshoot at reversals included (5.35)."""
-        turns = self.crossings[np.isfinite(self.crossings)]
-        angles = np.concatenate([self.angles, self.states(turns)[0]])
-        return float(angles.min()), float(angles.max())
-
-    @property
-    def speed_peak(self) -> float:
-        """Greatest |speed|, rad/s."""
-        return float(np.max(np.abs(self.speeds)))
-
-    @property
-    def acceleration_peak(self) -> float:
-        """Greatest |acceleration|, rad/s^2."""
-        return float(np.max(np.abs(self.accelerations)))
-
     @property
     def margins(self) -> np.ndarray:
         """How far each target is from where braking at once would lead, (n,), rad.
@@ -242,9 +212,16 @@ class JointRamps:
         way = np.array([command.phi_e for command in self.commands]) - self.angles[:-2:2]
         return np.abs(way - 0.5 * w_a * np.abs(w_a) / self._command_accelerations)
 
-    def states(
-        self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    @cached_property
+    def pieces(self) -> Pieces:
+        """The phases that last, as polynomials of time (5.9), of this one joint."""
+        lasting = np.diff(self.times) > 0
+        ends = np.append(lasting, True)
+        rows = self.angles[:-1], self.speeds[:-1], self.accelerations
+        derivatives = np.stack(rows)[:, lasting, None]
+        return Pieces(self.times[ends], derivatives, self.angles[-1:])
+
+    def states(self, times: ArrayLike, *, side: Side = "right") -> tuple[np.ndarray, ...]:
         """Return angle (rad), speed (rad/s) and acceleration (rad/s^2) at times (any shape, s), (5.9).
 
         Args:
@@ -254,23 +231,11 @@ class JointRamps:
         Raises:
             InputError: a time is not finite, or side is another word.
         """
-        t = checked_times(times, side)
-        phase = np.searchsorted(self.times, t, side=side)  # 0: rest before, 1 .. 2 n + 1: moving, then: rest
-        t_0, phi_0, w_0, a_0 = self._padded
-        w, a, elapsed = w_0[phase], a_0[phase], t - t_0[phase]
-        return phi_0[phase] + elapsed * (w + 0.5 * a * elapsed), w + a * elapsed, a
+        return tuple(values[..., 0] for values in self.pieces.at(times, side=side))
 
     @cached_property
     def _command_accelerations(self) -> np.ndarray:
         return np.array([command.acceleration for command in self.commands])
-
-    @cached_property
-    def _padded(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Start times, angles, speeds, accelerations: rest before, phases, rest after; (2 n + 3,) each."""
-        times, angles, speeds = (
-            np.concatenate([values[:1], values]) for values in (self.times, self.angles, self.speeds)
-        )
-        return times, angles, speeds, np.concatenate([[0.0], self.accelerations, [0.0]])
 
 
 def phase_violations(

@@ -28,30 +28,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import settle
-from ocptip.trajectories.arm_motion import MERGE, ArmMotion, EventfulMotion
-from ocptip.trajectories.ramps import checked_times
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.pieces import STANDSTILL, Pieces
 from ocptip.trajectories.timed_path import TimedPath
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
+from ocptip.trajectories.trajectory import MERGE, Trajectory
 
 REST = 1e-3
 """Speed, rad/s: a motion that begins or ends faster is only a piece of one."""
 
 SHORT = 3e-4  # s: of intervals whose positions are not differentiated where accelerations are given
 LONGEST = 0.05  # s: of the pieces of straight lines, over which power is integrated by a few nodes
-_STILL = 1e-9  # rad/s: a joint that never gets faster rests; changes of sign are rounding
 
 
-@dataclass(frozen=True, eq=False)
-class SampledMotion(EventfulMotion):
+@dataclass(frozen=True, eq=False, repr=False)
+class SampledMotion(Trajectory):
     """The motion of n joints through N samples, see the module for what lies between them.
 
     It rests before the first and after the last sample. Serves wherever an :class:`ArmMotion` is checked.
@@ -117,11 +113,6 @@ class SampledMotion(EventfulMotion):
         settle(self, **values)
 
     @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.angles.shape[1]
-
-    @property
     def interpolation(self) -> str:
         """What lies between the samples, for messages."""
         if self.period is not None:
@@ -132,88 +123,22 @@ class SampledMotion(EventfulMotion):
         return f"{'cubic' if self.accelerations is None else 'quintic'} Hermite polynomials"
 
     @property
-    def start(self) -> np.ndarray:
-        """Angles before the motion, (n,), rad."""
-        return self.angles[0]
-
-    @property
-    def goal(self) -> np.ndarray:
-        """Angles after the motion, (n,), rad."""
-        return self.angles[-1]
-
-    @property
     def passing_times(self) -> np.ndarray:
         """When the motion is at its samples, (N,), s: straight lines are half a period late."""
         return self.times if self.period is None else np.append(self.times[:-1] + 0.5 * self.period, self.end)
 
-    @property
-    def end(self) -> float:
-        """Time of rest after the motion, s."""
-        return float(self._breaks[-1])
-
     @cached_property
-    def angle_ranges(self) -> np.ndarray:
-        """Least and greatest angle of each joint during the motion, exact, (n, 2), rad."""
-        ranges = []
-        for joint, turns in enumerate(self._turns):
-            angles = self.states(np.concatenate([self._breaks, turns]))[0][:, joint]
-            ranges.append((angles.min(), angles.max()))
-        return np.array(ranges)
+    def pieces(self) -> tuple[Pieces, ...]:
+        """The polynomials between the samples, of all joints at once."""
+        if self.period is not None:
+            breaks, derivatives = self._rounded_lines(self.period)
+        else:
+            breaks, derivatives = self.times, self._between_samples()
+        return (Pieces(breaks, derivatives, self.angles[-1], self._switching(derivatives)),)
 
-    @cached_property
-    def speed_peaks(self) -> np.ndarray:
-        """Greatest |speed| of each joint, exact, (n,), rad/s."""
-        return _peaks(self._curve.derivative())
-
-    @cached_property
-    def acceleration_peaks(self) -> np.ndarray:
-        """Greatest |acceleration| of each joint, exact, (n,), rad/s^2."""
-        return _peaks(self._curve.derivative(2))
-
-    def states(
-        self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return angles (rad), speeds (rad/s), accelerations (rad/s^2) at N times (s): three arrays (N, n).
-
-        Args:
-            times: when; a single time gives (n,).
-            side: "right": at a sample the acceleration after it, "left": the one before it.
-
-        Raises:
-            InputError: a time is not finite, or side is another word.
-        """
-        t = checked_times(times, side)
-        starts, coefficients = self._padded
-        piece = np.searchsorted(self._breaks, t, side=side)  # 0: rest before, 1 .. N - 1: moving, N: rest
-        elapsed, values = (t - starts[piece])[..., None], coefficients[:, piece]
-        powers = np.arange(len(values))[::-1].reshape(-1, *[1] * (values.ndim - 1))
-        results = []
-        for _ in range(3):
-            result = values[0]
-            for value in values[1:]:
-                result = value + elapsed * result
-            results.append(result)
-            values, powers = (values * powers)[:-1], powers[1:]
-        return tuple(results)
-
-    @cached_property
-    def event_times(self) -> np.ndarray:
-        """Samples, and all instants at which a joint's speed changes sign, sorted, (S,), s.
-
-        Instants within 0.1 us of a sample or of each other are one. Samples amid a standstill are no events.
-        """
-        kept = [0.0]
-        for t in np.unique(np.concatenate(self._turns)):
-            index = min(int(np.searchsorted(self._breaks, t)), len(self._breaks) - 1)
-            nearest = np.min(np.abs(self._breaks[max(index - 1, 0) : index + 1] - t))
-            if nearest > MERGE and t - kept[-1] > MERGE:
-                kept.append(float(t))
-        return np.unique(np.concatenate([kept, self._breaks[self._changes]]))
-
-    @cached_property
-    def _changes(self) -> np.ndarray:
+    def _switching(self, derivatives: np.ndarray) -> np.ndarray:
         """(breaks,) True at breaks between pieces at which the motion changes, and at both ends."""
-        still = np.all(self._curve.c[:-1] == 0, axis=(0, 2))
+        still = np.all(derivatives[1:] == 0, axis=(0, 2))
         return np.concatenate([[True], ~(still[1:] & still[:-1]), [True]])
 
     def time_scaled(self, factor: float) -> SampledMotion:
@@ -224,22 +149,29 @@ class SampledMotion(EventfulMotion):
         scaled = {name: x * factor ** powers[name] for name, x in own.items() if x is not None}
         return replace(self, **scaled)
 
-    @cached_property
-    def _curve(self) -> PPoly:
-        from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly  # loads for 0.1 s
-
-        if self.period is not None:
-            return PPoly(*self._rounded_lines(self.period))
+    def _between_samples(self) -> np.ndarray:
+        """Derivatives (D + 1, N - 1, n) of the interpolation at the samples."""
         if self.speeds is None:
-            return CubicSpline(self.times, self.angles, bc_type="clamped")
+            from scipy.interpolate import CubicSpline  # loads for 0.1 s
+
+            spline = CubicSpline(self.times, self.angles, bc_type="clamped")
+            return spline.c[::-1] * np.array([1.0, 1.0, 2.0, 6.0])[:, None, None]
         if self.accelerations is None:
-            return CubicHermiteSpline(self.times, self.angles, self.speeds)
-        return PPoly(self._quintic(self.speeds, self.accelerations, self.before), self.times)
+            return self._cubic(self.speeds)
+        return self._quintic(self.speeds, self.accelerations, self.before)
+
+    def _cubic(self, speeds: np.ndarray) -> np.ndarray:
+        """Derivatives of cubic Hermite polynomials at the samples."""
+        h = np.diff(self.times)[:, None]
+        rate = np.diff(self.angles, axis=0) / h
+        second = (3 * rate - 2 * speeds[:-1] - speeds[1:]) / h
+        third = (speeds[:-1] + speeds[1:] - 2 * rate) / h**2
+        return np.stack([self.angles[:-1], speeds[:-1], 2 * second, 6 * third])
 
     def _quintic(
         self, speeds: np.ndarray, accelerations: np.ndarray, before: np.ndarray | None
     ) -> np.ndarray:
-        """Coefficients of quintic Hermite polynomials; exactly at rest where the samples are.
+        """Derivatives of quintic Hermite polynomials at the samples; exactly at rest where these are.
 
         In intervals so short that rounding would decide them, accelerations change evenly instead.
         """
@@ -256,18 +188,19 @@ class SampledMotion(EventfulMotion):
             np.where(short, even, own)
             for even, own in ((0.0, fifth), (0.0, fourth), (bends / (6 * h), third))
         )
-        rows = fifth, fourth, third, 0.5 * begin, speeds[:-1], self.angles[:-1]
-        return np.stack(rows)
+        return np.stack([self.angles[:-1], speeds[:-1], begin, 6 * third, 24 * fourth, 120 * fifth])
 
     def _rounded_lines(self, period: float) -> tuple[np.ndarray, np.ndarray]:
         """Straight lines between the samples, averaged over one period: each corner becomes a parabola.
 
         Returns:
-            Coefficients, and the breaks between the pieces.
+            The breaks between the pieces, and the derivatives at their begins.
         """
         corners = _corners(self.times, self.angles)
         times, places = self.times[corners], self.angles[corners]
-        rates = np.zeros((len(times) + 1, self.n))  # rest before the first and after the last one, too
+        rates = np.zeros(
+            (len(times) + 1, self.angles.shape[1])
+        )  # rest before the first and after the last one, too
         rates[1:-1] = np.diff(places, axis=0) / np.diff(times)[:, None]
         breaks = np.unique(np.concatenate([times, times + period]))  # half a period later than the corners
         kept = np.append(np.diff(breaks) > MERGE, True)  # corners one period apart have no line between them
@@ -280,7 +213,7 @@ class SampledMotion(EventfulMotion):
         begin, end = _snapped(breaks - period, times), _snapped(breaks, times)
         first = np.searchsorted(times, begin, side="right")  # lines on which the periods begin
         last = np.searchsorted(times, end, side="left")
-        begins, speeds = np.zeros((2, len(breaks), self.n))
+        begins, speeds = np.zeros((2, len(breaks), places.shape[1]))
         for line in range(int(np.max(last - first)) + 1):
             row = np.minimum(first + line, len(times))
             low, high = np.maximum(begin, ends[row]), np.minimum(end, ends[row + 1])
@@ -290,28 +223,7 @@ class SampledMotion(EventfulMotion):
             begins, speeds = begins + share * middle, speeds + share * rates[row]
         middles = 0.5 * (breaks[:-1] + breaks[1:])
         after, before = (np.searchsorted(times, t, side="right") for t in (middles, middles - period))
-        squares = 0.5 * (rates[after] - rates[before]) / period
-        return np.stack([squares, speeds[:-1], begins[:-1]]), breaks
-
-    @property
-    def _breaks(self) -> np.ndarray:
-        """Ends of the curve's pieces, s."""
-        return self._curve.x
-
-    @cached_property
-    def _padded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Start times (N + 1,) and coefficients (., N + 1, n), highest first, with rest before and after."""
-        rest = np.zeros((2, len(self._curve.c), 1, self.n))
-        rest[:, -1, 0] = self.start, self.goal
-        coefficients = np.concatenate([rest[0], self._curve.c, rest[1]], axis=1)
-        return np.concatenate([self._breaks[:1], self._breaks]), coefficients
-
-    @cached_property
-    def _turns(self) -> list[np.ndarray]:
-        """Per joint the instants at which its speed vanishes, s; none for a joint that rests."""
-        roots = self._curve.derivative().roots(discontinuity=False, extrapolate=False)
-        moving = self.speed_peaks > _STILL
-        return [r[np.isfinite(r)] if moves else np.empty(0) for r, moves in zip(roots, moving, strict=True)]
+        return breaks, np.stack([begins[:-1], speeds[:-1], (rates[after] - rates[before]) / period])
 
 
 def _snapped(instants: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -330,21 +242,10 @@ def _corners(times: np.ndarray, angles: np.ndarray) -> np.ndarray:
     rates = np.diff(angles, axis=0) / np.diff(times)[:, None]
     kept, rate = [0], rates[0]
     for k, after in enumerate(rates[1:], 1):
-        if np.max(np.abs(after - rate)) > _STILL:
+        if np.max(np.abs(after - rate)) > STANDSTILL:
             kept.append(k)
             rate = after
     return np.array([*kept, len(times) - 1])
-
-
-def _peaks(curve: PPoly) -> np.ndarray:
-    """Greatest absolute values of the columns of a curve, exact, (n,); its pieces may jump."""
-    width = np.diff(curve.x)[:, None]
-    peaks = []
-    for column, turns in enumerate(curve.derivative().roots(discontinuity=False, extrapolate=False)):
-        ends = [np.polyval(curve.c[:, :, column], t) for t in (0.0, width[:, 0])]
-        inner = curve(turns[np.isfinite(turns)])[:, column]
-        peaks.append(np.max(np.abs(np.concatenate([*ends, inner]))))
-    return np.array(peaks)
 
 
 def stamped(times: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ocptip.motion.planner.profiles import Layout, Profiles
 from ocptip.trajectories.ramps import JointRamps
-from ocptip.trajectories.s_curves import JointSCurve
+from ocptip.trajectories.s_curves import s_curve
 
 SLOWEST = 5e-3
 """Least peak speed of a command in an ordered program, rad/s."""
@@ -340,7 +340,7 @@ def _crossings(profiles: Profiles, x: np.ndarray) -> list[tuple[int, float]]:
         ramps = JointRamps((), times, angles, speeds, accelerations)
         rise = float(profiles.rise_times[joint])
         if rise > 0:
-            found += [(j, float(t)) for t in JointSCurve(ramps, rise).crossings]
+            found += [(j, float(t)) for t in s_curve(ramps, rise).crossings]
             continue
         for k in np.flatnonzero(speeds[:-1] * speeds[1:] < 0):
             found.append((j, float(times[k] - speeds[k] / accelerations[k])))

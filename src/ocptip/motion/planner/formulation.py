@@ -21,16 +21,12 @@ from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.planner.profiles import Course, Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
 from ocptip.motion.task import LONGEST
+from ocptip.numerics.quadrature import unit_gauss_legendre
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import DEVIATING, JUMP, ORDINARY
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import (
-    ArmMotion,
-    earliest_end,
-    passive_command,
-    unit_gauss_legendre,
-)
+from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import RampCommand, phases_to_commands, without_idle_ramps
 
 SPACING, SMOOTH_NODES = 0.05, (24, 48)  # s, and least and greatest number, of evenly spread nodes

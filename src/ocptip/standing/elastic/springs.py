@@ -30,8 +30,8 @@ from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
 from ocptip.standing.elastic.steps import ends_of_steps, powers, states_within
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import INSIDE
 
 LONGEST = 0.01  # s: steps of constant inertia
 TURN = 0.05  # rad or m by which a joint moves in a step, at most

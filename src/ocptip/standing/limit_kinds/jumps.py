@@ -22,8 +22,8 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import JUMP, AskedLimit, Limit, Look, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import INSIDE
 
 SMALLEST = 1e-3  # of a joint's greatest acceleration: less is no jump, but a change within 0.3 us
 
