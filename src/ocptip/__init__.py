@@ -18,6 +18,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ocptip.api.place import place
     from ocptip.api.stand import stand
     from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
@@ -57,6 +58,7 @@ _HOME = {
     "Support": "ocptip.contact",
     "TipOver": "ocptip.reserves",
     "UnilateralContact": "ocptip.contact",
+    "place": "ocptip.api.place",
     "plot_scene": "ocptip.pictures.scene",
     "read_scene": "ocptip.task_files.scene",
     "solve": "ocptip.contact",
@@ -82,6 +84,7 @@ __all__ = [
     "TipOver",
     "UnilateralContact",
     "__version__",
+    "place",
     "plot_scene",
     "read_scene",
     "solve",

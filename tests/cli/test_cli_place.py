@@ -43,7 +43,7 @@ def search(monkeypatch):
             raise state.result
         return state.result
 
-    monkeypatch.setattr("ocptip.cli.place.place", place)
+    monkeypatch.setattr("ocptip.api.place.search", place)
     return state
 
 
@@ -151,7 +151,7 @@ def test_files_that_cannot_be_written_do_not_cost_the_result(task, search, capsy
     def refuse(*_):
         raise OSError(28, "No space left on device", "out/placement.json")
 
-    monkeypatch.setattr("ocptip.cli.place.write_placement", refuse)
+    monkeypatch.setattr("ocptip.api.place.write_placement", refuse)
     code, out, err = run(capsys, task, "--no-figures")
     assert code == 2
     assert out.startswith("press: FOUND")

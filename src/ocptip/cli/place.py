@@ -6,27 +6,24 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ocptip.api.place import Placed, place
 from ocptip.basics.errors import naming
-from ocptip.basics.outputs import remove_figures
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import scope_of
-from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
-from ocptip.placement.place import place
 from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
-from ocptip.placement.within import placement_within, searched
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
-from ocptip.standing.within.rest import WithinAtRest
+from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -47,39 +44,20 @@ def run(options: Namespace) -> Report:
 def _asked(options: Namespace) -> Asked:
     """A task, with what the options change."""
     task = load_placement(options.task, WORKSHOP)
-    tolerance = task.tolerance
     if options.tolerance is not None:
         with naming("--tolerance"):
-            tolerance = load_tolerance(options.tolerance)
-            task = replace(task, problem=replace(task.problem, tolerance=searched(tolerance)))
-        task = replace(task, tolerance=tolerance)
+            task = task.within(load_tolerance(options.tolerance))
     return Asked(task, task.name, output_directory(options, task.name))
 
 
 def placed(one: Asked, options: Namespace, _: Executor | None = None) -> Report:
     """Place one task; where there is no placement, the report says why."""
-    task, tolerance = one.task, one.task.tolerance
     try:
         with progress_bar(sys.stderr) as progress:
-            answer = place(task.problem, starts=options.starts, seed=options.seed, progress=progress)
-    except NoPlacementError as error:
-        answer = error
+            found = place(one.task, starts=options.starts, seed=options.seed, progress=progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a result") from None
-    within, dropped = None, 0
-    if isinstance(answer, PlacementResult) and searched(tolerance) != tolerance:
-        answer, within, dropped = _holding(answer, tolerance)
-    return PlaceReport(task.name, answer, one.directory, not options.no_figures, within, dropped)
-
-
-def _holding(answer: PlacementResult, tolerance: Tolerance) -> tuple[PlacementResult, WithinAtRest, int]:
-    """The placements that hold the whole tolerance, the first one's worst, and how many do not; else all."""
-    found = [placement_within(placement, tolerance) for placement in answer.placements]
-    kept = [k for k, one in enumerate(found) if one.stands]
-    if not kept:
-        return answer, found[0], len(found)
-    placements = tuple(answer.placements[k] for k in kept)
-    return replace(answer, placements=placements), found[kept[0]], len(found) - len(kept)
+    return PlaceReport(found, one.directory, not options.no_figures)
 
 
 def progress_bar(stream: TextIO) -> Progress:
@@ -90,70 +68,47 @@ def progress_bar(stream: TextIO) -> Progress:
 
 @dataclass
 class PlaceReport(Report):
-    """Placements, or why there are none.
+    """What `ocptip place` says about placements, or why there are none.
 
     Attributes:
-        name: of the task.
-        answer: from `place`.
+        found: from `place`.
         directory: where files go.
         figures: whether figures are among them.
-        within: the best one at the worst of a tolerance of more than its base; None: none was given.
-        dropped: placements that do not hold that tolerance.
     """
 
     early = True
-    name: str
-    answer: PlacementResult | NoPlacementError
+    found: Placed
     directory: Path
     figures: bool
-    within: WithinAtRest | None = None
-    dropped: int = 0
-
-    @property
-    def found(self) -> bool:
-        """True if all constraints are kept."""
-        return isinstance(self.answer, PlacementResult)
 
     @property
     def good(self) -> bool:
         """True if all constraints are kept, within the whole tolerance where there is one."""
-        return self.found and (self.within is None or self.within.stands)
-
-    def entries(self) -> dict[str, Any]:
-        """Content of placement.json."""
-        to_dict = result_to_dict if self.found else refusal_to_dict
-        more = {"within": self.within.to_dict(), "dropped": self.dropped} if self.within else {}
-        return {**to_dict(self.name, self.answer), **more, "warnings": self.warnings}
+        return self.found.verified
 
     def to_dict(self) -> dict[str, Any]:
         """The content of placement.json and the list `written`."""
-        return {**self.entries(), "written": self.written}
+        return {**self.found.to_dict(), "warnings": self.warnings, "written": self.written}
 
     def write(self) -> Iterator[Path]:
         """Write placement.json and figures."""
-        yield write_placement(self.directory, self.entries())
-        remove_figures(self.directory, "place")
-        if self.figures:
-            from ocptip.pictures.placement import draw_placement
-
-            placements = self.answer.places if self.found else (self.answer.nearest,)
-            with Progress(sys.stderr, "drawing ..."):
-                drawn = draw_placement(self.directory, self.name, placements)
-            yield from drawn
+        with Progress(sys.stderr, "drawing ...") if self.figures else nullcontext():
+            extra = {"warnings": self.warnings}
+            yield from self.found.write(self.directory, figures=self.figures, extra=extra)
 
     def to_text(self) -> str:
         """The best place, or the least-infeasible one and which constraints it breaks."""
-        head, lines = _found(self.answer) if self.found else refusal_lines(self.answer)
-        shown = self.answer.best if self.found else self.answer.nearest
-        if self.within:
-            if not self.within.stands:
+        answer, shown, within = self.found.answer, self.found.best, self.found.within
+        head, lines = _found(answer) if isinstance(answer, PlacementResult) else refusal_lines(answer)
+        if within:
+            if not within.stands:
                 head = f"NO PLACEMENT within the tolerance. As described: {head}"
-            lines += under("within", self.within.lines())
-            if self.dropped and self.within.stands:
-                lines.append(("", f"{self.dropped} better ones or alternatives do not hold it"))
+            lines += under("within", within.lines())
+            if self.found.dropped and within.stands:
+                lines.append(("", f"{self.found.dropped} better ones or alternatives do not hold it"))
         lines.append(("masses", masses(shown.problem.robot)))
         lines += [("assumed", note) for note in shown.problem.robot.notes]
-        return summary(f"{self.name}: {head}", lines, self.written)
+        return summary(f"{self.found.name}: {head}", lines, self.written)
 
 
 def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:

@@ -60,6 +60,11 @@ class PlacementTask:
     problem: PlacementProblem
     tolerance: Tolerance = NONE
 
+    def within(self, tolerance: Tolerance) -> PlacementTask:
+        """The same task with another tolerance."""
+        problem = replace(self.problem, tolerance=searched(tolerance))
+        return replace(self, problem=problem, tolerance=tolerance)
+
 
 def load_placement(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> PlacementTask:
     """Read a placement file, see docs/placement.md.
