@@ -24,8 +24,8 @@ FLOORS = [
     "parallel",
     "indices",
     "standing",
-    "certificate",
     "motion",
+    "certificate",
     "retiming",
     "measured",
     "placement",
@@ -124,6 +124,14 @@ def test_what_judges_certificates_takes_numpy_and_itself_alone(arrows):
             for other in taken:
                 first = other.split(".")[0]
                 assert first in {"numpy", "ocptip", *sys.stdlib_module_names}, f"{name} imports {other}"
+
+
+def test_nothing_that_is_judged_computes_with_what_judges(arrows):
+    """The sampled check and the trusted checker are independent witnesses."""
+    trusted = "ocptip.certificate.trusted."
+    users = {name for name in MODULES if any(other.startswith(trusted) for other in arrows[name])}
+    outside = {name for name in users if not name.startswith("ocptip.certificate.")}
+    assert outside == {"ocptip.cli.certify"}  # which judges certificates of files
 
 
 def test_core_prints_nothing():

@@ -25,6 +25,7 @@ import numpy as np
 from ocptip.basics.errors import PlanningError, SolverError
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_json
+from ocptip.certificate.checks import certified
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.numerics.workers import worker_pool
@@ -57,7 +58,7 @@ def cell(task: MotionTask, seed: int) -> dict[str, Any]:
     if reasons := refusals(task):
         return {"energy_J": None, "why": reasons[0], "process": os.getpid()}
     try:
-        plan = plan_motion(task, starts=1, seed=seed, jobs=1)
+        plan = plan_motion(task, starts=1, seed=seed, jobs=1, prove=certified)
     except (PlanningError, SolverError) as error:
         return {"energy_J": None, "why": f"{error}", "process": os.getpid()}
     return {"energy_J": plan.energy, "duration_s": plan.duration, "process": os.getpid()}

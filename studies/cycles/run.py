@@ -26,6 +26,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, OcptipError
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_text
+from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import run_motion, write_cycle
 from ocptip.motion.cycles.plan import plan_cycle
@@ -88,7 +89,7 @@ def row_of(folder: Path, text: str, starts: int) -> dict[str, Any]:
     began = time.process_time()
     try:
         task = load_cycle(folder / "task.toml")
-        plan = plan_cycle(task, starts=starts, jobs=1)
+        plan = plan_cycle(task, starts=starts, jobs=1, prove=certified)
     except OcptipError as error:
         verdict = "refused" if isinstance(error, InputError) else "no plan"
         return {"verdict": verdict, "reason": str(error), "cpu_s": time.process_time() - began}

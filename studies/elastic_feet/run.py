@@ -21,6 +21,7 @@ import numpy as np
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_json, write_text
+from ocptip.certificate.checks import certified
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
@@ -81,7 +82,7 @@ def planned(case: str, starts: int, seed: int) -> list[dict[str, Any]]:
     for name, task in (("nominal", nominal), ("overshoot", counted), ("pressed", pressed)):
         row: dict[str, Any] = {"case": case, "plan": name}
         try:
-            plan = plan_motion(task, starts=starts, seed=seed, jobs=1)
+            plan = plan_motion(task, starts=starts, seed=seed, jobs=1, prove=certified)
         except PlanningError as error:
             rows.append({**row, "energy_J": None, "duration_s": None, "feet": [], "why": str(error)})
             continue

@@ -24,6 +24,7 @@ import numpy as np
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_json, write_text
+from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.output import sample_motion, write_plan
 from ocptip.motion.plan import plan_motion
@@ -169,7 +170,7 @@ def main(arguments: list[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     task = load_task(_TASK)
     try:
-        plan = plan_motion(task, starts=options.starts, seed=options.seed, jobs=options.jobs)
+        plan = plan_motion(task, starts=options.starts, seed=options.seed, jobs=options.jobs, prove=certified)
     except PlanningError as error:
         raise SystemExit(str(error)) from None
     motions: dict[str, Motion] = {

@@ -21,6 +21,7 @@ import numpy as np
 
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import write_text
+from ocptip.certificate.checks import certified
 from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
@@ -43,7 +44,7 @@ def planned(case: str, base: str, starts: int, seed: int, jobs: int) -> dict:
     for reading, task in (("drive", literal), ("load", usual)):
         row[f"reference_{reading}_J"] = task.robot.energy(task.reference)
     try:
-        plan = plan_motion(literal, starts=starts, seed=seed, jobs=jobs)
+        plan = plan_motion(literal, starts=starts, seed=seed, jobs=jobs, prove=certified)
     except OcptipError as error:
         return row | {"verified": False, "reason": str(error)}
     checked = check_motion(literal.robot, plan.motion, literal.limits)

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.errors import PlanningError
+from ocptip.certificate.checks import certified
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from studies.common import (
@@ -52,7 +53,9 @@ def run_call(call: Call, starts: int) -> dict:
     line = {"base": call.base, "case": call.case, "seed": call.seed, "starts": starts}
     line["state"] = source_state(*PLANNING)
     try:
-        plan = plan_motion(experiment_task(call.case, call.base), starts=starts, seed=call.seed, jobs=1)
+        plan = plan_motion(
+            experiment_task(call.case, call.base), starts=starts, seed=call.seed, jobs=1, prove=certified
+        )
     except PlanningError as error:
         return {**line, "energy_J": None, "status": str(error)}
     return {

@@ -24,6 +24,7 @@ import numpy as np
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_text
+from ocptip.certificate.checks import certified
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask, refusals
@@ -98,7 +99,7 @@ def rows_of(number: int, options: argparse.Namespace, lines: JsonLines) -> list[
         with one_thread:
             if kind == "plan":
                 try:
-                    plan = plan_motion(task, starts=8, seed=options.seed, jobs=1)
+                    plan = plan_motion(task, starts=8, seed=options.seed, jobs=1, prove=certified)
                     row |= {"energy": plan.energy, "cpu": sum(start.cpu_seconds for start in plan.starts)}
                 except PlanningError as error:
                     row["status"] = str(error)

@@ -21,6 +21,7 @@ from typing import Any
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.write import versions, write_text
+from ocptip.certificate.checks import certified
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
 from ocptip.published.tasks import experiment_task
@@ -52,7 +53,7 @@ def motion_of(name: str, kind: str, starts: int) -> tuple[MotionTask, ArmMotion]
         data = json.loads((RESULTS / "plans" / name / "plan.json").read_text())
         return task, ArmMotion.from_dict(data)
     task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
-    return task, plan_motion(task, starts=starts, jobs=1).motion
+    return task, plan_motion(task, starts=starts, jobs=1, prove=certified).motion
 
 
 def row_of(name: str, kind: str, starts: int) -> dict[str, Any]:

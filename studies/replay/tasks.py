@@ -10,6 +10,7 @@ from typing import Any
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.write import write_json
+from ocptip.certificate.checks import certified
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.plan import plan_motion
@@ -83,7 +84,7 @@ def planned(name: str, folder: Path, starts: int) -> tuple[MotionTask, ArmMotion
     if not path.is_file():
         data: dict[str, Any] = {"task": name, "preset": preset, "starts": starts}
         try:
-            plan = plan_motion(task, starts=starts, jobs=1)
+            plan = plan_motion(task, starts=starts, jobs=1, prove=certified)
             data |= {"energy_J": plan.energy, "verified": plan.verified, "motion": plan.motion.to_dict()}
         except (InputError, PlanningError) as error:
             data["refused"] = f"{error}"

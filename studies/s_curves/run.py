@@ -28,6 +28,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.write import versions, write_text
+from ocptip.certificate.checks import certified
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
@@ -100,7 +101,7 @@ def row_of(case: str, variant: str, starts: int, seed: int) -> dict:
         raise InputError(f"{case}: is no arm")
     row = {"case": case, "variant": variant}
     try:
-        plan = plan_motion(task, starts=starts, seed=seed, jobs=1)
+        plan = plan_motion(task, starts=starts, seed=seed, jobs=1, prove=certified)
     except PlanningError as error:
         return {**row, "energy_J": None, "status": f"{error}"}
     jumps = replace(task.limits, damping=DAMPING)

@@ -24,6 +24,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.write import versions, write_text
+from ocptip.certificate.checks import certified
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.plan import plan_motion
@@ -108,7 +109,7 @@ def planned(task: MotionTask, starts: int, seed: int) -> dict[str, Any]:
     try:
         Search(with_rise_time(task)).rough(starts, seed)
         began = time.process_time()
-        plan = plan_motion(task, starts=starts, seed=seed, jobs=1)
+        plan = plan_motion(task, starts=starts, seed=seed, jobs=1, prove=certified)
     except (InputError, PlanningError) as error:
         return {"refused": f"{error}", "cpu_s": time.process_time() - began}
     worst = plan.check.within.to_dict() if plan.check.within else None

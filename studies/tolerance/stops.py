@@ -89,7 +89,7 @@ def planned(task: MotionTask, starts: int, seed: int) -> tuple[dict[str, Any], M
     """Energy, duration and CPU time of a plan, or why there is none."""
     began = time.process_time()
     try:
-        plan = plan_motion(task, starts=starts, seed=seed, jobs=1, prove=False)
+        plan = plan_motion(task, starts=starts, seed=seed, jobs=1)
     except (InputError, PlanningError) as error:
         return {"refused": f"{error}", "cpu_s": time.process_time() - began}, None
     row = {

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ocptip.certificate.checks import certified
 from ocptip.certificate.trusted.contacts import Contacts
 from ocptip.certificate.trusted.forms import Form
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.reserves.slip import Slip
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import WORKSHOP

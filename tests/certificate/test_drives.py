@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ocptip.certificate.checks import certified
 from ocptip.certificate.describe import model_data, tolerance_data
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.described import TORQUES
 from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, SITE, WORKSHOP, Tolerance

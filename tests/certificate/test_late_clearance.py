@@ -7,10 +7,11 @@ from operator import attrgetter
 import numpy as np
 import pytest
 
+from ocptip.certificate.checks import certified
 from ocptip.certificate.find import certify
 from ocptip.certificate.find_within import SearchWithin
 from ocptip.certificate.trusted.checker import check_certificate
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.motion.within_tolerance import _smallest_gap
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ocptip.certificate.checks import certified
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data, tolerance_words
 from ocptip.certificate.find import _kept, certify
 from ocptip.certificate.find_within import LOSS_WITHIN, SearchWithin
@@ -15,7 +16,7 @@ from ocptip.certificate.result import LATE
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.late import Late
 from ocptip.certificate.trusted.sharing import Sharing
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
 from ocptip.standing.within.worst_case import worst_case_of

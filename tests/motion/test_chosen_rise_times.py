@@ -58,9 +58,7 @@ def test_rise_times_next_to_one(rise, expected):
 
 
 def test_s_curves_cost_less_than_ramps_where_jumps_count():
-    own, ramps = (
-        plan_motion(within("A", **how), starts=1, jobs=1, prove=False) for how in ({}, {"rise_times": 0})
-    )
+    own, ramps = (plan_motion(within("A", **how), starts=1, jobs=1) for how in ({}, {"rise_times": 0}))
     assert not ramps.motion.rise_times
     assert own.motion.rise_times == own.task.rise_times
     assert min(own.motion.rise_times) >= SHORTEST
@@ -76,6 +74,6 @@ def test_ramps_win_where_jumps_cost_nothing():
     task = on_cart("D")
     task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
     assert with_rise_time(task).rise_times
-    plan = plan_motion(task, starts=3, jobs=1, prove=False)
+    plan = plan_motion(task, starts=3, jobs=1)
     assert plan.task.rise_times == () == plan.motion.rise_times
-    assert plan.energy < 1.01 * plan_motion(on_cart("D"), starts=3, jobs=1, prove=False).energy
+    assert plan.energy < 1.01 * plan_motion(on_cart("D"), starts=3, jobs=1).energy

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.certificate.checks import certified
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.motion.plan import FINISHED, HOPS, _most_promising, _search, plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.one_start import Search
@@ -252,7 +253,7 @@ class Scripted:
         found = self._attempt(before.result.number, motions.index(before.motion.end) + (draw[-1] % HOPS == 2))
         return dataclasses.replace(found, result=dataclasses.replace(found.result, hops=1))
 
-    def proved(self, before):
+    def proved(self, before, prove):
         return before
 
     def _motions(self, number):
@@ -435,7 +436,7 @@ def test_the_best_is_looked_at_while_it_is_proved(case_b, scripted):
         seen.append((task.name, motion.end, check.verified, list(executor.calls)))
 
     _search.cache_clear()
-    plan = plan_motion(case_b, starts=3, executor=executor, meanwhile=look)
+    plan = plan_motion(case_b, starts=3, executor=executor, prove=certified, meanwhile=look)
     _search.cache_clear()
     calls = [*3 * ["rough"], *3 * ["run"], "hopped", "proved"]
     assert seen == [(case_b.name, slow.end, True, calls)]
@@ -449,7 +450,7 @@ def test_an_interrupt_while_it_is_looked_at_keeps_the_plan(case_b, scripted):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    plan = plan_motion(case_b, starts=1, jobs=1, meanwhile=interrupt)
+    plan = plan_motion(case_b, starts=1, jobs=1, prove=certified, meanwhile=interrupt)
     assert (plan.motion, plan.interrupted, plan.verified) == (slow, True, True)
 
 
@@ -708,12 +709,12 @@ def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(
     ((limit, short, times),) = search._not_proved(checked)
     assert (limit.quantity, times) == ("GT_worst_case", [checked.worst["GT_worst_case"].time])
     assert 1e-4 < short < 5e-3
-    after = search.proved(before)
+    after = search.proved(before, certified)
     assert after.check.certified
     assert check_certificate(after.check.certificate.data).holds
     assert after.check.certificate.verdict.bounds["GT_worst_case"] <= limits.GT_worst_case
     assert after.result.energy < 1.003 * before.result.energy
-    assert search.proved(after).motion is after.motion  # nothing is missing any more
+    assert search.proved(after, certified).motion is after.motion  # nothing is missing any more
 
 
 def test_what_intervals_lack_says_which_limit_to_tighten_and_when():

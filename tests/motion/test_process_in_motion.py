@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.certificate.checks import certified
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
 from ocptip.motion.output import sample_motion, write_plan
 from ocptip.motion.plan import plan_motion

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.certificate.checks import certified
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
@@ -86,7 +87,7 @@ def test_plans_follow_what_varies(over):
     energy = {}
     for name, process in ways.items():
         robot = bare.varied(arm=bare.arm.with_process(process))
-        plan = plan_motion(replace(task, robot=robot), starts=4, jobs=1)
+        plan = plan_motion(replace(task, robot=robot), starts=4, jobs=1, prove=certified)
         assert plan.verified
         energy[name] = plan.check.energy
         if name == "varying":
@@ -138,7 +139,7 @@ def test_plans_within_a_tolerance_follow_what_varies(over):
     process = ProcessWrench(force, 0 * force, "base", over, np.array([0.2, 0.4, 0.6, 0.8]) * end)
     robot = bare.varied(arm=bare.arm.with_process(process))
     limits = replace(task.limits, tolerance=WORKSHOP)
-    plan = plan_motion(replace(task, robot=robot, limits=limits), starts=1, jobs=1)
+    plan = plan_motion(replace(task, robot=robot, limits=limits), starts=1, jobs=1, prove=certified)
     assert plan.check.certified
     assert plan.check.within is not None
     assert 0.5 < plan.check.worst["GT_worst_case"].value < 1

@@ -379,7 +379,7 @@ def test_arms_of_one_joint_are_planned_for_stops_of_both_kinds(tmp_path, task):
     limits = rules.safe(MotionLimits(), robot, "both")
     ends = np.array([-1.0]), np.array([1.0])
     asked = MotionTask("one joint", robot, *ends, limits, (0,), stops=rules)
-    plan = plan_motion(asked, starts=1, jobs=1, prove=False)
+    plan = plan_motion(asked, starts=1, jobs=1)
     found = check_stops(robot, plan.motion, limits, rules, plan.check)
     assert plan.verified
     assert found.verified

@@ -18,7 +18,7 @@ SCRIPT = """
 import importlib, sys
 import numpy as np
 from threadpoolctl import threadpool_info
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.placement.scan import scan
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits

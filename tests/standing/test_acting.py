@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
+from ocptip.certificate.checks import certified
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data
 from ocptip.certificate.trusted.arm import PROCESS, TIMES, Arm
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.sharing import Sharing
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.motion.late_joints import jump_states
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.robots.process import ProcessWrench

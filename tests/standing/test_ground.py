@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
+from ocptip.certificate.checks import certified
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.motion.check import NO_FLOOR, certified, check_motion
+from ocptip.motion.check import NO_FLOOR, check_motion
 from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Wall, floor

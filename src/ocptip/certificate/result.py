@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -89,6 +89,43 @@ class Certificate:
         short = max([beyond if key not in _LEAST else -beyond, *(one.short for one in own)])
         return short, [0.5 * (one.start + one.end) for one in own]
 
+    def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
+        """What is proved of motions one after the other: of every bound the weakest, times from the first.
+
+        Its data are those of the motions, in their order; each is judged by itself.
+
+        Args:
+            others: of the motions after this one.
+            begins: s, of each, this one first.
+        """
+        parts = [self, *others]
+        seconds = sum(part.seconds for part in parts)
+        if (none := next((part for part in parts if part.data is None), None)) is not None:
+            return replace(none, seconds=seconds)
+        verdicts = [part.verdict for part in parts]
+        names = dict.fromkeys(name for verdict in verdicts for name in verdict.bounds)
+        bounds = {}
+        for name in names:
+            weakest = min if name in _LEAST else max
+            bounds[name] = weakest(verdict.bounds[name] for verdict in verdicts if name in verdict.bounds)
+        return type(self)(
+            {"parts": [part.data for part in parts]},
+            Verdict(
+                all(verdict.holds for verdict in verdicts),
+                tuple(problem for verdict in verdicts for problem in verdict.problems),
+                bounds,
+                sum(verdict.intervals for verdict in verdicts),
+            ),
+            all(part.kept for part in parts),
+            tuple(
+                replace(one, start=begin + one.start, end=begin + one.end)
+                for part, begin in zip(parts, begins, strict=True)
+                for one in part.undecided
+            ),
+            tuple(dict.fromkeys(name for part in parts for name in part.sampled)),
+            seconds=seconds,
+        )
+
     def __str__(self) -> str:
         """In words."""
         if self.data is None:
@@ -113,43 +150,6 @@ class Certificate:
             "reason": self.reason,
             "seconds": self.seconds,
         }
-
-
-def together(parts: Sequence[Certificate], begins: Sequence[float]) -> Certificate:
-    """What is proved of motions one after the other: of every bound the weakest, times from the first begin.
-
-    Its data are those of the motions, in their order; each is judged by itself.
-
-    Args:
-        parts: of the motions, at least one.
-        begins: s, of each.
-    """
-    seconds = sum(part.seconds for part in parts)
-    if (none := next((part for part in parts if part.data is None), None)) is not None:
-        return replace(none, seconds=seconds)
-    verdicts = [part.verdict for part in parts]
-    names = dict.fromkeys(name for verdict in verdicts for name in verdict.bounds)
-    bounds = {}
-    for name in names:
-        weakest = min if name in _LEAST else max
-        bounds[name] = weakest(verdict.bounds[name] for verdict in verdicts if name in verdict.bounds)
-    return Certificate(
-        {"parts": [part.data for part in parts]},
-        Verdict(
-            all(verdict.holds for verdict in verdicts),
-            tuple(problem for verdict in verdicts for problem in verdict.problems),
-            bounds,
-            sum(verdict.intervals for verdict in verdicts),
-        ),
-        all(part.kept for part in parts),
-        tuple(
-            replace(one, start=begin + one.start, end=begin + one.end)
-            for part, begin in zip(parts, begins, strict=True)
-            for one in part.undecided
-        ),
-        tuple(dict.fromkeys(name for part in parts for name in part.sampled)),
-        seconds=seconds,
-    )
 
 
 def claims(bounds: Mapping[str, float], on_time: bool = False) -> str:

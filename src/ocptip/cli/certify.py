@@ -12,6 +12,7 @@ from typing import Any
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.read import parse_json, read_text
 from ocptip.basics.write import versions, write_text
+from ocptip.certificate.checks import certified, certified_cycle
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.result import Certificate, claims
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
@@ -21,8 +22,8 @@ from ocptip.cli.given_motion import motion_of, read_options, task_of
 from ocptip.cli.layout import named, under
 from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.terminal import say_if_compiling
-from ocptip.motion.check import MotionCheck, certified, check_motion
-from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.trajectories.fit import FittedMotion
 from ocptip.trajectories.read import CERTIFICATE, load_motions

@@ -15,6 +15,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
+from ocptip.certificate.checks import certified, certified_cycle
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segment_table, segments_of
 from ocptip.cli.given_motion import motion_of, read_options, task_of
@@ -39,8 +40,8 @@ from ocptip.cli.stops import (
     with_path_stops,
 )
 from ocptip.cli.terminal import Progress, say_if_compiling
-from ocptip.motion.check import MotionCheck, certified, check_motion
-from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.objective import TIME

@@ -35,6 +35,7 @@ from ocptip.cli.machine_commands import MACHINE_COMMANDS
 
 _FOR_PLANS = (
     "ocptip.motion.plan",
+    "ocptip.certificate.checks",
     "ocptip.pictures.plan",
     *("matplotlib.collections", "matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin"),
 )

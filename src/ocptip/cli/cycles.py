@@ -16,6 +16,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.outputs import remove_figures
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import plain
+from ocptip.certificate.checks import certified
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import check_rows, gear_rows, summary, table, under, use_of_reserves
 from ocptip.cli.many import Asked
@@ -29,7 +30,6 @@ from ocptip.cli.stops import (
     with_safe_stops,
 )
 from ocptip.cli.terminal import Progress
-from ocptip.motion.check import certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle
 from ocptip.motion.cycles.plan import CyclePlan, plan_cycle
@@ -71,6 +71,7 @@ def plan_it(one: Asked, options: Namespace, executor: Executor | None) -> Report
     """Plan a cycle; where there is no plan, the report says why."""
     task: CycleTask = one.task
     how = {"starts": options.starts, "seed": options.seed, "jobs": options.jobs, "executor": executor}
+    how["prove"] = certified
     best = f"best of this segment {{:.{3 if task.objective.unit == 's' else 1}f}} {task.objective.unit}"
     try:
         with Progress(sys.stderr, "comparing postures ...", "no verified plan yet", best) as progress:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.outputs import remove_figures
+from ocptip.certificate.checks import certified
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.cycles import RISE_TIME, cycle_with_options, plan_it
 from ocptip.cli.layout import (
@@ -36,7 +37,7 @@ from ocptip.cli.stops import (
     with_safe_stops,
 )
 from ocptip.cli.terminal import Progress, say_if_compiling
-from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.largest_tolerance import largest_tolerance, too_much_at_rest
@@ -93,6 +94,7 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
         return plan_it(one, options, executor)
     task = one.task
     how = {"starts": options.starts, "seed": options.seed, "jobs": options.jobs, "executor": executor}
+    how["prove"] = certified
     try:
         with progress_bar(sys.stderr, task.objective) as progress:
             looked = _Looked()

@@ -17,6 +17,7 @@ from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.sums import SUMS, read_sums
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
+from ocptip.certificate.checks import certified, certified_cycle
 from ocptip.cli import report_page as html
 from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
@@ -24,8 +25,8 @@ from ocptip.cli.cycles import segment_rows
 from ocptip.cli.layout import certificate_rows, masses, tolerated_lines, within_rows
 from ocptip.cli.stops import stops_of
 from ocptip.cli.terminal import say_if_compiling
-from ocptip.motion.check import MotionCheck, certified, check_motion
-from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.load_cases import (

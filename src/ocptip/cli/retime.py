@@ -13,6 +13,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity
+from ocptip.certificate.checks import certified
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import CycleReport
 from ocptip.cli.given_motion import task_of
@@ -20,7 +21,7 @@ from ocptip.cli.layout import use_of_reserves
 from ocptip.cli.options import given_columns, given_limits, output_directory, rate_of, step_of
 from ocptip.cli.plan import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
-from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.output import run_motion
 from ocptip.motion.cycles.plan import CyclePlan, sequence_of

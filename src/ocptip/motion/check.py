@@ -7,17 +7,15 @@ worst instants until they stay put. The rest before and after the motion is look
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import reduce
-from typing import Any
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import some
-from ocptip.certificate.find import certify
-from ocptip.certificate.result import Certificate
 from ocptip.motion.within_tolerance import WithinTolerance, worst_within
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
@@ -71,6 +69,30 @@ def floor_text(collision: dict[str, Any]) -> str:
     return ", ".join(planes)
 
 
+class Proof(Protocol):
+    """What is proved of a motion for all instants, as checks, planner and files ask for it.
+
+    The package `certificate` makes such proofs; nothing here depends on how.
+    """
+
+    @property
+    def certified(self) -> bool:
+        """Every limit is proved to hold at every instant."""
+
+    @property
+    def data(self) -> Mapping[str, Any] | None:
+        """Plain data for JSON from which the proof is judged; None where there is none."""
+
+    def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
+        """By how much a limit is not proved, and when, s."""
+
+    def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
+        """Of motions one after the other, this one first, which begin then, s."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+
+
 @dataclass(frozen=True)
 class MotionCheck:
     """Outcome of the check of a motion.
@@ -90,7 +112,7 @@ class MotionCheck:
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts at the worst of the tolerance; None where none was given.
-        certificate: what is proved for all instants; None where that was not asked for, see `certified`.
+        certificate: what is proved for all instants; None where nobody has put one there.
     """
 
     verified: bool
@@ -105,7 +127,7 @@ class MotionCheck:
     within: WithinTolerance | None = None
     feet: FeetMotion | None = None
     drives: DriveMotion | None = None
-    certificate: Certificate | None = None
+    certificate: Proof | None = None
 
     @property
     def certified(self) -> bool:
@@ -173,6 +195,10 @@ class MotionCheck:
             "certified": self.certified,
             "certificate": self.certificate.to_dict() if self.certificate else None,
         }
+
+
+Prove = Callable[[StandingMechanism, Motion, MotionCheck, MotionLimits], MotionCheck]
+"""Gives a verified check its `Proof`; pickled with tasks, so that workers can call it."""
 
 
 @one_thread
@@ -269,22 +295,6 @@ def check_motion(
         feet=on_its_feet(robot, motion),
         drives=on_its_drives(robot, motion),
     )
-
-
-def certified(
-    robot: StandingMechanism, motion: Motion, checked: MotionCheck, limits: MotionLimits | None = None
-) -> MotionCheck:
-    """The check with a certificate, if it is verified: a proof for all instants, as far as there is one.
-
-    One that it has stays.
-
-    Args:
-        robot, motion, limits: as checked.
-        checked: what `check_motion` found.
-    """
-    if not checked.verified or checked.certificate is not None:
-        return checked
-    return replace(checked, certificate=certify(robot, motion, limits or MotionLimits(), checked.worst))
 
 
 def _nearest(motion: Motion, worst: list[Worst]) -> np.ndarray:

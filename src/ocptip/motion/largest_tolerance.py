@@ -98,7 +98,7 @@ def largest_tolerance(
         limits = replace(task.limits, tolerance=tolerance)
         plans += 1
         try:
-            best = plan_motion(replace(task, limits=limits), starts=starts, prove=False, **how)
+            best = plan_motion(replace(task, limits=limits), starts=starts, **how)
             low, share, interrupted = tried, BOLD, best.interrupted
         except KeyboardInterrupt:
             interrupted = True

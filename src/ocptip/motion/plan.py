@@ -14,7 +14,7 @@ from functools import lru_cache, partial
 from typing import Any
 
 from ocptip.basics.errors import PlanningError, whole_number
-from ocptip.motion.check import MotionCheck
+from ocptip.motion.check import MotionCheck, Prove
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.planner.attempt import Attempt, Rough, StartResult
 from ocptip.motion.planner.one_start import Search, free_ends
@@ -43,7 +43,7 @@ class MotionPlan:
     Attributes:
         task: what was asked for, with the start and goal that were chosen.
         motion: the exact ramp motion.
-        check: of all limits, on the dense grid, with a certificate unless the planning was interrupted.
+        check: of all limits, on the dense grid, with a certificate if it is proved and no interrupt came.
         starts: what became of each start that finished, by number.
         best: number of the start the motion comes from.
         seed: of the starts.
@@ -92,7 +92,7 @@ def plan_motion(
     executor: Executor | None = None,
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
-    prove: bool = True,
+    prove: Prove | None = None,
     meanwhile: Callable[[MotionTask, ArmMotion, MotionCheck], None] | None = None,
 ) -> MotionPlan:
     """Plan the ramp motion of least cost that keeps all limits of a task.
@@ -101,11 +101,12 @@ def plan_motion(
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
     the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their first
     program are finished. The best motion is half as many times as there are starts changed at random and
-    solved anew (basin hopping), but not within a tolerance. The best gets its certificate; where that
-    leaves something open, the motion is solved again, a little tighter there, and the proved one wins if it
-    costs at most 0.5 % more. The result depends on task, starts and seed only, not on where the starts run.
-    An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that dies is replaced
-    and its start run again; a start that kills two is left out, see `lost`, and so is such a change. (Of an
+    solved anew (basin hopping), but not within a tolerance. With `prove`, the best gets its certificate;
+    where that leaves something open, the motion is solved again, a little tighter there, and the proved one
+    wins if it costs at most 0.5 % more. The result depends on task, starts and seed only, not on where the
+    starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that dies
+    is replaced and its start run again; a start that kills two is left out, see `lost`, and so is such a
+    change. (Of an
     executor that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an
     interrupt, with a RuntimeWarning.)
 
@@ -120,7 +121,8 @@ def plan_motion(
         jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
         progress: called as progress(done, steps, least cost of a verified plan so far or None); a start is
             one step until its promise is known, and one until it is finished or left out.
-        prove: whether the best gets its certificate; `proved` gives it later.
+        prove: gives the best its certificate, as `ocptip.certificate.checks.certified` does; `proved` gives
+            it later.
         meanwhile: called as meanwhile(task, motion, check) with the best while a worker proves it, after
             which it may be another one.
 
@@ -160,9 +162,9 @@ def plan_motion(
                     break
             if best is not None and task.rise_times is None:
                 best = attempts[best.result.number] = _with_best_rise_time(work, best, tasks_of)
-            if best is not None and prove:
+            if best is not None and prove is not None:
                 own = tasks_of[best.result.number]
-                best = attempts[best.result.number] = _with_proof(work, own, best, meanwhile)
+                best = attempts[best.result.number] = _with_proof(work, own, best, prove, meanwhile)
     except BrokenExecutor as error:
         died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
@@ -197,21 +199,23 @@ def _with_proof(
     work: Callable[[str, list[_Job]], Iterator[Any]],
     task: MotionTask,
     best: Attempt,
+    prove: Prove,
     meanwhile: Callable[[MotionTask, ArmMotion, MotionCheck], None] | None,
 ) -> Attempt:
-    proof = work("proved", [(task, (best,))])
+    proof = work("proved", [(task, (best, prove))])
     if meanwhile is not None and best.motion is not None and best.check is not None:
         meanwhile(task, best.motion, best.check)
     found = next(iter(proof))
     return found.after(best, found)
 
 
-def proved(plan: MotionPlan) -> MotionPlan:
+def proved(plan: MotionPlan, prove: Prove) -> MotionPlan:
     """A plan that was made without certificate with it, as `plan_motion` gives it; in this process."""
     at = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
     before = plan.starts[at]
     assert isinstance(plan.motion, ArmMotion)
-    [found] = _in_process({}, "proved", [(plan.task, (Attempt(before, plan.motion, plan.check),))])
+    attempt = Attempt(before, plan.motion, plan.check)
+    [found] = _in_process({}, "proved", [(plan.task, (attempt, prove))])
     starts = [*plan.starts]
     starts[at] = found.result.after(before, found.result)
     seconds = plan.seconds + found.result.seconds

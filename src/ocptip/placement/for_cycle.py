@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError, whole_number
+from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.plan import CyclePlan, plan_cycle, proved_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.numerics.threads import one_thread
@@ -129,7 +130,7 @@ def place_for_cycle(
         say(f"planning the cycle at place {number} of {len(places)} ...")
         plan, refusal = None, ""
         try:
-            how = {"starts": starts, "seed": seed, "executor": executor, "jobs": jobs, "prove": False}
+            how = {"starts": starts, "seed": seed, "executor": executor, "jobs": jobs}
             plan = plan_cycle(placed(placement), **how)
             refusal = "" if plan.verified else "; ".join(plan.check.whole.violations) or "not complete"
         except (PlanningError, InputError) as error:
@@ -139,7 +140,7 @@ def place_for_cycle(
             break
     best, *others = sorted(found, key=lambda one: one.cost)
     if best.plan is not None and best.verified and not best.plan.interrupted:
-        best = replace(best, plan=proved_cycle(best.plan))
+        best = replace(best, plan=proved_cycle(best.plan, certified))
     return CyclePlacements((best, *others), static)
 
 

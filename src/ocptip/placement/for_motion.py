@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_number
+from ocptip.certificate.checks import certified
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.task import FIRST_SEVEN, MotionTask
 from ocptip.numerics.threads import one_thread
@@ -130,7 +131,7 @@ def place_for_motion(
         for start, goal, name in _legs(aligned):
             task = MotionTask(name, robot, start, goal, motion_limits(problem), tuple(optimised), commands)
             try:
-                plans.append(plan_motion(task, starts=starts, seed=seed, jobs=jobs))
+                plans.append(plan_motion(task, starts=starts, seed=seed, jobs=jobs, prove=certified))
                 refusals.append("")
             except OcptipError as error:
                 plans.append(None)

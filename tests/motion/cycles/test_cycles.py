@@ -11,12 +11,13 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.certificate.checks import certified, certified_cycle
 from ocptip.certificate.result import Undecided
 from ocptip.certificate.trusted.checker import check_certificate
 from ocptip.cli.main import main
-from ocptip.motion.check import certified, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.motion.cycles import plan as planning
-from ocptip.motion.cycles.check import certified_cycle, check_cycle, cycle_check, parts_of
+from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.choices import CANDIDATES, best_ways, layers_of, likely_ways
 from ocptip.motion.cycles.output import cycle_samples, drives_of, samples_joined, write_cycle
 from ocptip.motion.cycles.plan import plan_cycle
@@ -39,7 +40,7 @@ from tests.motion.cycles.cycle_files import CYCLE, written
 def plan(tmp_path_factory):
     """A planned cycle; its first segment with two starts, one after the other."""
     task = load_cycle(written(tmp_path_factory.mktemp("cycle")))
-    return plan_cycle(task, starts=1, jobs=1)
+    return plan_cycle(task, starts=1, jobs=1, prove=certified)
 
 
 def test_a_plan_is_verified_segment_by_segment(plan):

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.certificate.result import together
-from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.task import SAME, CycleTask
 from ocptip.motion.within_tolerance import WithinTolerance
 from ocptip.standing.contact_margins import ContactMargins
@@ -69,22 +68,6 @@ def check_cycle(task: CycleTask, motion: MotionSequence, *, step: float = 0.01) 
     pairs = list(zip(task.segments, motion.motions, strict=True))
     checks = [check_motion(s.task.robot, own, s.task.limits, step=step) for s, own in pairs]
     return cycle_check(task, motion, checks)
-
-
-def certified_cycle(task: CycleTask, motion: MotionSequence, checked: CycleCheck) -> CycleCheck:
-    """The check with certificates of all segments, if it is verified.
-
-    Each holds for its segment and the rests before and after it with what that segment holds, which are
-    those at the seams.
-
-    Args:
-        task, motion: as checked.
-        checked: what `check_cycle` found.
-    """
-    if not checked.whole.verified:
-        return checked
-    rows = zip(task.segments, motion.motions, checked.segments, strict=True)
-    return cycle_check(task, motion, [certified(s.task.robot, own, c, s.task.limits) for s, own, c in rows])
 
 
 def cycle_check(task: CycleTask, motion: MotionSequence, checks: Sequence[MotionCheck]) -> CycleCheck:
@@ -186,6 +169,7 @@ def _whole(
         contacts = shifted if contacts is None else contacts.worse(shifted)
     assert contacts is not None  # there is a segment
     proofs = [check.certificate for check in checks if check.certificate is not None]
+    proof = proofs[0].followed_by(proofs[1:], begins.tolist()) if len(proofs) == len(checks) else None
     return MotionCheck(
         verified=not violations,
         energy=sum(check.energy for check in checks) + rest_energy,
@@ -197,7 +181,7 @@ def _whole(
         contacts=contacts,
         collision=_collision([check.collision for check in checks]),
         within=_within(names, checks, begins),
-        certificate=together(proofs, begins.tolist()) if len(proofs) == len(checks) else None,
+        certificate=proof,
     )
 
 

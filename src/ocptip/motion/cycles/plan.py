@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import PlanningError, whole_number
+from ocptip.motion.check import Prove
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.choices import Way, best_ways, layers_of, likely_ways, rest_cost
 from ocptip.motion.cycles.free_poses import moved_ways
@@ -98,7 +99,7 @@ def plan_cycle(
     executor: Executor | None = None,
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
-    prove: bool = True,
+    prove: Prove | None = None,
 ) -> CyclePlan:
     """Plan the ramp motions of least cost of all segments of a cycle.
 
@@ -109,7 +110,7 @@ def plan_cycle(
     Args:
         task, starts, seed, executor, jobs: see `ocptip.motion.plan.plan_motion`; starts are per segment.
         progress: called as progress(done, starts, cost of the best way so far or None).
-        prove: whether its motions get their certificates; `proved_cycle` gives them later.
+        prove: gives its motions their certificates, see `plan_motion`; `proved_cycle` gives them later.
 
     Raises:
         InputError: a segment cannot be planned (all reasons with their numbers), or a bad number.
@@ -149,15 +150,15 @@ def plan_cycle(
         interrupted=interrupted,
         options={"starts": starts, **(choices if any(len(layer) > 1 for layer in layers) else {})},
     )
-    return proved_cycle(plan) if prove and not interrupted else plan
+    return plan if prove is None or interrupted else proved_cycle(plan, prove)
 
 
-def proved_cycle(plan: CyclePlan) -> CyclePlan:
+def proved_cycle(plan: CyclePlan, prove: Prove) -> CyclePlan:
     """A plan with the certificates of its motions, in this process; an interrupt leaves out the others."""
     began, parts, interrupted = time.perf_counter(), [*plan.parts], plan.interrupted
     try:
         for k, part in enumerate(parts):
-            parts[k] = proved(part)
+            parts[k] = proved(part, prove)
     except KeyboardInterrupt:
         interrupted = True
     checks = [part.check for part in parts]
@@ -245,7 +246,6 @@ class _Legs:
                 executor=pool,
                 jobs=1 if pool is None else None,
                 progress=progress,
-                prove=False,
             )
         except PlanningError as error:
             self._errors[leg] = error

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
-from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.check import MotionCheck, Prove, check_motion
 from ocptip.motion.planner.attempt import Attempt, Clock, Rough
 from ocptip.motion.planner.exact import Exact, Refiner
 from ocptip.motion.planner.formulation import Formulation, Smoothing
@@ -200,7 +200,7 @@ class Search:
         result = clock.result(before.result.number, "verified", checked)
         return Attempt(result, motion, checked)
 
-    def proved(self, before: Attempt) -> Attempt:
+    def proved(self, before: Attempt, prove: Prove) -> Attempt:
         """A verified start with its certificate; solved again, tighter, where something is not proved.
 
         What is proved replaces what is not, if it costs hardly more.
@@ -208,16 +208,16 @@ class Search:
         assert before.motion is not None
         assert before.check is not None
         clock = Clock()
-        checked = certified(self.task.robot, before.motion, before.check, self.task.limits)
+        checked = prove(self.task.robot, before.motion, before.check, self.task.limits)
         clock.stage("proof")
-        found = self._made_provable(before.motion, checked, clock)
+        found = self._made_provable(before.motion, checked, prove, clock)
         motion, checked = found or (before.motion, checked)
         clock.pause()
         status = before.result.status
         return Attempt(clock.result(before.result.number, status, checked), motion, checked)
 
     def _made_provable(
-        self, motion: ArmMotion, checked: MotionCheck, clock: Clock
+        self, motion: ArmMotion, checked: MotionCheck, prove: Prove, clock: Clock
     ) -> tuple[ArmMotion, MotionCheck] | None:
         """A certified motion near one that is not, if there is a way to one."""
         cost, refiner, exact = self._cost(checked), Refiner(self.formulation, self.inner), None
@@ -234,7 +234,7 @@ class Search:
                 motion, checked = self._checked(refiner, exact, clock)
                 if not checked.verified or self._cost(checked) > DEARER * cost:
                     break
-                checked = certified(self.task.robot, motion, checked, self.task.limits)
+                checked = prove(self.task.robot, motion, checked, self.task.limits)
                 clock.stage("proof")
                 if checked.certified:
                     return motion, checked

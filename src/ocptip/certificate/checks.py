@@ -1,0 +1,46 @@
+"""Checks of motions and cycles with their certificates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ocptip.certificate.find import certify
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.cycles.check import CycleCheck, cycle_check
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.sequence import MotionSequence
+
+
+def certified(
+    robot: StandingMechanism, motion: Motion, checked: MotionCheck, limits: MotionLimits | None = None
+) -> MotionCheck:
+    """The check with a certificate, if it is verified: a proof for all instants, as far as there is one.
+
+    One that it has stays.
+
+    Args:
+        robot, motion, limits: as checked.
+        checked: result of `check_motion`.
+    """
+    if not checked.verified or checked.certificate is not None:
+        return checked
+    return replace(checked, certificate=certify(robot, motion, limits or MotionLimits(), checked.worst))
+
+
+def certified_cycle(task: CycleTask, motion: MotionSequence, checked: CycleCheck) -> CycleCheck:
+    """The check with certificates of all segments, if it is verified.
+
+    Each holds for its segment and the rests before and after it with what that segment holds, which are
+    those at the seams.
+
+    Args:
+        task, motion: as checked.
+        checked: result of `check_cycle`.
+    """
+    if not checked.whole.verified:
+        return checked
+    rows = zip(task.segments, motion.motions, checked.segments, strict=True)
+    return cycle_check(task, motion, [certified(s.task.robot, own, c, s.task.limits) for s, own, c in rows])
