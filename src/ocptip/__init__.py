@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ocptip.api.place import place
+    from ocptip.api.rate import rate, rate_along, rate_workspace
     from ocptip.api.stand import stand
     from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
@@ -60,6 +61,9 @@ _HOME = {
     "UnilateralContact": "ocptip.contact",
     "place": "ocptip.api.place",
     "plot_scene": "ocptip.pictures.scene",
+    "rate": "ocptip.api.rate",
+    "rate_along": "ocptip.api.rate",
+    "rate_workspace": "ocptip.api.rate",
     "read_scene": "ocptip.task_files.scene",
     "solve": "ocptip.contact",
     "solve_many": "ocptip.contact",
@@ -86,6 +90,9 @@ __all__ = [
     "__version__",
     "place",
     "plot_scene",
+    "rate",
+    "rate_along",
+    "rate_workspace",
     "read_scene",
     "solve",
     "solve_many",

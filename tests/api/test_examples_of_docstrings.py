@@ -10,7 +10,7 @@ import pytest
 import ocptip
 from tests.places import EXAMPLES
 
-VERBS = ["place", "stand"]
+VERBS = ["place", "rate", "stand"]
 """Those whose example takes seconds; plans have tests of their own."""
 
 

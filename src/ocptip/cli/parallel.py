@@ -26,7 +26,6 @@ from ocptip.parallel.analysis.singularity import Singularity
 from ocptip.parallel.analysis.workspace import LENGTHS, Workspace, workspace
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
-from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
@@ -34,7 +33,7 @@ from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.minimal_form import joint_functions
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.task_files.parallel import read_parallel_robot
+from ocptip.task_files.parallel import read_robot
 
 _SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",), "plot": (".png", ".pdf", ".svg")}
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
@@ -215,16 +214,6 @@ def targets(options: Namespace) -> dict[str, Path]:
         if option == "c" and not found[option].stem.isidentifier():
             raise InputError(f"--c: expected a file NAME.c with NAME an identifier, got {path!r}")
     return found
-
-
-def read_robot(name: str) -> RobotDescription:
-    """A ready-made robot by its name (upper or lower case), or the one of a file."""
-    by_name = {known.lower(): make for known, make in READY_MADE.items()}
-    if name.lower() in by_name:
-        return by_name[name.lower()]()
-    if not Path(name).suffix:
-        raise InputError(f"{name}: expected one of {', '.join(READY_MADE)}, or a robot file NAME.toml")
-    return read_parallel_robot(name)
 
 
 def examine(

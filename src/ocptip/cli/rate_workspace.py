@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.api.rate import Rated, rate_workspace
 from ocptip.basics.errors import naming
 from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
@@ -18,11 +19,8 @@ from ocptip.cli.layout import table
 from ocptip.cli.parallel import grid_ranges, size_of_grid
 from ocptip.cli.terminal import Progress
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.platform import PlatformFile
-from ocptip.indices.workspace_maps import IndexMaps, index_maps
+from ocptip.indices.workspace_maps import IndexMaps
 from ocptip.parallel.analysis.workspace import LENGTHS
-from ocptip.parallel.robot import ParallelRobot
-from ocptip.robots.model import ArmModel
 
 
 @dataclass
@@ -83,23 +81,20 @@ class MapsReport(Report):
         return ", ".join(f"{round(value, 4) + 0.0:.4g}" for value in values)
 
 
-def rate_workspace(
-    robot: ArmModel | ParallelRobot | PlatformFile,
-    pose: np.ndarray | None,
-    options: Namespace,
-    ellipsoid: OperationEllipsoid | None,
+def workspace_report(
+    robot: Rated, pose: np.ndarray | None, options: Namespace, ellipsoid: OperationEllipsoid | None
 ) -> MapsReport:
-    """Indices over the grid that `--workspace` and `--cells` ask for, about a pose, see `index_maps`."""
+    """Indices over the grid that `--workspace` and `--cells` ask for, about a pose."""
     figure = None
     if options.plot:
         with naming("--plot"):
             figure = file_target(options.plot, (".png", ".pdf", ".svg"))
     with Progress(sys.stderr, "looking at the poses ...", what="poses") as progress:
-        found = index_maps(
+        found = rate_workspace(
             robot,
             grid_ranges(options.workspace),
             pose=pose,
-            names=options.index,
+            indices=options.index,
             cells=40 if options.cells is None else options.cells,
             ellipsoid=ellipsoid,
             progress=progress,

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.basics.text import of_known
 from ocptip.basics.toml import Source, Table, number_of
 from ocptip.parallel.description.body_inertia import BodyInertia
@@ -24,6 +26,7 @@ from ocptip.parallel.description.entries import (
     product_of,
     value_of,
 )
+from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import (
     COORDINATES,
     FIXED,
@@ -53,6 +56,16 @@ _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
 _ENTRIES = ("gamma", "b", "alpha", "d", "theta", "r")
 _FRICTION = ("drive_inertia", "viscous", "coulomb")
 _PI = re.compile(r"([+-]?)(?:(\d+(?:\.\d+)?)\*)?pi(?:/(\d+(?:\.\d+)?))?")
+
+
+def read_robot(name: str) -> RobotDescription:
+    """A ready-made robot by its name (upper or lower case), or the one of a file."""
+    by_name = {known.lower(): make for known, make in READY_MADE.items()}
+    if name.lower() in by_name:
+        return by_name[name.lower()]()
+    if not Path(name).suffix:
+        raise InputError(f"{name}: expected one of {', '.join(READY_MADE)}, or a robot file NAME.toml")
+    return read_parallel_robot(name)
 
 
 def read_parallel_robot(source: Source, name: str = "robot") -> RobotDescription:

@@ -1,0 +1,360 @@
+"""`ocptip.rate`: how good poses of arms, platforms and parallel robots are, one by one and over workspaces.
+
+Poses are joint angles of an arm (rad, sliding joints m), coordinates of a parallel robot (m, rad), or
+position (m) and rotation vector (rad) of a platform.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ocptip.basics.errors import InputError, finite_array, naming
+from ocptip.basics.read import read_text
+from ocptip.basics.toml import Table
+from ocptip.basics.write import plain, versions, write_json
+from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.arms.values import index_values
+from ocptip.indices.meanings import IndexEntry
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.platforms.from_parallel import platform_of_robot
+from ocptip.indices.platforms.parallel_robots import ParallelIndices, rate_parallel
+from ocptip.indices.platforms.platform import PlatformFile
+from ocptip.indices.platforms.rate import RatedPose, rate_platform
+from ocptip.indices.platforms.singular_motion import singular_motion
+from ocptip.indices.workspace_maps import (
+    IndexMaps,
+    arm_indices,
+    chosen_indices,
+    index_maps,
+    platform_indices,
+)
+from ocptip.parallel.analysis.workspace import LENGTHS
+from ocptip.parallel.description.ready_made import READY_MADE, ups6
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.published.arms import arm_by_name
+from ocptip.robots.model import ArmModel
+from ocptip.robots.urdf import arm_from_urdf
+from ocptip.standing.arm import Robot
+from ocptip.task_files.arm import arm_of_file
+from ocptip.task_files.parallel import read_robot
+from ocptip.task_files.platform_points import read_platform
+from ocptip.trajectories.read_csv import csv_table
+
+Kind = Literal["arm", "platform", "parallel"]
+Rated = Robot | ArmModel | ParallelRobot | PlatformFile | str | os.PathLike[str]
+"""A robot: an object, the name of a ready-made one, a URDF, or a TOML file with a robot or a task."""
+
+URDF_SUFFIXES = (".urdf", ".xml")
+HEXAPOD = "6UPS"
+"""Rated as a platform in one pose, as a parallel robot over several."""
+
+_SINGULAR = 1e-3
+_UNITS = {"deg": np.pi / 180.0, "rad": 1.0, "m": 1.0}
+
+
+def rate(
+    robot: Rated,
+    pose: ArrayLike | None = None,
+    *,
+    rates: ArrayLike | None = None,
+    ellipsoid: OperationEllipsoid | None = None,
+) -> Rating:
+    """Return all performance indices of a robot in a pose, with their meaning.
+
+    Example::
+
+        rating = ocptip.rate("FP1W2F", [0, 0.7, -1.05, 0.2, 0.9, 0.3])
+        rating["dm_2"].value
+
+    Args:
+        robot: an object, the name of a published arm or of a ready-made parallel robot, a URDF, or a TOML
+            file. What a gripper holds is part of an `ArmModel`.
+        pose: (n,) rad and m; of arms required, of others the home pose by default.
+        rates: (n,) joint rates of an arm for the index sigma.
+        ellipsoid: operation ellipsoid; default as in `index_values`, of platforms as their file says.
+
+    Raises:
+        InputError: no such robot, or an argument does not fit it.
+    """
+    found = rated_robot(robot, kind_of(robot, several=False))
+    if isinstance(found, ArmModel):
+        if pose is None:
+            raise InputError(f"pose: missing; {found.name} has {found.n} joints")
+        q = finite_array("pose", pose, (found.n,))
+        rating = rate_arm(found, q, ellipsoid=ellipsoid, rates=cast(Any, rates))
+        limits = found.limits
+        outside = (np.flatnonzero((q < limits.angle_min) | (q > limits.angle_max)) + 1).tolist()
+        payload = found.payload.to_dict() if found.payload else None
+        data = {**rating.to_dict(), "outside_limits": outside, "payload": payload}
+        return Rating(found.name, rating.singular, rating.entries, data, (found, rating))
+    if rates is not None:
+        raise InputError("rates: of the joints of an arm only")
+    if isinstance(found, ParallelRobot):
+        return _rate_parallel(found, pose)
+    return _rate_platform(found, pose, ellipsoid)
+
+
+def _rate_parallel(robot: ParallelRobot, pose: ArrayLike | None) -> Rating:
+    description = robot.description
+    count = len(description.platform.coordinates)
+    z = description.home if pose is None else finite_array("pose", pose, (count,))
+    entries, kinds = rate_parallel(robot, z)
+    data = {
+        "robot": description.name,
+        "kind": "parallel",
+        "z": z.tolist(),
+        "singular": bool(kinds),
+        "kinds": list(kinds),
+        "indices": [entry.to_dict() for entry in entries],
+    }
+    return Rating(description.name, bool(kinds), tuple(entries), data, kinds)
+
+
+def _rate_platform(
+    file: PlatformFile, pose: ArrayLike | None, ellipsoid: OperationEllipsoid | None
+) -> Rating:
+    position, rotation, ellipsoid = file.position, file.rotation, ellipsoid or file.ellipsoid
+    if pose is not None:
+        values = finite_array("pose", pose, (6,))
+        position, rotation = values[:3], Rotation.from_rotvec(values[3:]).as_matrix()
+    entries = rate_platform(file.platform, position, rotation, ellipsoid)
+    at = file.platform.at(position, rotation)
+    motion = singular_motion(at)
+    data = {
+        "robot": file.platform.name,
+        "kind": "platform",
+        "position": position.tolist(),
+        "rotation": rotation.tolist(),
+        "singular": at.singular,
+        "ellipsoid": None if ellipsoid is None else ellipsoid.to_dict(),
+        "indices": [entry.to_dict() for entry in entries],
+        "singular_motion": motion.to_dict(),
+    }
+    return Rating(file.platform.name, at.singular, tuple(entries), data, motion)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rating:
+    """All indices of a robot in one pose.
+
+    Attributes:
+        robot: its name.
+        singular: whether the pose is singular.
+        entries: one per index: value, range, unit, meaning.
+        data: content of `to_dict` but for the versions.
+        source: arm and `ArmRating`, `SingularMotion` of a platform, kinds of singularity of a parallel robot.
+    """
+
+    robot: str
+    singular: bool
+    entries: tuple[IndexEntry, ...]
+    data: Mapping[str, Any]
+    source: Any
+
+    def __getitem__(self, name: str) -> IndexEntry:
+        """The index of that name; InputError if there is none."""
+        for entry in self.entries:
+            if entry.name == name:
+                return entry
+        raise InputError(f"index: no {name!r} here; there are {', '.join(e.name for e in self.entries)}")
+
+    def __repr__(self) -> str:
+        """Regular or singular, and the values."""
+        values = ", ".join(
+            f"{e.name} {e.value:.4g}{'' if e.unit == '1' else ' ' + e.unit}" for e in self.entries
+        )
+        return f"<Rating {self.robot}: {'singular' if self.singular else 'regular'} pose; {values}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {**self.data, "versions": versions()}
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the data as JSON into a file; returns its path."""
+        write_json(Path(path), plain(self.to_dict()))
+        return Path(path)
+
+
+def rate_along(
+    robot: Rated,
+    motion: str | os.PathLike[str],
+    *,
+    indices: Iterable[str] | None = None,
+    ellipsoid: OperationEllipsoid | None = None,
+) -> RatedMotion:
+    """Return indices along a motion: its poses are the rows of a CSV file as plans write it.
+
+    Args:
+        robot: see `rate`.
+        motion: file with columns q1_deg, q2_m, ... (q1_rad, too) and perhaps time_s.
+        indices: names; default: those most looked at.
+        ellipsoid: see `rate`.
+
+    Raises:
+        InputError: the file lacks a column of positions, or a pose is out of reach; names the row.
+    """
+    found, file = rated_robot(robot, kind_of(robot, several=True)), os.fspath(motion)
+    if isinstance(found, ArmModel):
+        times, poses = _poses(file, [not slides for slides in found.prismatic])
+        names, regular = arm_indices(indices), "dm_2" if found.n == 6 else "inv_cdn_oe"
+        values = index_values(found, poses, ellipsoid=ellipsoid, names=(*names, regular))
+        return RatedMotion(found.name, times, {name: values[name] for name in names}, values[regular])
+    rate_pose: Callable[[np.ndarray, Iterable[str]], Mapping[str, float]]
+    if isinstance(found, ParallelRobot):
+        name, of_robot = found.description.name, ParallelIndices(found, ellipsoid)
+        turns = [name not in LENGTHS for name in found.description.platform.coordinates]
+        names, regular = chosen_indices(indices, of_robot.usual, of_robot.names), ("platform", "legs")
+        rate_pose = of_robot.values
+    else:
+        name, turns, tool = found.platform.name, [False] * 3 + [True] * 3, ellipsoid or found.ellipsoid
+        names, regular = platform_indices(indices, tool), ("ctn",)
+        rate_pose = partial(_values_of_platform, found, tool)
+    times, poses = _poses(file, turns)
+    rows = []
+    for row, pose in enumerate(poses, start=1):
+        with naming(f"{file}: row {row}"):
+            rows.append(rate_pose(pose, (*names, *regular)))
+    values = {key: np.array([one[key] for one in rows]) for key in (*names, *regular)}
+    least = np.min([values[key] for key in regular], axis=0)
+    return RatedMotion(name, times, {key: values[key] for key in names}, least)
+
+
+def _values_of_platform(
+    file: PlatformFile, ellipsoid: OperationEllipsoid | None, pose: np.ndarray, names: Iterable[str]
+) -> dict[str, float]:
+    turn = Rotation.from_rotvec(pose[3:]).as_matrix()
+    return RatedPose(file.platform, pose[:3], turn, ellipsoid).values(names)
+
+
+def _poses(file: str, turns: Sequence[bool]) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) and positions (N, n), rad and m, of the columns q1_deg, q2_m, ..., as plans write them."""
+    text = read_text(Path(file))
+    with naming(file):
+        header, cells = csv_table(text)
+        columns = []
+        for number, turn in enumerate(turns, start=1):
+            units = ("deg", "rad") if turn else ("m",)
+            names = [f"q{number}_{unit}" for unit in units]
+            here = [name for name in names if name in header]
+            if not here:
+                raise InputError(f"expected a column {' or '.join(names)}, there are {', '.join(header[:8])}")
+            scale = _UNITS[here[0].rpartition("_")[2]]
+            columns.append(scale * cells[:, header.index(here[0])])
+    times = cells[:, header.index("time_s")] if "time_s" in header else np.arange(len(cells), dtype=float)
+    return times, np.column_stack(columns)
+
+
+@dataclass(frozen=True, eq=False)
+class RatedMotion:
+    """Indices (N,) over times (N,), s.
+
+    Attributes:
+        robot: its name.
+        times: s; of a file without times, row numbers from 0.
+        values: by name.
+        regularity: (N,) how far the poses are from singular ones: 0 there.
+    """
+
+    robot: str
+    times: np.ndarray
+    values: Mapping[str, np.ndarray]
+    regularity: np.ndarray = field(repr=False)
+
+    @property
+    def regular(self) -> bool:
+        """True if no pose is singular."""
+        return bool(np.all(self.regularity > _SINGULAR))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Least, mean and largest values, and when the least ones are."""
+        return {
+            "robot": self.robot,
+            "poses": len(self.times),
+            "indices": {
+                name: {
+                    "minimum": float(np.nanmin(v)),
+                    "at_s": float(self.times[np.nanargmin(v)]),
+                    "mean": float(np.nanmean(v)),
+                    "maximum": float(np.nanmax(v)),
+                }
+                for name, v in self.values.items()
+            },
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a figure (.png, .pdf, .svg); returns its path."""
+        from ocptip.pictures.workspace import save_indices
+
+        return save_indices(self.robot, self.times, dict(self.values), Path(path))
+
+
+def rate_workspace(
+    robot: Rated,
+    ranges: Mapping[str, tuple[float, float]],
+    *,
+    pose: ArrayLike | None = None,
+    indices: Iterable[str] | None = None,
+    cells: int | Sequence[int] = 40,
+    ellipsoid: OperationEllipsoid | None = None,
+    progress: Any = None,
+) -> IndexMaps:
+    """Return indices over a grid of poses; see `ocptip.indices.workspace_maps.index_maps`.
+
+    Args:
+        robot: see `rate`.
+        ranges: coordinate to lower and upper end, m or rad; one to three of them.
+        pose: the pose whose other coordinates hold everywhere.
+        indices, ellipsoid: see `rate_along`.
+        cells: per coordinate.
+        progress: of parallel robots: called as progress(done, total, None).
+    """
+    found = rated_robot(robot, kind_of(robot, several=True))
+    if isinstance(found, PlatformFile) and pose is not None:
+        values = finite_array("pose", pose, (6,))
+        turn = Rotation.from_rotvec(values[3:]).as_matrix()
+        found, pose = PlatformFile(found.platform, values[:3], turn, found.ellipsoid), None
+    how = {"names": indices, "cells": cells, "progress": progress}
+    return index_maps(found, ranges, pose=pose, ellipsoid=ellipsoid, **how)
+
+
+def kind_of(robot: Rated, *, several: bool) -> Kind:
+    """What a robot is rated as; `several` poses of a hexapod are those of a parallel robot."""
+    if isinstance(robot, ParallelRobot):
+        return "parallel"
+    if isinstance(robot, PlatformFile):
+        return "platform"
+    if isinstance(robot, ArmModel | Robot):
+        return "arm"
+    path = Path(robot)
+    is_file = path.suffix.lower() == ".toml"
+    keys = Table.read(path) if is_file else {}
+    name, hexapod = os.fspath(robot).lower(), os.fspath(robot).upper() == HEXAPOD
+    if "leg" in keys or (name in map(str.lower, READY_MADE) and (several or not hexapod)):
+        return "parallel"
+    return "platform" if hexapod or (is_file and "arm" not in keys) else "arm"
+
+
+def rated_robot(robot: Rated, kind: Kind) -> ArmModel | ParallelRobot | PlatformFile:
+    """The robot of this kind, read from its file where it is one; most indices need no masses."""
+    if isinstance(robot, Robot):
+        return robot.arm
+    if not isinstance(robot, str | os.PathLike):
+        return robot
+    name = os.fspath(robot)
+    if kind == "parallel":
+        return ParallelRobot(read_robot(name))
+    if kind == "platform":
+        return platform_of_robot(ups6()) if name.upper() == HEXAPOD else read_platform(name)
+    suffix = Path(name).suffix.lower()
+    if suffix in URDF_SUFFIXES:
+        return arm_from_urdf(name, accept_inertia=True)
+    return arm_of_file(name) if suffix == ".toml" else arm_by_name(name)
