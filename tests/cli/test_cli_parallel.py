@@ -68,7 +68,7 @@ def test_c_code(capsys, tmp_path):
 
 
 def test_a_robot_that_is_singular_everywhere_is_not_accepted(capsys, monkeypatch):
-    monkeypatch.setitem(command.READY_MADE, "6UPS", lambda: ups6(gap=np.pi / 3))
+    monkeypatch.setitem(READY_MADE, "6UPS", lambda: ups6(gap=np.pi / 3))
     assert main(["parallel", "6UPS"]) == 1
     text = capsys.readouterr().out
     assert "DOES NOT MOVE AS DESCRIBED" in text
