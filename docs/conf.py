@@ -6,6 +6,9 @@ MathML, which browsers draw themselves: the site needs no network and no TeX.
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
 import re
 import shutil
 from pathlib import Path
@@ -16,7 +19,11 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
+from ocptip.cli.commands import COMMANDS
+from ocptip.cli.main import parser
+
 ROOT = Path(__file__).resolve().parents[1]
+os.environ["COLUMNS"] = "80"  # of the help texts
 RESULTS = "studies/results"
 
 project = "ocptip"
@@ -54,6 +61,20 @@ def _copy_tables(app: Sphinx) -> None:
             shutil.copy(path, copy)
 
 
+def _write_help(app: Sphinx) -> None:
+    """The help of all commands becomes a page."""
+    texts = [f"## {c.name}\n\n```text\n{_help_of(c.name)}```\n" for c in COMMANDS]
+    page = Path(app.srcdir) / "results" / "command_line.md"
+    page.write_text("\n".join(["# All commands and options\n", *texts]), encoding="utf-8")
+
+
+def _help_of(command: str) -> str:
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+        parser().parse_args([command, "--help"])
+    return text.getvalue()
+
+
 def _inside(app: Sphinx, name: str, content: list[str]) -> None:
     """Links to what was copied lead there, and each table has a title."""
     content[0] = content[0].replace(f"](../{RESULTS}/", "](results/")
@@ -82,5 +103,6 @@ def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     app.add_html_math_renderer("mathml", (_formula, None), (_formula, None))
     app.connect("builder-inited", _copy_tables)
+    app.connect("builder-inited", _write_help)
     app.connect("source-read", _inside)
     app.connect("autodoc-process-docstring", _plain, priority=400)  # before napoleon

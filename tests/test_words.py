@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from studies.words.run import EASE, ROOT, Page, pages
@@ -10,31 +12,7 @@ UNFINISHED = {
     "README.md",
     "docs/api/contacts.md",
     "docs/api/motions.md",
-    "docs/cell.md",
-    "docs/certificate.md",
-    "docs/collision.md",
-    "docs/commands.md",
-    "docs/compare.md",
-    "docs/comparison.md",
-    "docs/contact-solver.md",
-    "docs/gallery.md",
-    "docs/identify.md",
-    "docs/index.md",
-    "docs/indices.md",
-    "docs/measured.md",
-    "docs/motion-planner.md",
-    "docs/parallel-robots.md",
-    "docs/placement.md",
     "docs/python.md",
-    "docs/report.md",
-    "docs/retiming.md",
-    "docs/scenes.md",
-    "docs/sensitivities.md",
-    "docs/simulation.md",
-    "docs/start.md",
-    "docs/stops.md",
-    "docs/tolerance.md",
-    "docs/view.md",
 }
 """Pages that are not rewritten yet. This list only shrinks; a new page is not on it."""
 
@@ -47,9 +25,10 @@ def test_page_is_in_plain_words(name):
 
 
 def test_pages_are_easy_to_read():
-    """On average: a page of formulas and names of methods may be harder."""
-    finished = [PAGES[name].ease for name in set(PAGES) - UNFINISHED if PAGES[name].sentences]
-    assert all(ease > EASE for ease in finished)
+    """All but the bibliography, whose titles are what they are."""
+    finished = set(PAGES) - UNFINISHED - {"docs/bibliography.md"}
+    hard = {name: PAGES[name].ease for name in finished if PAGES[name].sentences and PAGES[name].ease <= EASE}
+    assert hard == {}
 
 
 def test_unfinished_pages_exist_and_are_unfinished():
@@ -74,6 +53,14 @@ def test_rules_see_what_breaks_them(tmp_path, text):
     path = tmp_path / "page.md"
     path.write_text(f"# Title\n\n{text}\n")
     assert len(Page(path).faults()) >= 1
+
+
+def test_messages_of_troubleshooting_are_those_of_the_code():
+    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
+    one_line = re.sub(r'"\s*\n\s*f?"', "", source)  # a message over several lines
+    messages = re.findall(r"^\| `([^`]+)` \|", PAGES["docs/troubleshooting.md"].text, flags=re.MULTILINE)
+    assert len(messages) > 20
+    assert [message for message in messages if message not in one_line] == []
 
 
 def test_code_and_quoted_output_are_no_prose(tmp_path):

@@ -31,7 +31,7 @@ BANNED = {
     r"events?": "switching time",
     r"pace": "speed override",
     r"gripper point": "TCP",
-    r"(inverse )?branch(es)?": "IK solution",
+    r"(inverse )?branch(es)?(?!-and)": "IK solution",
     r"plainest": "synchronised default motion",
     r"bindings?": "contact model",
     r"(printed|effective) (base|ones|data)": "as-published, identified base",

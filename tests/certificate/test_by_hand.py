@@ -1,4 +1,4 @@
-"""The interval that docs/certificate.md works by hand."""
+"""The interval that docs/explanation/proof-by-hand.md works by hand."""
 
 import numpy as np
 import pytest
