@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.made_of import MadeOf
+from ocptip.parallel.analysis.assembly_modes import AssemblyModes, assembly_modes
 from ocptip.parallel.analysis.crossings import Crossing, crossings
 from ocptip.parallel.analysis.mobility import Mobility, mobility, require_mobility
 from ocptip.parallel.analysis.singularity import Singularity, require_regular, singularity
+from ocptip.parallel.code.codegen import CFiles, write_c
+from ocptip.parallel.code.complete import complete_function
+from ocptip.parallel.code.counting import OperationCount
+from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
+from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.reactions import JointReactions, joint_reactions
 from ocptip.parallel.dynamics.regressor import regressor
 from ocptip.parallel.dynamics.terms import (
@@ -32,14 +39,7 @@ from ocptip.parallel.kinematics.platform import (
     Kinematics,
     RobotMotion,
 )
-
-if TYPE_CHECKING:
-    from ocptip.parallel.analysis.assembly_modes import AssemblyModes
-    from ocptip.parallel.code.codegen import CFiles
-    from ocptip.parallel.code.counting import OperationCount
-    from ocptip.parallel.code.lean import LeanFunction
-    from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
-    from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters
+from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters, leg_base_parameters
 
 Joints = Sequence[np.ndarray] | None
 """Joint positions per leg; None: to be found by the inverse kinematics."""
@@ -99,8 +99,6 @@ class ParallelRobot(MadeOf):
 
     def assembly_modes(self, qa: ArrayLike) -> AssemblyModes:
         """All platform poses for motor positions; see :func:`assembly_modes`."""
-        from ocptip.parallel.analysis.assembly_modes import assembly_modes
-
         return assembly_modes(self.kinematics, qa)
 
     def passive(self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, guess: Joints = None) -> JointRates:
@@ -283,9 +281,6 @@ class ParallelRobot(MadeOf):
         """Generated function: :func:`~ocptip.parallel.code.lean.lean_function`, or `complete_function`
         of :mod:`ocptip.parallel.code.complete` where joints behind the coupling points take part, with the
         base parameters of the whole robot as DynPar 3."""
-        from ocptip.parallel.code.complete import complete_function
-        from ocptip.parallel.code.lean import lean_function
-
         if self.complete_legs:
             if options.get("dynpar") == 3 and options.get("base") is None:
                 options = {**options, "base": self.base_parameters("numeric")}
@@ -300,7 +295,6 @@ class ParallelRobot(MadeOf):
         self, path: str | os.PathLike[str], outputs: Sequence[str] = ("tau",), **options: Any
     ) -> CFiles:
         """Write the motor forces (form "A"), or what the options ask for, as C source with a header."""
-        from ocptip.parallel.code.codegen import write_c
 
         return write_c(self.lean(outputs, **{"form": "A", **options}), path)
 
@@ -308,9 +302,6 @@ class ParallelRobot(MadeOf):
         self, how: Literal["leg", "numeric"] = "leg", **options: Any
     ) -> LegBaseParameters | NumericBaseParameters:
         """Base parameters: leg-wise closed form, or of the whole robot by QR."""
-        from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
-        from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters
-
         if how not in ("leg", "numeric"):
             raise InputError(f"how: must be 'leg' or 'numeric', got {how!r}")
         make = leg_base_parameters if how == "leg" else numeric_base_parameters

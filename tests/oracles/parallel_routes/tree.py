@@ -8,18 +8,22 @@ joints' forces over to the motors: tau_m = tau_a + J_pa' tau_p.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.vectors import cross
 from ocptip.parallel.description.body_inertia import BodyInertia
-from ocptip.parallel.description.mdh import moved_inertia
+from ocptip.parallel.description.mdh import moved_inertia, row_frame
 from ocptip.parallel.description.robot_description import REVOLUTE, Leg
-from ocptip.parallel.dynamics.reactions import body_loads, body_states, inertial_load, transmitted
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
 _RANK = 1e-11
+
+Wrench = tuple[np.ndarray, np.ndarray]
+"""Force and moment (3,) in the axes of a row's frame, about its origin."""
 
 
 def tree_forces(
@@ -84,7 +88,7 @@ def leg_newton_euler(
     loads = body_loads(leg, states)
     if platform is not None:
         force, moment = loads[-1]
-        more_force, more_moment = inertial_load(_on_end(platform, leg), states[-1])
+        more_force, more_moment = _inertial_load(_on_end(platform, leg), states[-1])
         loads[-1] = force + more_force, moment + more_moment
     tau = np.zeros(leg.n)
     rows = zip(leg.topology.rows, leg.topology.joints, transmitted(leg, states, loads), strict=True)
@@ -93,6 +97,71 @@ def leg_newton_euler(
             tau[joint] = moment[2] if row.sigma == REVOLUTE else force[2]
     drive, viscous, coulomb = leg.drives
     return tau + drive * qdd + viscous * qd + coulomb * np.sign(qd)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """Motion of a row's frame, in its own axes, and where it stands.
+
+    Attributes:
+        turn: (3, 3) to the axes of the row before; arm: (3,), m, origin in that row's frame.
+        w, wd: (3,) angular velocity and acceleration; a: (3,) acceleration of the origin minus gravity.
+    """
+
+    turn: np.ndarray
+    arm: np.ndarray
+    w: np.ndarray
+    wd: np.ndarray
+    a: np.ndarray
+
+
+def body_states(
+    leg: LegClosure, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, gravity: np.ndarray
+) -> list[BodyState]:
+    """Motion of all rows of a leg from the base on."""
+    topology = leg.topology
+    states: list[BodyState] = []
+    still = BodyState(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), leg.base.T @ -gravity)
+    for row, parent, joint in zip(topology.rows, topology.parents, topology.joints, strict=True):
+        A, arm = row_frame(row, 0.0 if joint is None else q[joint])
+        before = still if parent < 0 else states[parent]
+        w, wd = A.T @ before.w, A.T @ before.wd
+        a = A.T @ (before.a + cross(before.wd, arm) + cross(before.w, cross(before.w, arm)))
+        if joint is not None:
+            rate = np.array([0.0, 0.0, qd[joint]])
+            if row.sigma == REVOLUTE:
+                wd = wd + cross(w, rate) + [0.0, 0.0, qdd[joint]]
+                w = w + rate
+            else:
+                a = a + 2 * cross(w, rate) + [0.0, 0.0, qdd[joint]]
+        states.append(BodyState(A, arm, w, wd, a))
+    return states
+
+
+def body_loads(leg: LegClosure, states: Sequence[BodyState]) -> list[Wrench]:
+    """Wrench that moves and carries every row's own body."""
+    bodies = [*leg.leg.bodies, *[BodyInertia()] * (len(states) - len(leg.leg.bodies))]
+    return [_inertial_load(body, state) for body, state in zip(bodies, states, strict=True)]
+
+
+def transmitted(leg: LegClosure, states: Sequence[BodyState], loads: Sequence[Wrench]) -> list[Wrench]:
+    """Wrench that every row gets from the one before: its own load and those of the rows behind it."""
+    found = list(loads)
+    for k in reversed(range(len(found))):
+        parent = leg.topology.parents[k]
+        if parent >= 0:
+            force, moment = found[parent]
+            turned = states[k].turn @ found[k][0]
+            moment = moment + states[k].turn @ found[k][1] + cross(states[k].arm, turned)
+            found[parent] = force + turned, moment
+    return found
+
+
+def _inertial_load(body: BodyInertia, state: BodyState) -> Wrench:
+    """Wrench that moves and carries one body."""
+    s, w, wd = body.first_moment, state.w, state.wd
+    force = body.mass * state.a + cross(wd, s) + cross(w, cross(w, s))
+    return force, body.inertia @ wd + cross(w, body.inertia @ w) + cross(s, state.a)
 
 
 def _cut_loops(

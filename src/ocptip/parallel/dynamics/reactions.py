@@ -7,7 +7,6 @@ do not fix the multipliers: those of least norm are one choice, and `unique` say
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,17 +14,11 @@ import numpy as np
 from ocptip.basics.write import Record
 from ocptip.numerics.vectors import cross
 from ocptip.parallel.analysis.mobility import stacked_closures
-from ocptip.parallel.description.body_inertia import BodyInertia
-from ocptip.parallel.description.mdh import row_frame
-from ocptip.parallel.description.robot_description import REVOLUTE
 from ocptip.parallel.dynamics.terms import platform_terms
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
 _RANK = 1e-11
-
-Wrench = tuple[np.ndarray, np.ndarray]
-"""Force and moment (3,) in the axes of a row's frame, about its origin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,80 +169,12 @@ def _reactions(
     outer: dict[int, np.ndarray],
 ) -> np.ndarray:
     """(rows, 6) what the joints transmit, world axes, about the origins of their frames."""
-    states = body_states(leg, q, qd, qdd, gravity)
-    loads = body_loads(leg, states)
-    turns = leg.frames(q)[0]
+    wrenches, origins = leg.body_loads(q, qd, qdd, gravity), leg.frames(q)[1]
     for row, wrench in outer.items():
-        force, moment = loads[row]
-        loads[row] = force - turns[row].T @ wrench[:3], moment - turns[row].T @ wrench[3:]
-    return np.array(
-        [
-            np.concatenate([turn @ f, turn @ n])
-            for turn, (f, n) in zip(turns, transmitted(leg, states, loads), strict=True)
-        ]
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class BodyState:
-    """Motion of a row's frame, in its own axes, and where it stands.
-
-    Attributes:
-        turn: (3, 3) to the axes of the row before; arm: (3,), m, origin in that row's frame.
-        w, wd: (3,) angular velocity and acceleration; a: (3,) acceleration of the origin minus gravity.
-    """
-
-    turn: np.ndarray
-    arm: np.ndarray
-    w: np.ndarray
-    wd: np.ndarray
-    a: np.ndarray
-
-
-def body_states(
-    leg: LegClosure, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, gravity: np.ndarray
-) -> list[BodyState]:
-    """Motion of all rows of a leg from the base on."""
-    topology = leg.topology
-    states: list[BodyState] = []
-    still = BodyState(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), leg.base.T @ -gravity)
-    for row, parent, joint in zip(topology.rows, topology.parents, topology.joints, strict=True):
-        A, arm = row_frame(row, 0.0 if joint is None else q[joint])
-        before = still if parent < 0 else states[parent]
-        w, wd = A.T @ before.w, A.T @ before.wd
-        a = A.T @ (before.a + cross(before.wd, arm) + cross(before.w, cross(before.w, arm)))
-        if joint is not None:
-            rate = np.array([0.0, 0.0, qd[joint]])
-            if row.sigma == REVOLUTE:
-                wd = wd + cross(w, rate) + [0.0, 0.0, qdd[joint]]
-                w = w + rate
-            else:
-                a = a + 2 * cross(w, rate) + [0.0, 0.0, qdd[joint]]
-        states.append(BodyState(A, arm, w, wd, a))
-    return states
-
-
-def body_loads(leg: LegClosure, states: Sequence[BodyState]) -> list[Wrench]:
-    """Wrench that moves and carries every row's own body."""
-    bodies = [*leg.leg.bodies, *[BodyInertia()] * (len(states) - len(leg.leg.bodies))]
-    return [inertial_load(body, state) for body, state in zip(bodies, states, strict=True)]
-
-
-def transmitted(leg: LegClosure, states: Sequence[BodyState], loads: Sequence[Wrench]) -> list[Wrench]:
-    """Wrench that every row gets from the one before: its own load and those of the rows behind it."""
-    found = list(loads)
-    for k in reversed(range(len(found))):
-        parent = leg.topology.parents[k]
+        wrenches[row] -= wrench
+    for row in reversed(range(len(wrenches))):
+        parent, force = leg.topology.parents[row], wrenches[row, :3]
         if parent >= 0:
-            force, moment = found[parent]
-            turned = states[k].turn @ found[k][0]
-            moment = moment + states[k].turn @ found[k][1] + cross(states[k].arm, turned)
-            found[parent] = force + turned, moment
-    return found
-
-
-def inertial_load(body: BodyInertia, state: BodyState) -> Wrench:
-    """Wrench that moves and carries one body."""
-    s, w, wd = body.first_moment, state.w, state.wd
-    force = body.mass * state.a + cross(wd, s) + cross(w, cross(w, s))
-    return force, body.inertia @ wd + cross(w, body.inertia @ w) + cross(s, state.a)
+            moment = wrenches[row, 3:] + cross(origins[row] - origins[parent], force)
+            wrenches[parent] += np.concatenate([force, moment])
+    return wrenches

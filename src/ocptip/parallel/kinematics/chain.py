@@ -160,11 +160,8 @@ def leg_dynamics(topology: Topology) -> PointFunction:
     M, c, gravity = cs.SX.zeros(n, n), cs.SX.zeros(n), cs.SX.zeros(n)
     momentum, load, potential = cs.SX.zeros(6, n), cs.SX.zeros(6), cs.SX(0)
     for k in range(topology.bodies):
-        R, J, w = f.rotations[k], f.jacobians[k], f.speeds[k]
-        A, mass, s, inertia = spatial_inertia(p[10 * k : 10 * k + 10], R)
-        gyro = cs.vertcat(cs.cross(w, cs.cross(w, s)), cs.cross(w, inertia @ w))
-        inertial = A @ f.drifts[k] + gyro
-        weight = cs.vertcat(mass * g, cs.cross(s, g))
+        J = f.jacobians[k]
+        A, inertial, weight, moment = _body_loads(f, k, p, g)
         M += J.T @ A @ J
         c += J.T @ inertial
         gravity -= J.T @ weight
@@ -173,7 +170,7 @@ def leg_dynamics(topology: Topology) -> PointFunction:
         )
         momentum += shift @ A @ J
         load += shift @ (inertial - weight)
-        potential -= cs.dot(g, mass * f.origins[k] + s)
+        potential -= cs.dot(weight[:3], f.origins[k]) + cs.dot(g, moment)
     energy = cs.vertcat(0.5 * cs.dot(qd, M @ qd), potential)
     outputs = [M, c, gravity, momentum, load, energy]
     names = ["mass", "coriolis", "gravity_force", "momentum", "load", "energy"]
@@ -181,6 +178,33 @@ def leg_dynamics(topology: Topology) -> PointFunction:
     return PointFunction(
         cs.Function("leg_dynamics", inputs, cs.cse(outputs), ["q", "qd", "base", "gravity", "inertia"], names)
     )
+
+
+@lru_cache(maxsize=_CACHED)
+def leg_loads(topology: Topology) -> PointFunction:
+    """Wrenches that move and carry the bodies of a leg.
+
+    In: `q`, `qd`, `qdd` (n,); `base` (3, 3); `gravity` (3,), world axes; `inertia` (10 bodies,) in DynPar 2
+    order. Out: `loads` (6, bodies): force and moment about the origin of the body's frame, world axes.
+    """
+    n = topology.n_joints
+    q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
+    base, g, p = cs.SX.sym("base", 3, 3), cs.SX.sym("g", 3), cs.SX.sym("p", 10 * topology.bodies)
+    f = frames(topology, q, qd, base)
+    loads = []
+    for k in range(topology.bodies):
+        A, inertial, weight, _ = _body_loads(f, k, p, g)
+        loads.append(A @ (f.jacobians[k] @ qdd) + inertial - weight)
+    inputs = [q, qd, qdd, base, g, p]
+    return PointFunction(cs.Function("leg_loads", inputs, cs.cse([cs.densify(cs.horzcat(*loads))])))
+
+
+def _body_loads(f: Frames, k: int, p: cs.SX, g: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
+    """Spatial inertia (6, 6), wrench at q'' = 0 and weight (6,) of body k, its first moment (3,)."""
+    w = f.speeds[k]
+    A, mass, s, inertia = spatial_inertia(p[10 * k : 10 * k + 10], f.rotations[k])
+    gyro = cs.vertcat(cs.cross(w, cs.cross(w, s)), cs.cross(w, inertia @ w))
+    return A, A @ f.drifts[k] + gyro, cs.vertcat(mass * g, cs.cross(s, g)), s
 
 
 def spatial_inertia(p: cs.SX, R: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:

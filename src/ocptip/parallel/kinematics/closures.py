@@ -11,7 +11,13 @@ from ocptip.numerics.vectors import cross, skew
 from ocptip.parallel.description.branched import BranchedLeg
 from ocptip.parallel.description.robot_description import Leg
 from ocptip.parallel.description.rotations import rotation_vector
-from ocptip.parallel.kinematics.chain import Topology, leg_dynamics, leg_kinematics, serial_topology
+from ocptip.parallel.kinematics.chain import (
+    Topology,
+    leg_dynamics,
+    leg_kinematics,
+    leg_loads,
+    serial_topology,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +140,13 @@ class LegClosure:
     ) -> list[np.ndarray]:
         """The same for given inertia parameters (10 bodies,), without drive inertia and friction."""
         return self._dynamics(q, qd, self.base, gravity, inertia)
+
+    def body_loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, gravity: np.ndarray) -> np.ndarray:
+        """(rows, 6) wrenches that move and carry the bodies, world axes, about their frames' origins."""
+        loads = np.zeros((len(self.topology.rows), 6))
+        found = leg_loads(self.topology)(q, qd, qdd, self.base, gravity, self.inertia)[0]
+        loads[: self.topology.bodies] = found.reshape(6, -1).T
+        return loads
 
     def motion(
         self,
