@@ -18,8 +18,11 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ocptip.api.compare import compare
+    from ocptip.api.export import export
     from ocptip.api.place import place
     from ocptip.api.rate import rate, rate_along, rate_workspace
+    from ocptip.api.simulate import simulate
     from ocptip.api.stand import stand
     from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
@@ -59,6 +62,9 @@ _HOME = {
     "Support": "ocptip.contact",
     "TipOver": "ocptip.reserves",
     "UnilateralContact": "ocptip.contact",
+    "compare": "ocptip.api.compare",
+    "export": "ocptip.api.export",
+    "simulate": "ocptip.api.simulate",
     "place": "ocptip.api.place",
     "plot_scene": "ocptip.pictures.scene",
     "rate": "ocptip.api.rate",
@@ -88,12 +94,15 @@ __all__ = [
     "TipOver",
     "UnilateralContact",
     "__version__",
+    "compare",
+    "export",
     "place",
     "plot_scene",
     "rate",
     "rate_along",
     "rate_workspace",
     "read_scene",
+    "simulate",
     "solve",
     "solve_many",
     "stability",

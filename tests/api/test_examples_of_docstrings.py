@@ -2,15 +2,20 @@
 
 import inspect
 import re
+import shutil
 import textwrap
 
 import numpy as np
 import pytest
 
 import ocptip
+from ocptip.motion.output import write_plan
+from ocptip.published.tasks import experiment_task
+from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
+from tests.standing.simulation.test_replay import plan_of as committed
 
-VERBS = ["place", "rate", "stand"]
+VERBS = ["compare", "export", "place", "rate", "simulate", "stand"]
 """Those whose example takes seconds; plans have tests of their own."""
 
 
@@ -22,8 +27,17 @@ def example(function):
     return textwrap.dedent(found[1])
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where users are: beside the examples, a plan of A and a recording of it."""
+    path = tmp_path_factory.mktemp("user")
+    (path / "examples").symlink_to(EXAMPLES)
+    write_plan(path / "ocptip-plan-A", plan_of(experiment_task("A"), committed("A-effective")[1]))
+    shutil.copy(path / "ocptip-plan-A" / "motion.csv", path / "recording.csv")
+    return path
+
+
 @pytest.mark.parametrize("verb", VERBS)
-def test_its_example_runs(verb, tmp_path, monkeypatch):
-    (tmp_path / "examples").symlink_to(EXAMPLES)
-    monkeypatch.chdir(tmp_path)
+def test_its_example_runs(verb, folder, monkeypatch):
+    monkeypatch.chdir(folder)
     exec(example(getattr(ocptip, verb)), {"ocptip": ocptip, "np": np})

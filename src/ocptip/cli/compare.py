@@ -11,21 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, naming
+from ocptip.api.compare import PlanComparison, compare
 from ocptip.basics.text import percent, quantity, some, with_error
-from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table, under
 from ocptip.cli.options import given_columns
 from ocptip.cli.stand import check_plot_target
-from ocptip.measured.compare import LEVEL, compare
-from ocptip.measured.comparison import Comparison
+from ocptip.measured.compare import LEVEL
 from ocptip.measured.prediction import Predictor
-from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, Recording, doubt_turns, read_recording
+from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED
 from ocptip.measured.signals import Finding
-from ocptip.motion.cycles.task import CycleTask
-from ocptip.task_files.plan_folder import read_plan_folder
-from ocptip.trajectories.sequence import MotionSequence
 
 _WORDS = {
     "angles": "joint angles", "speeds": "joint speeds", "torques": "torques", "sensor": "force-torque sensor",
@@ -37,84 +32,64 @@ def run(options: Namespace) -> CompareReport:
     """Read both and compare."""
     if options.plot:
         check_plot_target(options.plot)
-    plan = read_plan_folder(options.plan)
-    if isinstance(plan.task, CycleTask) or isinstance(plan.motion, MotionSequence):
-        raise InputError(
-            "is a cycle; recordings of its segments are compared with their own plans", "", options.plan
-        )
-    with naming(options.plan):
-        predictor = Predictor(plan.task.robot, plan.motion)
-    recording = read_recording(
-        options.recording, plan.task.robot, unit=options.unit, columns=given_columns(options)
+    found = compare(
+        options.plan,
+        options.recording,
+        unit=options.unit,
+        columns=given_columns(options),
+        level=LEVEL if options.level is None else options.level,
+        same_clock=options.same_clock,
     )
-    doubt_turns(recording, plan.task.robot, plan.motion)
-    level = LEVEL if options.level is None else options.level
-    with naming(Path(options.recording).name):
-        found = compare(recording, predictor, level=level, same_clock=options.same_clock)
-    return CompareReport(plan.task.name, predictor, found, recording, options.plot)
+    return CompareReport(found, options.plot)
 
 
 @dataclass
 class CompareReport(Report):
-    """What was found.
+    """What is said about a comparison.
 
     Attributes:
-        name: of the task.
-        predictor: of its robot and motion.
-        found: the comparison.
-        recording: that was compared.
+        compared: that.
         plot: file for the figure, or None.
     """
 
-    name: str
-    predictor: Predictor
-    found: Comparison
-    recording: Recording
+    compared: PlanComparison
     plot: str | None
 
     @property
     def good(self) -> bool:
         """Whether nothing differs from what was described."""
-        return self.found.agrees
+        return self.compared.agrees
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers but the curves."""
-        return {
-            "task": self.name,
-            **self.found.to_dict(),
-            "period_s": self.recording.period,
-            "time_bases": list(self.recording.rates),
-            "versions": versions(),
-        }
+        return self.compared.to_dict()
 
     def write(self) -> Iterator[Path]:
         """The figure."""
         if self.plot:
-            from ocptip.pictures.compared import save_comparison
-
-            yield save_comparison(self.plot, self.found, self.predictor, self.name)
+            yield self.compared.save(self.plot)
 
     def to_text(self) -> str:
         """Findings, then the table of signals."""
-        found = self.found
+        found = self.compared.found
         count = len(found.findings)
         verdict = f"{count} finding{'s' if count > 1 else ''}" if count else "AGREES with what was described"
         chance = f"by chance: {percent(found.level) if found.level >= 0.01 else f'{100 * found.level:g} %'}"
-        head = f"{self.name}: {verdict} (any finding {chance})."
+        head = f"{self.compared.name}: {verdict} (any finding {chance})."
         rows = under("found", map(_told, found.findings))
         rows += self._about()
         return "\n".join([head, "", *self._table(), "", *named(rows)])
 
     def _about(self) -> list[tuple[str, str]]:
-        found = self.found
+        found = self.compared.found
         span = found.times[-1] - found.times[0]
         error = f" +- {1e3 * found.clock_error:.2g} ms" if math.isfinite(found.clock_error) else ""
         rows = [
-            ("recording", f"{span:.4g} s, a sample every {1e3 * self.recording.period:.4g} ms"
+            ("recording", f"{span:.4g} s, a sample every {1e3 * self.compared.recording.period:.4g} ms"
              + (f" (every {found.thinned}th of the file)" if found.thinned > 1 else "")),
             ("clock", f"the motion begins at {found.clock:.6g} s of the recording{error}"),
         ]  # fmt: skip
-        rows += under("time bases", self.recording.rates)
+        rows += under("time bases", self.compared.recording.rates)
         if found.gripper is not None:
             at = int(np.nanargmax(found.gripper))
             rows.append(
@@ -138,8 +113,8 @@ class CompareReport(Report):
 
     def _table(self) -> list[str]:
         rows = [["signal", "", "largest", "at", "rms", "of range", "noise", "unexplained", "late"]]
-        for one in self.found.signals:
-            unit, scale = unit_of(self.predictor, one.kind, one.index)
+        for one in self.compared.found.signals:
+            unit, scale = unit_of(self.compared.predictor, one.kind, one.index)
             cells = [
                 f"{scale * x:.3g}" if math.isfinite(x) else "-"
                 for x in (one.largest, one.rms, one.noise, one.left)

@@ -1,0 +1,105 @@
+"""`ocptip.compare`: a recording of a machine beside the plan that it ran, and what would explain the rest."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.write import plain, versions, write_json
+from ocptip.measured.compare import LEVEL
+from ocptip.measured.compare import compare as compared
+from ocptip.measured.comparison import Comparison
+from ocptip.measured.prediction import Predictor
+from ocptip.measured.recording import Recording, doubt_turns, read_recording
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
+from ocptip.trajectories.sequence import MotionSequence
+
+
+def compare(
+    plan: PlanFolder | str | os.PathLike[str],
+    recording: str | os.PathLike[str],
+    *,
+    unit: str | None = None,
+    columns: Mapping[str, str | int] | None = None,
+    level: float = LEVEL,
+    same_clock: bool = False,
+) -> PlanComparison:
+    """Compare what a machine did with the plan that it ran.
+
+    Example::
+
+        ocptip.compare("ocptip-plan-A", "recording.csv", unit="deg").agrees
+
+    Args:
+        plan: the folder of a plan, or what was read from it.
+        recording: file of the recording (docs/compare.md).
+        unit: of angles in it, where its columns do not say it: "deg" or "rad".
+        columns: title or number of each signal's column, by signal; numbers from 1.
+        level: probability of any finding by chance.
+        same_clock: the recording's times are those of the plan.
+
+    Raises:
+        InputError: a file cannot be used; one line that names it.
+    """
+    folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
+    name = str(folder.path if isinstance(plan, PlanFolder) else plan)
+    if isinstance(folder.task, CycleTask) or isinstance(folder.motion, MotionSequence):
+        raise InputError("is a cycle; recordings of its segments are compared with their own plans", "", name)
+    with naming(name):
+        predictor = Predictor(folder.task.robot, folder.motion)
+    measured = read_recording(recording, folder.task.robot, unit=unit, columns=columns)
+    doubt_turns(measured, folder.task.robot, folder.motion)
+    with naming(Path(recording).name):
+        found = compared(measured, predictor, level=level, same_clock=same_clock)
+    return PlanComparison(folder.task.name, predictor, found, measured)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanComparison:
+    """What was found in a recording.
+
+    Attributes:
+        name: of the task.
+        predictor: of its robot and motion.
+        found: the comparison.
+        recording: that was compared.
+    """
+
+    name: str
+    predictor: Predictor
+    found: Comparison
+    recording: Recording
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing differs from what was described."""
+        return self.found.agrees
+
+    def __repr__(self) -> str:
+        """How many findings, and their names."""
+        names = ", ".join(finding.name for finding in self.found.findings)
+        return f"<PlanComparison {self.name}: {'agrees' if self.agrees else f'differs: {names}'}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers but the curves."""
+        return {
+            "task": self.name,
+            **self.found.to_dict(),
+            "period_s": self.recording.period,
+            "time_bases": list(self.recording.rates),
+            "versions": versions(),
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the data as JSON (.json), or a figure (.png, .pdf, .svg), into a file; returns its path."""
+        if Path(path).suffix == ".json":
+            write_json(Path(path), plain(self.to_dict()))
+            return Path(path)
+        from ocptip.pictures.compared import save_comparison
+
+        return save_comparison(path, self.found, self.predictor, self.name)

@@ -1,0 +1,160 @@
+"""`ocptip.simulate`: a plan or a cycle replayed by MuJoCo on a free base, beside what the library says."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
+from ocptip.basics.text import quantity
+from ocptip.basics.write import plain, versions, write_json
+from ocptip.standing.parts import Part
+from ocptip.standing.simulation.mjcf import remarks
+from ocptip.standing.simulation.replay import Compared, Replay, Simulator, compared, simulator_numbers
+from ocptip.standing.simulation.world import World
+from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
+
+STEEPEST = 60.0
+"""deg: the largest tilt."""
+_LONGEST_STEP = 5e-4
+
+
+def simulate(
+    plan: PlanFolder | str | os.PathLike[str],
+    *,
+    step: float = 1e-4,
+    stiffness: float | None = None,
+    damping: float | None = None,
+    tilt: float | None = None,
+    downhill: float = 0.0,
+    payload: float | None = None,
+    friction: float | None = None,
+    speed: float | None = None,
+) -> Simulated:
+    """Replay a plan with MuJoCo and compare foot forces with those of the library.
+
+    Example::
+
+        ocptip.simulate("ocptip-plan-A", friction=0.9).stable
+
+    Args:
+        plan: the folder of a plan or a cycle of an arm, or what was read from it.
+        step: s, of the simulator, at most 0.0005.
+        stiffness: N/m, of all feet, 1e3 to 1e8; default: that of the plan.
+        damping: ratio, 0 to 1, with `stiffness`.
+        tilt: rad, of the floor, at most 60 degrees.
+        downhill: rad, direction of the tilt from the base's x axis to its y axis.
+        payload: kg more at the TCP.
+        friction, speed: factors, 0.01 to 100.
+
+    Raises:
+        InputError: an argument, or the folder cannot be used; one line.
+    """
+    world = World(**_changes(stiffness, damping, tilt, downhill, payload, friction, speed))
+    step = positive_number("step", step)
+    if step > _LONGEST_STEP:
+        raise InputError(f"step: at most {_LONGEST_STEP:g} s, got {step:g}")
+    folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
+    parts = folder.parts("simulate replays")
+    with naming(str(folder.path if isinstance(plan, PlanFolder) else plan)):
+        replay = Simulator(parts, step=step).run(world)
+        return Simulated(folder.task.name, world.parts(parts), replay, compared(parts, replay))
+
+
+def _changes(
+    stiffness: float | None,
+    damping: float | None,
+    tilt: float | None,
+    downhill: float,
+    payload: float | None,
+    friction: float | None,
+    speed: float | None,
+) -> dict[str, Any]:
+    """Fields of the world that differ, checked."""
+    changes: dict[str, Any] = {}
+    if stiffness is not None:
+        changes["stiffness"] = positive_number("stiffness", stiffness)
+        if not 1e3 <= stiffness <= 1e8:
+            raise InputError(f"stiffness: 1e3 to 1e8 N/m, got {stiffness:g}; without it feet are stiff")
+    if damping is not None:
+        if stiffness is None:
+            raise InputError("damping: of feet that give; give stiffness, too")
+        changes["damping"] = share_of_one("damping", damping)
+    if tilt is not None:
+        if not 0 <= tilt <= np.radians(STEEPEST):
+            raise InputError(f"tilt: 0 to {np.radians(STEEPEST):.4g} rad, got {tilt!r}")
+        changes |= {"tilt": float(tilt), "downhill": float(downhill)}
+    if payload is not None:
+        changes["payload"] = positive_number("payload", payload, zero_allowed=True)
+    for key, value in (("friction", friction), ("speed", speed)):
+        if value is not None:
+            changes[key] = positive_number(key, value)
+            if not 0.01 <= value <= 100:
+                raise InputError(f"{key}: a factor of 0.01 to 100, got {value:g}")
+    return changes
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulated:
+    """What the simulator saw.
+
+    Attributes:
+        name: of the task.
+        parts: what it does in its world.
+        replay: what happened.
+        library: what the library says of it; None where it does not.
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    replay: Replay
+    library: Compared | None
+
+    @property
+    def stable(self) -> bool:
+        """Whether no foot lifts, slides or falls in the simulator."""
+        return self.replay.stands
+
+    def __repr__(self) -> str:
+        """The verdict and the minimum foot force."""
+        verdict = "stable" if self.stable else "falls" if self.replay.falls else "not stable"
+        force = quantity(float(np.min(self.replay.forces)), "N", 3)
+        world = self.replay.world.text() or "as described"
+        return f"<Simulated {self.name}: {verdict} ({world}), minimum foot force {force}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict with all numbers."""
+        seen, own = self.replay, self.library
+        at = np.argmin(seen.forces, axis=0)
+        library = None
+        if own is not None:
+            library = {
+                "stands": own.stands,
+                "least_forces_N": own.least.tolist(),
+                "times_s": own.when.tolist(),
+                "rms_least_N": own.rms_least,
+                "rms_N": own.rms,
+            }
+        return {
+            "task": self.name,
+            "stands": seen.stands,
+            "falls": seen.falls,
+            "world": vars(seen.world),
+            "lift_m": seen.lift,
+            "slide_m": seen.slide,
+            "least_forces_N": seen.forces[at, np.arange(len(at))].tolist(),
+            "times_s": seen.times[at].tolist(),
+            "library": library,
+            "simulator": simulator_numbers(self.parts[0].robot, seen.step),
+            "remarks": remarks(self.parts),
+            "versions": versions(("numpy", "mujoco")),
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the data as JSON into a file; returns its path."""
+        write_json(Path(path), plain(self.to_dict()))
+        return Path(path)
