@@ -16,10 +16,10 @@ import numpy as np
 from ocptip.certificate.find import certify
 from ocptip.motion.check import check_motion
 from ocptip.motion.task import MotionTask
-from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import PRESETS
+from ocptip.standing.within.in_motion import worst_within
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.sampled import Motion, SampledMotion

@@ -26,11 +26,11 @@ import numpy as np
 
 from ocptip.basics.write import versions, write_text
 from ocptip.motion.task import MotionTask
-from ocptip.motion.within_tolerance import worst_within
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.replay import LIFTED, SLID, Replay, Simulator
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.in_motion import worst_within
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import PLANNING, RowFile, ended, number, say, software, source_state, state_notes, table
 from studies.replay.tasks import planned, tasks

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.motion.late_joints import jump_states, on_time
 from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.world import World
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.deviations import Deviations
+from ocptip.standing.within.late_joints import jump_states, on_time
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
 

@@ -12,15 +12,15 @@ from ocptip.certificate.find import certify
 from ocptip.certificate.find_within import SearchWithin
 from ocptip.certificate.trusted.checker import check_certificate
 from ocptip.motion.check import check_motion
-from ocptip.motion.within_tolerance import _smallest_gap
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.clearance import CLOSE, GAP_SCALE, LateClearanceLimit
-from ocptip.standing.limit_kinds.limit import NodeSlopes
+from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.in_motion import _smallest_gap
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 

@@ -1,6 +1,7 @@
 """Objectives: costs, derivatives in the programs, and plans that are faster or of a given duration."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -117,7 +118,9 @@ def test_a_duration_is_met_and_a_greatest_one_kept(task, least_energy):
 def test_durations_are_checked_and_refused(task, least_energy):
     def duration(least, most):
         limits = MotionLimits(min_duration=least, max_duration=most)
-        return DurationLimit(task.robot, limits, (0, 1, 2)).exact(least_energy.motion)
+        return DurationLimit(task.robot, limits, (0, 1, 2)).worst(
+            np.empty((0, 0)), SimpleNamespace(motion=least_energy.motion)
+        )
 
     end = least_energy.duration
     assert duration(0.0, np.inf) == []

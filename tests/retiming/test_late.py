@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from ocptip.certificate.describe import motion_data, tolerance_data
-from ocptip.motion import late_joints
-from ocptip.motion.late_joints import Doing, doings
 from ocptip.motion.objective import TIME, priced
-from ocptip.motion.within_tolerance import worst_within
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
 from ocptip.retiming.late import LateJoints
 from ocptip.retiming.retime import Retimed, retime
 from ocptip.retiming.rows import TimingLimits
 from ocptip.standing.tolerance import WORKSHOP
+from ocptip.standing.within import late_joints
+from ocptip.standing.within.in_motion import worst_within
+from ocptip.standing.within.late_joints import Doing, doings
 from ocptip.standing.within.worst_case import worst_case_of
 from tests.retiming.paths import cart, random_path, tripod
 

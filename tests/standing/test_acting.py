@@ -19,7 +19,6 @@ from ocptip.certificate.trusted.arm import PROCESS, TIMES, Arm
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.motion.check import check_motion
-from ocptip.motion.late_joints import jump_states
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.limits import MotionLimits
@@ -30,6 +29,7 @@ from ocptip.standing.simulation.world import World
 from ocptip.standing.stops.along_path import PathStops, affine_loads, stop_slopes
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.standing.within.deviations import Deviations
+from ocptip.standing.within.late_joints import jump_states
 from ocptip.standing.within.worst_case import worst_case_of
 from tests.motion.test_process_in_motion import SMALL, case, varying
 

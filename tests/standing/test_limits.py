@@ -16,7 +16,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds import kinds as limit_kinds
 from ocptip.standing.limit_kinds.kinds import KINDS, AccelerationLimit, limits_of
-from ocptip.standing.limit_kinds.limit import AskedLimit, QuantityLimit, Worst
+from ocptip.standing.limit_kinds.limit import AskedLimit, QuantityLimit, Sampled, Worst
 from ocptip.standing.limits import MotionLimits
 
 
@@ -33,10 +33,10 @@ class ShoulderLimit(QuantityLimit):
     def measure(self, at):
         return -at.torques[:, 1:2]
 
-    def worst(self, values, times, look):
-        at = int(np.argmax(values))
-        value, excess = float(values[at, 0]), float(values[at, 0]) - self.largest
-        return [Worst("shoulder_Nm", value, float(times[at]), self.largest, "joint 2", excess)]
+    def worst(self, values, at):
+        k = int(np.argmax(values))
+        value, excess = float(values[k, 0]), float(values[k, 0]) - self.largest
+        return [Worst("shoulder_Nm", value, float(at.times[k]), self.largest, "joint 2", excess)]
 
     def refusals(self, at):
         value = self.measure(at)[0, 0]
@@ -77,13 +77,14 @@ def test_kinds_have_names_of_their_own():
 def test_numbers_asked_for_are_those_of_the_task(task):
     limits = {limit.name: limit for limit in limits_of(task.robot, task.limits)}
     asked = {name: limit for name, limit in limits.items() if isinstance(limit, AskedLimit)}
-    times, look = np.array([1.0, 2.0, 3.0]), lambda _: Instants.at_rest(task.robot, task.start[None])
+    times, rest = np.array([1.0, 2.0, 3.0]), Instants.at_rest(task.robot, task.start[None])
+    sampled = Sampled(task.robot, task.reference, times, lambda _: rest)
     assert {limit.setting for limit in asked.values()} == {"GN", "GT", "torque_ratio", "clearance"}
     for limit in asked.values():
         sign = -1 if limit.least else 1
         number = getattr(task.limits, limit.setting)
         assert limit.number == number
-        (worst,) = limit.worst(sign * np.array([[0.2], [0.5], [0.1]])[::sign], times, look)
+        (worst,) = limit.worst(sign * np.array([[0.2], [0.5], [0.1]])[::sign], sampled)
         assert (worst.value, worst.time) == ((0.1, 1.0) if limit.least else (0.5, 2.0))
         assert worst.excess == pytest.approx(sign * (worst.value - number))
         for changed in (limit.inner(task.limits), limit.tightened(task.limits, 1e-3)):
@@ -163,5 +164,5 @@ def test_rounding_of_samples_breaks_no_peak_and_small_excesses_are_said():
     ):
         peaks = robot.limits.acceleration * [1 + excess, 0, 0, 0, 0, 0]
         motion = SimpleNamespace(acceleration_peaks=peaks, peak_rounding=rounding)
-        (worst,) = limit.exact(motion)
+        (worst,) = limit.worst(np.empty((0, 0)), SimpleNamespace(motion=motion))
         assert worst.violation == said

@@ -16,16 +16,16 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import some
-from ocptip.motion.within_tolerance import WithinTolerance, worst_within
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
 from ocptip.standing.elastic.feet import FeetMotion, on_its_feet
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limit_kinds.limit import Limit, Worst
+from ocptip.standing.limit_kinds.limit import SAMPLED, Limit, Sampled, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.within.in_motion import WithinTolerance, worst_of_sampled
 from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.trajectory import INSIDE
 
@@ -78,19 +78,24 @@ class Proof(Protocol):
     @property
     def certified(self) -> bool:
         """Every limit is proved to hold at every instant."""
+        ...
 
     @property
     def data(self) -> Mapping[str, Any] | None:
         """Plain data for JSON from which the proof is judged; None where there is none."""
+        ...
 
     def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
         """By how much a limit is not proved, and when, s."""
+        ...
 
     def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
         """Of motions one after the other, this one first, which begin then, s."""
+        ...
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -236,7 +241,6 @@ def check_motion(
         )
     limits = limits or MotionLimits()
     kinds = limits_of(robot, limits)
-    worst = [found for limit in kinds for found in limit.exact(motion)]
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
     samples, unsolved, uncertified, standing, contacts = 0, [], [], True, None
@@ -260,15 +264,15 @@ def check_motion(
     assert contacts is not None  # rest is looked at, too
     times = np.concatenate([grid.times for grid in grids])
     values = np.concatenate([grid.values for grid in grids])
-    holding = standing and not unsolved
-    for limit, own in zip(kinds, np.split(values, found.ends, axis=1), strict=True):
-        of_limit = limit.worst(own, times, lambda time: _instants(robot, motion, np.array([time])))
-        holding &= not (limit.of_contacts and limit.of_motion) or all(w.value < 1 for w in of_limit)
+    holding, worst = standing and not unsolved, list[Worst]()
+    sampled = Sampled(described, motion, times, lambda time: _instants(robot, motion, np.array([time])))
+    rows = zip(kinds, np.split(values, found.ends, axis=1), strict=True)
+    for limit, own in sorted(rows, key=lambda row: row[0].scenario):
+        of_limit = limit.worst(own, sampled)
+        if limit.scenario == SAMPLED and limit.of_contacts and limit.of_motion:
+            holding &= all(w.value < 1 for w in of_limit)
         worst += of_limit
-    within = None
-    if limits.tolerance.given:
-        within = worst_within(described, motion, limits.tolerance, times)
-        worst += within.measured(limits)
+    within = worst_of_sampled(sampled, limits.tolerance) if limits.tolerance.given else None
     violations = [w.violation for w in worst if w.violation]
     if unsolved:
         violations.append(

@@ -20,7 +20,7 @@ from ocptip.motion.planner.attempt import Attempt, Rough, StartResult
 from ocptip.motion.planner.one_start import Search, free_ends
 from ocptip.motion.rise_times import others, with_rise_time
 from ocptip.motion.task import MotionTask, require_plannable
-from ocptip.motion.within_tolerance import tolerable, too_much
+from ocptip.motion.tolerated import tolerable, too_much
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.standing.tolerance import NONE, Tolerance

@@ -29,13 +29,20 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
+from ocptip.standing.limit_kinds.kinds import UNCERTAIN
+from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.in_motion import worst_of_cases
+from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.trajectory import INSIDE
 
 SPACING = 0.01  # s: between instants, at most
 FIRST = 20  # wrenches beyond half spaces that are looked at before the others
 _NEIGHBOURS = 32  # wrenches that share a box
+_ROUGHLY = 0.02  # share: how closely the factor of an uncertainty is known that a motion can have
 CLOSE = 2e-3  # of a value: how near the bisection gets
 MOST_LATE = 6  # joints of which every subset may be late
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
@@ -372,3 +379,29 @@ def _late(robot: Robot, motion: Motion) -> list[_Case]:
         return _Case(loads, np.repeat(events, 4), f"late: {names}")
 
     return [case(subset) for subset in subsets]
+
+
+def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> float:
+    """How much of everything in its tolerance a motion can have, 0 to 1."""
+    return largest(limits.tolerance, _keeper(robot, motion, limits), _ROUGHLY)
+
+
+def too_much(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[Tolerance, float, str]:
+    """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
+    kept = _keeper(robot, motion, limits)
+    found = culprit(limits.tolerance, IN_MOTION, kept)
+    return *found, culprit_words(*found) if kept(Tolerance()) else UNDESCRIBED
+
+
+def _keeper(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> Callable[[Tolerance], bool]:
+    """Whether a motion keeps its contacts within a tolerance."""
+    cases = worst_case_of(robot, limits.tolerance)
+    every = tuple(range(robot.n))
+    kinds = [kind(robot, limits, every) for kind in UNCERTAIN if kind.wanted(robot, limits)]
+    times = motion.both_sides(SPACING)
+
+    def kept(tolerance: Tolerance) -> bool:
+        found = worst_of_cases(cases.within(tolerance), motion, times)
+        return all(worst.excess <= 0 for limit in kinds for worst in limit.within(found))
+
+    return kept

@@ -1,6 +1,6 @@
 """Rows for joints that are late, or overshoot where they jump, each by itself, on a path.
 
-What joints may be doing at a node, and the longest delay after it, `motion.late_joints` says. On a path all
+What joints may be doing at a node, and the longest delay after it, `within.late_joints` says. On a path all
 of that is affine in x at a few neighbouring nodes. So are rows of the wrench with the worst of them: the
 limits stay convex, but join more than two nodes, which reachability cannot have and a cone program can.
 """
@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ocptip.motion.late_joints import doings, worst_of_ways
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.late_joints import doings, worst_of_ways
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import INSIDE
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.kinds import AccelerationLimit, FurtherLimit, SpeedLimit, limits_of
-from ocptip.standing.limit_kinds.limit import ORDINARY, Limit, NodeSlopes
+from ocptip.standing.limit_kinds.limit import ORDINARY, Limit
+from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Affine, affine_loads

@@ -7,7 +7,6 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
-from ocptip.motion.late_joints import jump_states
 from ocptip.motion.planner.deviating import deviating_places
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.exact import Refiner
@@ -19,6 +18,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.limit import DEVIATING
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+from ocptip.standing.within.late_joints import jump_states
 
 LIMITS = MotionLimits(tolerance=replace(WORKSHOP, push=5.0))
 WITHIN = ("tip-over within tolerance", "slip within tolerance")

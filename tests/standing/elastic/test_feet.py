@@ -14,7 +14,7 @@ from ocptip.standing.elastic.feet import on_its_feet, softest_feet
 from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.feet import FootForceLimit, JumpFootForceLimit
-from ocptip.standing.limit_kinds.limit import NodeSlopes
+from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.trajectories.arm_motion import ArmMotion

@@ -15,13 +15,13 @@ from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import refusals
-from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.jumps import Jumps
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import JUMP
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance, overshoot_of, overshoot_of_rise, overshoot_of_rises
+from ocptip.standing.within.in_motion import worst_within
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
 from tests.places import EXAMPLES

@@ -10,12 +10,12 @@ import pytest
 from ocptip.certificate.describe import model_data, tolerance_data
 from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
-from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, SITE, Tolerance
+from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.robots.pinocchio_twin import dynamics, twin

@@ -11,9 +11,9 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.task import SAME, CycleTask
-from ocptip.motion.within_tolerance import WithinTolerance
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.limit_kinds.limit import Worst
+from ocptip.standing.within.in_motion import WithinTolerance
 from ocptip.trajectories.sampled import SampledMotion
 from ocptip.trajectories.sequence import MotionSequence, parted, standstills
 

@@ -1,7 +1,7 @@
 """Nodes of an ordered program at which joints deviate: late at an event, or overshooting where they jump.
 
 Of ramps such a node lies at an event, or the longest delay after it, and its states are those that the
-check looks at (`motion.late_joints`), up to how far angles and speeds have gone: of every joint that jumps
+check looks at (`within.late_joints`), up to how far angles and speeds have gone: of every joint that jumps
 there, or has jumped within that delay before, the steps of its acceleration count up to one of them, which
 is not done yet, or counts the share of the overshoot more, or does so with all steps before. Of S-curves
 every joint whose acceleration changes within the delay is on time, or late by all of it. All combinations
@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ocptip.motion.late_joints import combinations, doings
 from ocptip.motion.planner.event_order import EventOrder, unit_row
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.standing.limit_kinds.limit import DEVIATING
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.late_joints import combinations, doings
 
 Steps = tuple[tuple[int, int, float], ...]
 """Deviating joints: which, a group of its steps, and how many times more than once this and all later ones

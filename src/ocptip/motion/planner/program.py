@@ -26,7 +26,8 @@ from ocptip.motion.planner.profiles import Layout, Nodes, NodeStates
 from ocptip.numerics.ipopt import Solution, solve
 from ocptip.numerics.point import PointFunction
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit_kinds.limit import Limit, RowNodes, Rows
+from ocptip.standing.limit_kinds.limit import Limit
+from ocptip.standing.limit_kinds.rows import RowNodes, Rows
 
 POWER = NodeColumns.power
 

@@ -22,20 +22,11 @@ from ocptip.reserves.slip import known
 from ocptip.robots.braking import Terms
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import (
-    NEGLIGIBLE,
-    Look,
-    MomentLimit,
-    RowNodes,
-    Rows,
-    StateLimit,
-    TableLimit,
-    Worst,
-)
+from ocptip.standing.limit_kinds.limit import WHOLE, MomentLimit, Sampled, StateLimit, TableLimit, Worst
+from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, RowNodes, Rows
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, stops_of_motion
-from ocptip.trajectories.sampled import Motion
 
 FAR = 0.5  # use of the slip limit where half spaces tell that it is kept
 
@@ -52,6 +43,7 @@ class BrakeLimit(StateLimit, TableLimit):
     """One reserve during all stops by brakes."""
 
     of_contacts, of_motion = True, False
+    scenario = WHOLE
     table, largest_step, rows_first = "brakes", 0.05, True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
@@ -66,17 +58,14 @@ class BrakeLimit(StateLimit, TableLimit):
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return asked.brakes is not None and isinstance(robot, Robot)
 
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
-
-    def exact(self, motion: Motion) -> list[Worst]:
-        times, found = stops_of_motion(self._arm, motion, self._brakes)
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        times, found = stops_of_motion(self._arm, at.motion, self._brakes)
         values = np.where(np.isfinite(found.rests), getattr(found, self.setting), np.inf)
         k = int(np.argmax(values))
-        value, detail = float(values[k]), f"a stop by brakes, worst {1e3 * found.after[k]:.3g} ms later"
+        detail = f"a stop by brakes, worst {1e3 * found.after[k]:.3g} ms later"
         if not np.isfinite(found.rests[k]):
             detail = "brakes that close then do not bring the arm to rest"
-        return [Worst(self.quantity, value, float(times[k]), self.number, detail, value - self.number)]
+        return [self.found(float(values[k]), float(times[k]), detail)]
 
     # --- rows of a program --------------------------------------------------------------------------------
 

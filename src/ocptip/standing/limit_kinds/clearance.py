@@ -10,17 +10,12 @@ import numpy as np
 from ocptip.robots.collision.gaps import GapLabel
 from ocptip.robots.geometry import FLOOR
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import (
-    AskedLimit,
-    Curvature,
-    Look,
-    RowNodes,
-    Rows,
-    StateLimit,
-    Worst,
-)
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limit_kinds.limit import LATE, AskedLimit, Look, StateLimit, Worst
+from ocptip.standing.limit_kinds.rows import Curvature, RowNodes, Rows
+from ocptip.standing.limit_kinds.worst_case import WithinLimit
+from ocptip.standing.limits import CLEARANCE_WITHIN, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.within.in_motion import WithinTolerance
 
 GAP_SCALE = 10.0  # rows of distances are in 0.1 m
 FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
@@ -134,16 +129,16 @@ class _LateRows(Rows):
     parts: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
-class LateClearanceLimit(StateLimit, ClearanceLimit):
+class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
     """The same with joints that are late, each by itself.
 
     Programs look at joints that are late by the whole delay, or not at all, whichever brings a pair nearer,
     and at where they were by their present speeds and accelerations. Values at instants are not measured one
-    by one, see `motion.within_tolerance`.
+    by one, see `standing.within.in_motion`.
     """
 
-    name = "clearance within tolerance"
-    quantity, setting = "clearance_worst_case_m", "clearance_worst_case"
+    name, scenario = "clearance within tolerance", LATE
+    quantity, setting = f"{CLEARANCE_WITHIN}_m", CLEARANCE_WITHIN
     of_place, rows_first = False, True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
@@ -159,8 +154,9 @@ class LateClearanceLimit(StateLimit, ClearanceLimit):
     def measure(self, at: Instants) -> np.ndarray:
         return np.empty((len(at), 0))
 
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
+    def within(self, found: WithinTolerance) -> list[Worst]:
+        gap = found.gap
+        return [] if gap is None else [self.found(gap.value, gap.time, gap.between)]
 
     def kept(self, at: Instants) -> bool:
         return bool(np.all(self._smallest(at) >= self.number))

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ocptip.standing.elastic.drives import on_its_drives
-from ocptip.standing.limit_kinds.limit import WholeMotionLimit, Worst
+from ocptip.standing.limit_kinds.limit import Sampled, WholeMotionLimit, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
 
 _TIGHTER = 0.05  # by how much, at most, they are tightened at once
 
@@ -28,14 +29,12 @@ class RingingTipLimit(WholeMotionLimit):
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return robot.chain is not None and not robot.swings
 
-    def exact(self, motion: Motion) -> list[Worst]:
-        found = on_its_drives(self.robot, motion)
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        found = on_its_drives(self.robot, at.motion)
         if found is None:
             return []
         worst = getattr(found, self.asks)
-        detail = "after the end" if worst.time > motion.end else ""
-        excess = worst.value - self.number
-        return [Worst(self.quantity, worst.value, worst.time, self.number, detail, excess)]
+        return [self.found(worst.value, worst.time, "after the end" if worst.time > at.motion.end else "")]
 
     def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
         name = self.setting if asked.overshoot > 0 else self.asks

@@ -9,18 +9,10 @@ import numpy as np
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.jumps import AtJumps, Jumps
-from ocptip.standing.limit_kinds.limit import (
-    AskedLimit,
-    Look,
-    RowNodes,
-    Rows,
-    WholeMotionLimit,
-    Worst,
-    WrenchLimit,
-)
+from ocptip.standing.limit_kinds.limit import AskedLimit, Look, Sampled, WholeMotionLimit, Worst, WrenchLimit
+from ocptip.standing.limit_kinds.rows import RowNodes, Rows
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
 
 _TOUCH = 1e-6  # m: as what a foot counts that lets go and comes down at once
 _TIGHTER = 0.05  # of the weight per foot: by how much feet are kept down more where a motion lifts one
@@ -102,15 +94,14 @@ class JumpFootForceLimit(AtJumps, FootForceLimit):
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return asked.overshoot > 0 and robot.support.elastic is not None
 
-    def exact(self, motion: Motion) -> list[Worst]:
-        jumps = Jumps.of(motion)
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        jumps = Jumps.of(at.motion)
         forces = self.forces(jumps.loads(self.robot, self.asked.overshoot))
         if not len(jumps):
-            return [Worst(self.quantity, np.inf, np.nan, self.number, "no jumps", -np.inf, least=True)]
+            return [self.found(np.inf, np.nan, "no jumps")]
         i, k = np.unravel_index(np.argmin(forces), forces.shape)
-        value, detail = float(forces[i, k]), f"contact {k + 1}, {jumps.words(int(i))}"
-        excess = self.number - value
-        return [Worst(self.quantity, value, float(jumps.times[i]), self.number, detail, excess, least=True)]
+        detail = f"contact {k + 1}, {jumps.words(int(i))}"
+        return [self.found(float(forces[i, k]), float(jumps.times[i]), detail)]
 
 
 class FootLiftLimit(WholeMotionLimit):
@@ -125,8 +116,8 @@ class FootLiftLimit(WholeMotionLimit):
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return robot.swings
 
-    def exact(self, motion: Motion) -> list[Worst]:
-        found = on_its_feet(self.robot, motion)
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        found = on_its_feet(self.robot, at.motion)
         if found is None:
             return []
         time, detail = found.end, ""

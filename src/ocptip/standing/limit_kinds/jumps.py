@@ -19,7 +19,7 @@ import numpy as np
 
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import JUMP, AskedLimit, Limit, Look, Worst
+from ocptip.standing.limit_kinds.limit import JUMP, WHOLE, AskedLimit, Limit, Sampled, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
@@ -88,6 +88,7 @@ class AtJumps(AskedLimit):
     """
 
     node_kinds = (JUMP,)
+    scenario = WHOLE
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
@@ -96,9 +97,6 @@ class AtJumps(AskedLimit):
 
     def measure(self, at: Instants) -> np.ndarray:
         return Limit.measure(self, at)
-
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
 
     def refusals(self, at: Instants) -> list[str]:
         return []
@@ -113,12 +111,11 @@ class AtJumps(AskedLimit):
         """Values (E,) under the loads."""
         return super().measure(loads)[:, 0]
 
-    def exact(self, motion: Motion) -> list[Worst]:
-        jumps = Jumps.of(motion)
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        jumps = Jumps.of(at.motion)
         if not len(jumps):
-            return [Worst(self.quantity, 0.0, np.nan, self.number, "no jumps", -self.number)]
+            return [self.found(0.0, np.nan, "no jumps")]
         values = self.at_jumps(jumps.loads(self.robot, self.asked.overshoot))
         values = np.where(np.isnan(values), np.inf, values)
         k = int(np.argmax(values))
-        value, time, excess = float(values[k]), float(jumps.times[k]), float(values[k]) - self.number
-        return [Worst(self.quantity, value, time, self.number, jumps.words(k), excess)]
+        return [self.found(float(values[k]), float(jumps.times[k]), jumps.words(k))]

@@ -18,22 +18,26 @@ from ocptip.standing.limit_kinds.jumps import AtJumps
 from ocptip.standing.limit_kinds.limit import (
     FAR_FROM_SLIPPING,
     TOLERANCE,
+    WHOLE,
     AskedLimit,
-    Curvature,
     Limit,
     Look,
     MomentLimit,
     QuantityLimit,
-    RowNodes,
-    Rows,
+    Sampled,
     Worst,
     WrenchLimit,
 )
 from ocptip.standing.limit_kinds.path_stops import StopSlipLimit, StopTipLimit
-from ocptip.standing.limit_kinds.worst_case import WorstSlipLimit, WorstTipOverLimit, WorstTorqueLimit
+from ocptip.standing.limit_kinds.rows import Curvature, RowNodes, Rows
+from ocptip.standing.limit_kinds.worst_case import (
+    WithinLimit,
+    WorstSlipLimit,
+    WorstTipOverLimit,
+    WorstTorqueLimit,
+)
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
@@ -184,7 +188,10 @@ class TorqueLimit(QuantityLimit, AskedLimit):
 class PeakLimit(Limit):
     """Greatest speeds or accelerations: a motion knows them exactly, programs have them in the structure."""
 
-    def exact(self, motion: Motion) -> list[Worst]:
+    scenario = WHOLE
+
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        motion = at.motion
         ratio = getattr(motion, f"{self.name}_peaks") / getattr(self.robot.limits, self.name)
         j = int(np.argmax(ratio))
         value = float(ratio[j])
@@ -208,9 +215,10 @@ class DurationLimit(Limit):
     """Of the motion; programs have it as bounds of the end time."""
 
     name = "duration"
+    scenario = WHOLE
 
-    def exact(self, motion: Motion) -> list[Worst]:
-        end, least, most = motion.end, self.asked.min_duration, self.asked.max_duration
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        end, least, most = at.motion.end, self.asked.min_duration, self.asked.max_duration
         if least == 0 and most == np.inf:
             return []
         early = least - end > end - most
@@ -222,6 +230,7 @@ class AngleLimit(Limit):
     """Angles of the joints, or a platform's coordinates; a motion knows its extremes exactly."""
 
     name = "angle"
+    scenario = WHOLE
     of_place = True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
@@ -231,8 +240,8 @@ class AngleLimit(Limit):
         self._margin = np.where(self._units == "rad", asked.angle_margin, 0.0)
         self._low, self._high = robot.limits.angle_min + self._margin, robot.limits.angle_max - self._margin
 
-    def exact(self, motion: Motion) -> list[Worst]:
-        low, high = motion.angle_ranges.T
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        low, high = at.motion.angle_ranges.T
         room, found = np.minimum(low - self._low, self._high - high), []
         for unit, name, scale in (("rad", "angle_margin_deg", 180 / np.pi), ("m", "position_margin_m", 1.0)):
             if (joints := np.flatnonzero(self._units == unit)).size:
@@ -291,16 +300,16 @@ class FurtherLimit(QuantityLimit):
     def measure(self, at: Instants) -> np.ndarray:
         return self._own.excess(at.further)
 
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         own, found = self._own, []
         for name in dict.fromkeys(own.names):
             columns = [k for k in range(own.count) if own.names[k] == name and own.limited[k]]
             if columns:
                 chosen = values[:, columns]
-                at, column = np.unravel_index(np.argmax(chosen), chosen.shape)
-                k, excess = columns[column], float(chosen[at, column])
+                row, column = np.unravel_index(np.argmax(chosen), chosen.shape)
+                k, excess = columns[column], float(chosen[row, column])
                 value, limit, least = own.described(k, excess)
-                found.append(Worst(name, value, float(times[at]), limit, own.details[k], excess, least))
+                found.append(Worst(name, value, float(at.times[row]), limit, own.details[k], excess, least))
         return found
 
     def refusals(self, at: Instants) -> list[str]:
@@ -375,6 +384,14 @@ KINDS: tuple[type[Limit], ...] = (
     RingingTipLimit,
     RingingSlipLimit,
 )
+
+UNCERTAIN: tuple[type[WithinLimit], ...] = (
+    WorstTipOverLimit,
+    WorstSlipLimit,
+    WorstTorqueLimit,
+    LateClearanceLimit,
+)
+"""Those within an uncertainty."""
 
 
 def limits_of(

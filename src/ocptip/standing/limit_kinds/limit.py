@@ -2,8 +2,8 @@
 
 A limit has three sides. Each method's default says "nothing here", so that a kind has those it needs:
 
-- what happens: values at sampled instants and the worst of them (`measure`, `worst`), of a whole motion
-  (`exact`), of a posture at rest (`refusals`), of a path (`path_excess`);
+- what happens: values at sampled instants (`measure`), the worst of a motion in the limit's scenario
+  (`worst`), of a posture at rest (`refusals`), of a path (`path_excess`);
 - rows of a nonlinear program: at each node `width` of them, of which those near the limit take part (`near`,
   `use`, `bounds`, `rows`, `jacobian`, `add_to_quantities`, `add_hessian`);
 - search: numbers asked for that can be tightened (`AskedLimit`).
@@ -13,15 +13,15 @@ The kinds and their list are in `kinds`.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.instants import Instants, NodeColumns
+from ocptip.standing.limit_kinds.rows import Curvature, RowNodes, Rows
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
@@ -33,6 +33,10 @@ joints that are late or overshoot, each by itself, see `motion.planner.deviating
 
 FAR_FROM_SLIPPING = 0.25  # share of GT's limit that no row of a program looks at
 INNER = 1e-4  # an asked number is tightened by this share where rounding must not break it
+
+WHOLE, SAMPLED, WITHIN, LATE = range(4)
+"""Scenarios in which a limit is evaluated, in the order of reports: the whole motion, exactly; its sampled
+instants; these within the uncertainty; and with delayed joints, each by itself."""
 
 Look = Callable[[float], Instants]
 """What happens at one time, s."""
@@ -78,101 +82,23 @@ class Worst:
         return {name: getattr(self, name) for name in ("value", "time", "limit", "detail")}
 
 
-class RowNodes(ABC):
-    """What rows of a program are made of: N nodes, whose states and quantities depend on its nx variables x.
-
-    Args:
-        columns: of y.
-        s: (N, S): angles, speeds, accelerations, and a process that varies, 6 more.
-        y: (N, ny): quantities.
-    """
-
-    def __init__(self, columns: NodeColumns, s: np.ndarray, y: np.ndarray) -> None:
-        self.columns, self.s, self.y = columns, s, y
-
-    @abstractmethod
-    def by_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """Slopes (R, nx) over x of functions at nodes (R,) with slopes (R, S) over the states."""
-
-    @abstractmethod
-    def by_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """The same of functions with slopes (R, k) over columns of y, `first` (one, or (R,)) and on.
-
-        Not over that of the power.
-        """
-
-    @property
-    def angles(self) -> np.ndarray:
-        """(N, n)."""
-        return self.s[:, : self.columns.n]
-
-    @property
-    def process(self) -> np.ndarray:
-        """(N, 6) of one that varies, else (N, 0)."""
-        return self.s[:, 3 * self.columns.n :]
-
-    @property
-    def motion_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Angles, speeds, accelerations, (N, n) each."""
-        n = self.columns.n
-        return self.s[:, :n], self.s[:, n : 2 * n], self.s[:, 2 * n : 3 * n]
-
-
-class NodeSlopes(RowNodes):
-    """Nodes with all their slopes over x.
-
-    Args:
-        columns, s, y: as above.
-        s_x, y_x: (N, S, nx), (N, ny, nx).
-    """
-
-    def __init__(
-        self, columns: NodeColumns, s: np.ndarray, s_x: np.ndarray, y: np.ndarray, y_x: np.ndarray
-    ) -> None:
-        super().__init__(columns, s, y)
-        self.s_x, self.y_x = s_x, y_x
-
-    def by_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        return np.einsum("rs,rsx->rx", slopes, self.s_x[nodes])
-
-    def by_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        columns = np.reshape(first, (-1, 1)) + np.arange(slopes.shape[1])
-        return np.einsum("rk,rkx->rx", slopes, self.y_x[nodes[:, None], columns])
-
-
-class Curvature(Protocol):
-    """Second derivatives over the states of a sum of functions of the nodes, that others are added to."""
-
-    def add(self, nodes: np.ndarray, bends: np.ndarray) -> None:
-        """Add second derivatives (R, k, k) at nodes (R,) over the first k states."""
-        ...
-
-    def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
-        """The same (R, k, k) at nodes (R,) over columns of y, `first` and on; not over that of the power."""
-        ...
-
-
-NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
-
-
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """The rows of one limit that take part in a program, at one x.
+class Sampled:
+    """A motion at the instants of a check.
 
     Attributes:
-        at: all nodes.
-        nodes, places: (rows,) node, and number among the limit's rows there.
-        values: (rows,).
-        slopes: (rows, ...) over what the limit is a function of; empty where that is plain.
-        bends: (rows, 6, 6) second derivatives over the wrench; empty where there are none.
+        robot: as given, before a process that varies over the path is one over the motion's time.
+        motion: of it.
+        times: (N,), s.
+        look: what happens at one time.
+        memo: what limits compute of the motion for each other.
     """
 
-    at: RowNodes
-    nodes: np.ndarray
-    places: np.ndarray
-    values: np.ndarray
-    slopes: np.ndarray = field(default_factory=lambda: np.empty(0))
-    bends: np.ndarray = field(default_factory=lambda: np.empty(0), kw_only=True)
+    robot: StandingMechanism
+    motion: Motion
+    times: np.ndarray
+    look: Look
+    memo: dict[object, Any] = field(default_factory=dict)
 
 
 class Limit:
@@ -187,6 +113,7 @@ class Limit:
         name: of the kind.
         of_contacts: a matter of the contact forces: without meaning where the contacts do not hold.
         node_kinds: of nodes of a program that it is about.
+        scenario: in which it is evaluated.
         of_motion: looks at the motion itself, not at what may become of it.
         of_place: a matter of the angles only, whatever the timing.
         affine: rows of a program are affine in torques and wrench, and know nothing else of a state.
@@ -196,6 +123,7 @@ class Limit:
     name = ""
     of_contacts = False
     node_kinds: tuple[int, ...] = (ORDINARY,)
+    scenario = SAMPLED
     of_motion = True
     of_place = affine = False
     width = 0
@@ -214,12 +142,8 @@ class Limit:
         """Values (N, m) whose greatest are the worst; NaN where unknown."""
         return np.empty((len(at), 0))
 
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        """Of measured values (N, m) at times (N,), s."""
-        return []
-
-    def exact(self, motion: Motion) -> list[Worst]:
-        """What a motion knows about itself."""
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        """Of a motion: of measured values (N, m) at its instants, or of what else the scenario is about."""
         return []
 
     def kept(self, at: Instants) -> bool:
@@ -349,11 +273,15 @@ class AskedLimit(Limit):
         """Asked for."""
         return getattr(self.asked, self.setting)
 
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        at = int(np.argmax(values[:, 0]))
-        value, time = float(-values[at, 0] if self.least else values[at, 0]), float(times[at])
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        k = int(np.argmax(values[:, 0]))
+        value, time = float(-values[k, 0] if self.least else values[k, 0]), float(at.times[k])
+        return [self.found(value, time, self.detail(at.look, time))]
+
+    def found(self, value: float, time: float, detail: str) -> Worst:
+        """A worst value and by how much it breaks the limit."""
         excess = self.number - value if self.least else value - self.number
-        return [Worst(self.quantity, value, time, self.number, self.detail(look, time), excess, self.least)]
+        return Worst(self.quantity, value, time, self.number, detail, excess, self.least)
 
     def detail(self, look: Look, time: float) -> str:
         """Where or what the worst value is."""
@@ -375,10 +303,9 @@ class AskedLimit(Limit):
 
 
 class WholeMotionLimit(AskedLimit):
-    """A number that only `exact` looks at; programs know nothing of it."""
+    """A number of the whole motion; programs know nothing of it."""
 
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
+    scenario = WHOLE
 
     def kept(self, at: Instants) -> bool:
         return True

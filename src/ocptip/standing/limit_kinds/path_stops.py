@@ -13,16 +13,8 @@ import numpy as np
 
 from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import (
-    FAR_FROM_SLIPPING,
-    NEGLIGIBLE,
-    Look,
-    MomentLimit,
-    RowNodes,
-    Rows,
-    StateLimit,
-    TableLimit,
-)
+from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING, Look, MomentLimit, StateLimit, TableLimit
+from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, RowNodes, Rows
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_slopes

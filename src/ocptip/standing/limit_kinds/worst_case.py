@@ -1,7 +1,7 @@
 """Limits of the contacts at the worst of a tolerance: no contact is lost. See `standing.within.worst_case`.
 
-Their values at instants are not measured one by one: what joints that are late or overshoot do to a motion is
-the matter of `motion.within_tolerance`.
+Their values at instants are not measured one by one: `standing.within.in_motion` says what joints that are
+late or overshoot do to a motion.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import (
     DEVIATING,
-    NEGLIGIBLE,
     ORDINARY,
+    WITHIN,
     AskedLimit,
-    Look,
-    RowNodes,
-    Rows,
+    Sampled,
     StateLimit,
     Worst,
 )
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, RowNodes, Rows
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.in_motion import WithinTolerance, WorstInstant, worst_of_sampled
 from ocptip.standing.within.tolerable import AT_REST, why_not
 from ocptip.standing.within.worst_case import Worst as Found
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
@@ -49,7 +49,27 @@ class WorstRows(Rows):
     weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
-class WorstCaseLimit(StateLimit, AskedLimit):
+class WithinLimit(AskedLimit):
+    """A number that a motion keeps at the worst of the uncertainty."""
+
+    scenario = WITHIN
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        return bool(asked.tolerance.given)
+
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        return self.within(worst_of_sampled(at, self.asked.tolerance))
+
+    def within(self, found: WithinTolerance) -> list[Worst]:
+        """Of a motion at the worst of an uncertainty."""
+        raise NotImplementedError
+
+    def _of(self, worst: WorstInstant) -> Worst:
+        return self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)
+
+
+class WorstCaseLimit(StateLimit, WithinLimit):
     """What both have in common: rows are functions of the state, sloped as at the worst deviations."""
 
     of_contacts = True
@@ -62,13 +82,6 @@ class WorstCaseLimit(StateLimit, AskedLimit):
         super().__init__(robot, asked, joints)
         self.cases = worst_case_of(robot, asked.tolerance)
         self._theta: np.ndarray | None = None  # (N, width, size) of the nodes of a program
-
-    @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
-        return bool(asked.tolerance.given)
-
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
 
     def _refusal(
         self, what: str, value: float, at: Instants, theta: np.ndarray, kept: Callable[[WorstCase], bool]
@@ -122,18 +135,15 @@ class WorstCaseLimit(StateLimit, AskedLimit):
         return some, found
 
 
-class WorstTorqueLimit(AskedLimit):
+class WorstTorqueLimit(WithinLimit):
     """Torques within the tolerance; programs know those of the world as described, and are tightened."""
 
-    name, quantity, setting = "torque within tolerance", *["torque_ratio_worst_case"] * 2
+    name, quantity, setting = "torque within tolerance", *[TORQUE_WITHIN] * 2
     smallest_step, largest_step = 1e-3, 0.05
 
-    @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
-        return bool(asked.tolerance.given)
-
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
+    def within(self, found: WithinTolerance) -> list[Worst]:
+        worst = found.torque
+        return [self.found(worst.value, worst.time, f"joint {worst.joint}")]
 
     def inner(self, asked: MotionLimits) -> MotionLimits:
         return asked
@@ -146,13 +156,16 @@ class WorstTorqueLimit(AskedLimit):
 class WorstTipOverLimit(WorstCaseLimit):
     """Least moments about the tipping axes."""
 
-    name, quantity, setting = "tip-over within tolerance", "GN_worst_case", "GN_worst_case"
+    name, quantity, setting = "tip-over within tolerance", TIP_WITHIN, TIP_WITHIN
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.width = self.cases.axes
         self.unit = 2 * (self.cases.reference or 1.0)
         self._least = self.cases.reference * (1 / self.number - 1)  # N m
+
+    def within(self, found: WithinTolerance) -> list[Worst]:
+        return [] if found.tip is None else [self._of(found.tip)]
 
     def kept(self, at: Instants) -> bool:
         return bool(np.all(self.cases.estimated_moments(at.s) >= self._least))
@@ -198,12 +211,15 @@ class WorstTipOverLimit(WorstCaseLimit):
 class WorstSlipLimit(WorstCaseLimit):
     """Greatest slip reserve GT."""
 
-    name, quantity, setting = "slip within tolerance", "GT_worst_case", "GT_worst_case"
+    name, quantity, setting = "slip within tolerance", SLIP_WITHIN, SLIP_WITHIN
     width = 1
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self._smooth, self._most = self.cases.smooth(self.number)
+
+    def within(self, found: WithinTolerance) -> list[Worst]:
+        return [self._of(found.slip)]
 
     def kept(self, at: Instants) -> bool:
         return bool(np.all(self._smooth.slip(at.s).values <= self._most))

@@ -10,13 +10,14 @@ from ocptip.certificate.describe import motion_data
 from ocptip.certificate.trusted.forms import K
 from ocptip.certificate.trusted.late import Late
 from ocptip.motion.check import check_motion
-from ocptip.motion.late_joints import jump_states, on_time
-from ocptip.motion.within_tolerance import tolerable, too_much, worst_within
+from ocptip.motion.tolerated import tolerable, too_much
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+from ocptip.standing.within.in_motion import worst_within
+from ocptip.standing.within.late_joints import jump_states, on_time
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -63,10 +64,10 @@ def test_how_much_of_a_tolerance_a_motion_can_have(task):
     assert 0.1 < share < 0.9
     assert (alone, share < factor) == (Tolerance(tilt=tolerance.tilt), True)
     assert why.startswith("of floor tilt 3 deg alone it can have floor tilt ")
-    times = np.linspace(0, motion.end, 300)
     for factor, kept in ((share - 0.03, True), (share + 0.05, False)):
-        found = worst_within(task.robot, motion, tolerance.scaled(factor), times).measured(limits)
-        assert all(worst.excess <= 0 for worst in found) == kept
+        scaled = dataclasses.replace(limits, tolerance=tolerance.scaled(factor))
+        worst = check_motion(task.robot, motion, scaled).worst.values()
+        assert all(own.excess <= 0 for own in worst if own.name.endswith("_worst_case")) == kept
 
 
 def test_verified_only_if_the_worst_case_is(task):

@@ -14,28 +14,19 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import quantity
-from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.contact_margins import Margin
-from ocptip.standing.limit_kinds.limit import Worst as Measured
-from ocptip.standing.limits import (
-    CLEARANCE_WITHIN,
-    SLIP_WITHIN,
-    TIP_WITHIN,
-    TORQUE_WITHIN,
-    MotionLimits,
-)
+from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
+from ocptip.standing.within.late_joints import Looked, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import Worst, WorstCase, worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
 STARTS, FROM_MORE = 5, 12  # of the search for the worst slip, and instants at which there is more than one
-SPACING, ROUGHLY = 0.01, 0.02  # s, share: how closely it is looked at what a motion can have
 NEARER, FRESH = 2, 9  # rounds of instants around the worst
 SOME, AT_EVENT = 150, 1e-5  # instants at which torques are looked at first; s: so near to an event
 PEAKS = 6  # instants around which the greatest torques and the smallest distances are looked for
@@ -138,22 +129,6 @@ class WithinTolerance:
         alike = self.alike and self.alike.to_dict()
         return {"tolerance": given, **parts, "states": self.states, "least_force_if_feet_give_alike_N": alike}
 
-    def measured(self, limits: MotionLimits) -> list[Measured]:
-        """As the other worst values of a check."""
-        found = []
-        for worst, name in ((self.tip, TIP_WITHIN), (self.slip, SLIP_WITHIN)):
-            if worst is not None:
-                most, value = getattr(limits, name), worst.value if worst.bound is None else worst.bound
-                found.append(Measured(name, value, worst.time, most, worst.how, value - most))
-        value, most = self.torque.value, getattr(limits, TORQUE_WITHIN)
-        where = f"joint {self.torque.joint}"
-        found.append(Measured(TORQUE_WITHIN, value, self.torque.time, most, where, value - most))
-        if self.gap is not None:
-            value, least = self.gap.value, getattr(limits, CLEARANCE_WITHIN)
-            name = f"{CLEARANCE_WITHIN}_m"
-            found.append(Measured(name, value, self.gap.time, least, self.gap.between, least - value, True))
-        return found
-
 
 def worst_within(
     robot: StandingMechanism, motion: Motion, tolerance: Tolerance, times: np.ndarray
@@ -169,34 +144,18 @@ def worst_within(
     Raises:
         InputError: the robot is no arm.
     """
-    return _worst_of(worst_case_of(robot, tolerance), motion, times)
+    return worst_of_cases(worst_case_of(robot, tolerance), motion, times)
 
 
-def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> float:
-    """How much of everything in its tolerance a motion can have, 0 to 1."""
-    return largest(limits.tolerance, _keeper(robot, motion, limits), ROUGHLY)
+def worst_of_sampled(at: Sampled, tolerance: Tolerance) -> WithinTolerance:
+    """The same of a motion that is checked, once for all limits."""
+    if tolerance not in at.memo:
+        at.memo[tolerance] = worst_within(at.robot, at.motion, tolerance, at.times)
+    return at.memo[tolerance]
 
 
-def too_much(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[Tolerance, float, str]:
-    """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
-    kept = _keeper(robot, motion, limits)
-    found = culprit(limits.tolerance, IN_MOTION, kept)
-    return *found, culprit_words(*found) if kept(Tolerance()) else UNDESCRIBED
-
-
-def _keeper(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> Callable[[Tolerance], bool]:
-    """Whether a motion keeps its contacts within a tolerance."""
-    cases = worst_case_of(robot, limits.tolerance)
-    times = motion.both_sides(SPACING)
-
-    def kept(tolerance: Tolerance) -> bool:
-        found = _worst_of(cases.within(tolerance), motion, times)
-        return all(worst.excess <= 0 for worst in found.measured(limits))
-
-    return kept
-
-
-def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:
+def worst_of_cases(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:
+    """The same of an arm within the uncertainty of `cases`."""
     tolerance = cases.deviations.tolerance
     acting = cases.deviations.robot.during(motion)
     looked = on_time(motion, tolerance, times, acting)
