@@ -68,7 +68,7 @@ def test_a_posture_that_tips_the_base_or_breaks_limits(capsys, tmp_path):
     assert not data["persistent"]
     assert main(["stand", str(TASK), "--posture", "400,-10,0,0,0,0"]) == 0
     text = capsys.readouterr().out
-    assert "in the given posture: STANDS" in text
+    assert "in the given posture   STABLE" in text
     assert "but " in text
 
 

@@ -80,7 +80,7 @@ def test_wheels_amid_casters(capsys, tmp_path):
     assert max(used or 0.0 for used in data["best_sharing"]["friction_used"]) == pytest.approx(
         data["GT"], abs=1e-6
     )
-    assert "NOT SURE: equally compliant feet stand, rigid ones may move" in text.splitlines()[0]
+    assert "NOT SURE. Equally compliant feet are stable, rigid ones may move" in text.splitlines()[0]
     assert "in the solution that moves" in text
 
 
@@ -92,7 +92,7 @@ def test_declared_springs_decide_what_rigid_contacts_leave_open(capsys, tmp_path
     np.testing.assert_allclose(data["normal_forces"], normal, rtol=1e-9)
     assert data["GT"] == pytest.approx(use, abs=1e-6)
     assert data["equal_compliance"] is None
-    assert "STANDS on its feet as compliant as declared" in text.splitlines()[0]
+    assert "STABLE on its compliant feet" in text.splitlines()[0]
 
 
 def test_declared_springs_that_slip_do_not_stand(capsys, tmp_path):

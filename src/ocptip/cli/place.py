@@ -102,10 +102,10 @@ class PlaceReport(Report):
         head, lines = _found(answer) if isinstance(answer, PlacementResult) else refusal_lines(answer)
         if within:
             if not within.stands:
-                head = f"NO PLACEMENT within the tolerance. As described: {head}"
-            lines += under("within", within.lines())
+                head = f"NO PLACEMENT within the uncertainty. In the nominal model: {head}"
+            lines += under("uncertainty", within.lines(shown.problem.robot.tip_over.reference_moment))
             if self.found.dropped and within.stands:
-                lines.append(("", f"{self.found.dropped} better ones or alternatives do not hold it"))
+                lines.append(("", f"{self.found.dropped} better ones or alternatives are not robust enough"))
         lines.append(("masses", masses(shown.problem.robot)))
         lines += [("assumed", note) for note in shown.problem.robot.notes]
         return summary(f"{self.found.name}: {head}", lines, self.written)

@@ -89,48 +89,74 @@ class StandReport(Report):
             yield self.found.save(self.plot)
 
     def to_text(self) -> str:
-        """Verdict, contacts, reserves, evidence."""
-        return "\n".join([*self._headline(), "", *self._contact_table(), "", *self._summary()])
+        """Verdict, margins, contacts; with -v the indices and the evidence."""
+        head = [self._headline(), *named(self._margins())]
+        return "\n".join([*head, "", *self._contact_table(), "", *named(self._summary())]).rstrip()
 
-    def _headline(self) -> list[str]:
+    def _headline(self) -> str:
         found = self.found
         lost = found.nominally_stable and not found.stable
-        return [f"{found.scene.name}: {self._answer()}{' NOT WITHIN ITS TOLERANCE.' if lost else ''}"]
+        about = f" WITHIN {found.within.tolerance.title.upper()}" if found.within and not lost else ""
+        verdict, _, remark = self._answer().partition(".")
+        verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
+        return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
 
     def _answer(self) -> str:
         found = self.found
         state = found.state
         if not state.solved and state.status != STATUS[BEYOND_RESOLUTION]:
-            return f"NO ANSWER: {state.status}"
+            return f"NO ANSWER. {state.status}"
         if found.without_reserve:
             what = {"tips": "the least push tips it", "slips": "the least push makes it slip"}
-            return f"IN BALANCE WITHOUT ANY RESERVE: {what[found.without_reserve]}."
+            return f"IN BALANCE WITHOUT ANY MARGIN. {what[found.without_reserve].capitalize()}."
         remark = f" Note: {found.equal_remark}." if found.equal_remark else ""
         if found.verdict.strong:
-            return f"STANDS. Nothing slips, nothing lifts off.{remark}"
+            return f"STABLE.{remark}"
         if found.on_springs:
-            return "STANDS on its feet as compliant as declared; rigid ones might move, see stability."
+            return "STABLE on its compliant feet. Rigid ones might move, see stability."
         if found.nominally_stable:
-            return "STANDS in this solution, but that is not sure, see stability."
+            return "STABLE in this solution. Others are possible, see stability."
         if found.verdict.weak and found.equal and not remark:
-            return "NOT SURE: equally compliant feet stand, rigid ones may move, see stability."
+            return "NOT SURE. Equally compliant feet are stable, rigid ones may move, see stability."
         if found.verdict.weak:
             return (
-                f"NOT SURE: one solution of the contact laws stands, others may move, see stability.{remark}"
+                f"NOT SURE. One solution of the contact laws is stable, others move, see stability.{remark}"
             )
         if not state.solved:
-            return f"DOES NOT STAND: {state.status}."
+            return f"NOT STABLE. {state.status}."
         if state.persistent:
-            return "DOES NOT STAND, see stability."
+            return "NOT STABLE. See stability."
         moves = what_moves(found.scene.support, state.modes)
-        return f"DOES NOT STAND. {moves[:1].upper()}{moves[1:]}."
+        return f"NOT STABLE. {moves[:1].upper()}{moves[1:]}."
+
+    def _margins(self) -> list[tuple[str, str]]:
+        """What is left against tipping and sliding."""
+        found = self.found
+        rows = [("Tipping margin", _axis_text(found))]
+        if np.isfinite(found.slip.GT[0]):
+            full = found.redistribution == "full"
+            used = (
+                quantity(100 * found.slip.GT[0], "%", 3) if found.slip.GT[0] <= 1 else "more than all of it"
+            )
+            rows.append(("Friction used", used + (", shared in the best way" if full else "")))
+        if found.equal:
+            used = (
+                quantity(100 * found.equal.GT[0], "%", 3) if found.equal.GT[0] <= 1 else "more than all of it"
+            )
+            text = f"{used} with equally compliant feet, as in the table; `stiffness` declares other springs"
+            rows.append(("", text))
+        forces = without_noise(found.normal_reserves)
+        if np.isfinite(forces).any():
+            k = int(np.nanargmin(np.where(np.isfinite(forces), forces, np.nan)))
+            rows.append(("Min foot force", f"{quantity(max(forces[k], 0.0), 'N')} (contact {k + 1})"))
+        return rows
 
     def _contact_table(self) -> list[str]:
         found = self.found
         state, support = found.state, found.scene.support
         forces, reserves = without_noise(found.normal_forces), without_noise(found.normal_reserves)
         position = "position x, y [m]" if found.scene.planar else "position x, y, z [m]"
-        rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"]]
+        rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal margin"]]
         for k, contact in enumerate(support.contacts):
             where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
             force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
@@ -139,43 +165,48 @@ class StandReport(Report):
             rows.append([str(k + 1), contact.kind, where, mode, force, used, reserve])
         return table(rows, left=(1, 3))
 
-    def _summary(self) -> list[str]:
+    def _summary(self) -> list[tuple[str, str]]:
         found = self.found
-        rest = "" if found.reference_given else "; 0.09: the best at rest without load"
-        state, solver, full = found.state, found.verdict.state, found.redistribution == "full"
-        shared = "; normal forces shared in the best way" if full else ""
-        of_it = "of it {} are the acceleration of what {}, m/s^2"  # beyond 1, where no ratio goes on
-        lines = [("tip-over GN", f"{ratio(found.tip.GN[0])} (1: a contact lifts off{rest})")]
-        if found.tip.lift_acceleration[0] > 0:
-            lines.append(("", of_it.format(ratio(found.tip.lift_acceleration[0]), "lifts")))
-        lines.append(("slip GT", f"{ratio(found.slip.GT[0])} (1: the friction is used up{shared})"))
-        if found.slip.slide_acceleration[0] > 0:
-            needed = f"; {needed_text(found.friction_needed)}" if found.friction_needed else ""
-            lines.append(("", of_it.format(ratio(found.slip.slide_acceleration[0]), "slides") + needed))
-        if found.equal:
-            text = f"GT {ratio(found.equal.GT[0])}; the table has their normal forces and friction used"
-            lines.append(("equal feet", f"{text}; `stiffness` declares other springs"))
+        state, solver = found.state, found.verdict.state
+        lines = self._indices() if self.verbose else []
+        if found.slip.slide_acceleration[0] > 0 and found.friction_needed:
+            lines.append(("friction", needed_text(found.friction_needed)))
         if found.remark:
-            lines.append(("", found.remark))
-        lines.append(("tipping axis", _axis_text(found)))
+            lines.append(("note", found.remark))
         if found.feet:
             lines.append(("feet", _feet_text(found.feet)))
         if found.posture:
             from ocptip.cli.stand_posture import posture_rows
 
             lines += posture_rows(found.posture)
-        lines += under("within", found.within.lines() if found.within else ())
-        lines += under("would change", found.sensitivities)
-        only = " Under exactly this load; there is no reserve." if found.without_reserve else ""
-        lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))
+        if found.within:
+            lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
+        lines += under("would help", found.sensitivities)
+        only = " Under exactly this load; there is no margin." if found.without_reserve else ""
+        if self.verbose or only or not found.verdict.strong:
+            lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))
         if solver.solved and not solver.persistent and not found.nominally_stable:
             values = ", ".join(f"{a:.3g}" for a in without_noise(solver.acceleration))
             which = " in the solution that moves" if found.verdict.weak else ""
             lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2{which}"))
-        lines.append(("solver", f"{solver.pivots} pivots, residual {solver.residual:.1g} (relative)"))
+        if self.verbose:
+            lines.append(("solver", f"{solver.pivots} pivots, residual {solver.residual:.1g} (relative)"))
         if state.solved and not found.slip.solved[0]:
-            lines.append(("note", f"slip reserve: {found.slip.status[0]}"))
-        return named(lines)
+            lines.append(("note", f"friction used: {found.slip.status[0]}"))
+        return lines
+
+    def _indices(self) -> list[tuple[str, str]]:
+        """Tip-over index and friction utilisation as published."""
+        found = self.found
+        rest = "" if found.reference_given else "; 0.09: the best at rest without load"
+        beyond = "of it {} are the acceleration of what {}, m/s^2"  # beyond 1, where no ratio goes on
+        lines = [("tip-over GN", f"{ratio(found.tip.GN[0])} (1: a contact lifts{rest})")]
+        if found.tip.lift_acceleration[0] > 0:
+            lines.append(("", beyond.format(ratio(found.tip.lift_acceleration[0]), "lifts")))
+        lines.append(("slip GT", f"{ratio(found.slip.GT[0])} (1: the friction is used up)"))
+        if found.slip.slide_acceleration[0] > 0:
+            lines.append(("", beyond.format(ratio(found.slip.slide_acceleration[0]), "slides")))
+        return lines
 
 
 def check_plot_target(target: str) -> None:
@@ -193,14 +224,14 @@ def _feet_text(feet: Shared) -> str:
     """How far they are pressed in."""
     depths = np.maximum(-1e3 * feet.deflections[0, :, 0], 0.0)
     least, most = (quantity(depth, "mm", 3) for depth in (depths.min(), depths.max()))
-    return f"give by {least} to {most}; forces are those of their springs on level ground"
+    return f"compressed by {least} to {most}; forces are those of their springs on level ground"
 
 
 def _axis_text(found: Standing) -> str:
     axis = found.nearest_axis
     if axis is None:
         free = found.tip.tip_over.free_rotation
-        return "none: nothing resists a rotation" if free else "none: the base cannot tip about its contacts"
+        return "none: nothing resists a rotation" if free else "unlimited: no tipping axis"
     through = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
     noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
-    return f"nearest through {noun} {through}, moment reserve {quantity(axis['moment_reserve'], 'N m')}"
+    return f"{quantity(axis['moment_reserve'], 'N m')} (axis through {noun} {through})"

@@ -178,6 +178,12 @@ class Tolerance:
         """Of a jump, as a share of its height; 0 where none is counted."""
         return 0.0 if self.damping is None else overshoot_of(self.damping)
 
+    @property
+    def title(self) -> str:
+        """What headlines call it: "'workshop' uncertainty" of a preset, else "the given uncertainty"."""
+        names = [name for name, preset in PRESETS.items() if self in (preset, preset.of(None))]
+        return f"'{names[0]}' uncertainty" if names else "the given uncertainty"
+
     def only(self, *names: str) -> Tolerance:
         """The same with nothing uncertain but these quantities."""
         return Tolerance(**{name: getattr(self, name) for name in names})

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import quantity
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
@@ -121,15 +122,20 @@ class WithinAtRest:
         own = {name: getattr(self, name) for name in ("GN", "GT", "GN_worst", "GT_worst", "stands", "reason")}
         return {"tolerance": self.tolerance.to_dict(), **own, "ignored": list(self.ignored)}
 
-    def lines(self) -> list[str]:
-        """In words."""
+    def lines(self, reference: float | None) -> list[str]:
+        """In words.
+
+        Args:
+            reference: M0 of GN, N m; None where nothing tips.
+        """
         verdict = "no contact is lost" if self.stands else f"A CONTACT IS LOST: {self.reason}"
-        found = [
-            f"{self.tolerance}: {verdict}",
-            f"GN at most {self.GN:.3f} ({self.GN_worst or 'as described'})",
-            f"GT at most {self.GT:.3f} ({self.GT_worst or 'as described'})",
-        ]
-        return found + ([f"not looked at here: {', '.join(self.ignored)}"] if self.ignored else [])
+        found = [f"{self.tolerance}: {verdict}"]
+        if reference:
+            left = reference * (1 / self.GN - 1) if 0 < self.GN < 1 else 0.0
+            found.append(f"tipping margin >= {quantity(left, 'N m')} ({self.GN_worst or 'nominal'})")
+        used = quantity(100 * self.GT, "%", 3) if self.GT <= 1 else "more than all of it"
+        found.append(f"friction used <= {used} ({self.GT_worst or 'nominal'})")
+        return found + ([f"not included at rest: {', '.join(self.ignored)}"] if self.ignored else [])
 
 
 def scene_within(
