@@ -7,7 +7,7 @@ import pytest
 
 import ocptip
 from ocptip.indices.arms.rate import rate_arm
-from ocptip.indices.platforms.from_parallel import platform_of_robot
+from ocptip.indices.platforms.parallel_robots import platform_of_robot
 from ocptip.indices.workspace_maps import index_maps
 from ocptip.parallel import ParallelRobot, delta
 from ocptip.parallel.description.ready_made import ups6

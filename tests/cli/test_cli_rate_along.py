@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.cli.main import main
 from ocptip.indices.arms.values import index_values
-from ocptip.indices.platforms.from_parallel import platform_of_robot
-from ocptip.indices.platforms.parallel_robots import ParallelIndices, rate_parallel
+from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot, rate_parallel
 from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.parallel.analysis.workspace import workspace
 from ocptip.parallel.description.ready_made import READY_MADE, rpr3, rrr3, ups6

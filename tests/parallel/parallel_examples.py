@@ -10,7 +10,13 @@ import numpy as np
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation
 from ocptip.parallel.description.ready_made import delta, rrr3, ups6
-from ocptip.parallel.description.robot_description import PRISMATIC, Leg, MDHRow, Platform, RobotDescription
+from ocptip.parallel.description.robot_description import (
+    PRISMATIC,
+    MDHRow,
+    Platform,
+    RobotDescription,
+    SerialLeg,
+)
 
 QUARTER = math.pi / 2
 
@@ -23,7 +29,7 @@ def prr3() -> RobotDescription:
         rod = BodyInertia.about_center(b, (b, 0, 0), (0, 0, b * b**2 / 3))
         angle = math.atan2(home[1], home[0] + side - slider)
         legs.append(
-            Leg(
+            SerialLeg(
                 (MDHRow(PRISMATIC), MDHRow(gamma=-QUARTER, alpha=QUARTER), MDHRow(d=2 * b)),
                 2,
                 (BodyInertia.about_center(1.0), rod),
@@ -64,7 +70,7 @@ def five_axes(*, coupling_mass: bool = False) -> RobotDescription:
         a = 2 * math.pi * i / 5 + 0.3
         c, s = math.cos(a), math.sin(a)
         legs.append(
-            Leg(
+            SerialLeg(
                 rows,
                 3,
                 tuple(bodies),
@@ -84,7 +90,7 @@ def redundant_leg() -> RobotDescription:
     """3RRR whose first leg has one link more; its first joint is a coordinate and has a motor."""
     base = rrr3()
     first = base.legs[0]
-    longer = Leg(
+    longer = SerialLeg(
         (MDHRow(), MDHRow(d=0.3), MDHRow(d=0.6), MDHRow(d=0.6)),
         3,
         (first.bodies[0], *first.bodies),
@@ -148,7 +154,7 @@ def spu6() -> RobotDescription:
         guess = (math.atan2(y, x), math.atan2(flat, -z), 0.0, length)
         bodies = (BodyInertia(), BodyInertia(), leg.bodies[1], leg.bodies[2])
         legs.append(
-            Leg(
+            SerialLeg(
                 rows,
                 4,
                 bodies,

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, SolverError
-from ocptip.parallel.compiled_dynamics import CompiledDynamics
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.simulation import simulate
+from ocptip.parallel.simulation import CompiledDynamics, simulate
 from tests.parallel.code.test_complete import robot_for
 from tests.parallel.test_dependent_coordinates import MECHANISMS, robot_of
 from tests.quick import some

@@ -25,8 +25,7 @@ from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.meanings import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.from_parallel import platform_of_robot
-from ocptip.indices.platforms.parallel_robots import ParallelIndices, rate_parallel
+from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot, rate_parallel
 from ocptip.indices.platforms.platform import PlatformFile
 from ocptip.indices.platforms.rate import RatedPose, rate_platform
 from ocptip.indices.platforms.singular_motion import singular_motion

@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross_terms as cross
-from ocptip.parallel.analysis.elimination import elimination_order
-from ocptip.parallel.analysis.singularity import characteristic_length
+from ocptip.parallel.analysis.singularity import characteristic_length, elimination_order
 from ocptip.parallel.code.complete import home_function, newton_function, point_function
 from ocptip.parallel.code.leg_plans import choose_plans
-from ocptip.parallel.description.robot_description import PRISMATIC, Leg, RobotDescription
+from ocptip.parallel.description.robot_description import PRISMATIC, RobotDescription, SerialLeg
 from ocptip.parallel.kinematics.closed_form import leg_solution, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.leg_dynamics import body_wrench
@@ -211,7 +210,7 @@ def require_closed_form(robot: ParallelRobot) -> None:
         raise InputError(f"{robot.description.name}: {obstacle}")
 
 
-def _length(leg: Leg, q: np.ndarray) -> float:
+def _length(leg: SerialLeg, q: np.ndarray) -> float:
     return float(next(abs(v) for v, row in zip(q, leg.rows, strict=False) if row.sigma == PRISMATIC))
 
 

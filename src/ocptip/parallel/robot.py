@@ -23,14 +23,14 @@ from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.reactions import JointReactions, joint_reactions
-from ocptip.parallel.dynamics.regressor import regressor
 from ocptip.parallel.dynamics.terms import (
-    Forces,
-    Terms,
+    DynamicTerms,
+    InverseDynamics,
     converted,
     motor_drift,
     needs_complete_legs,
     quasi_terms,
+    regressor,
 )
 from ocptip.parallel.kinematics.platform import (
     ForwardPose,
@@ -140,8 +140,8 @@ class ParallelRobot(MadeOf):
         form: str = "S",
         wrench: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-    ) -> Terms:
-        """Mass matrix, Coriolis and gravity forces in one of the forms of :class:`Terms`.
+    ) -> DynamicTerms:
+        """Mass matrix, Coriolis and gravity forces in one of the forms of :class:`DynamicTerms`.
 
         Args:
             z, zd: (m,).
@@ -182,7 +182,7 @@ class ParallelRobot(MadeOf):
         rates: Literal["euler", "quasi"] = "euler",
         wrench: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-    ) -> Forces:
+    ) -> InverseDynamics:
         """Motor forces of a motion.
 
         Args:
@@ -343,7 +343,7 @@ class ParallelRobot(MadeOf):
             joints.append(array if complete else array[: leg.point])
         return tuple(joints)
 
-    def _distributed(self, jacobian: np.ndarray, tau_s: np.ndarray) -> Forces:
+    def _distributed(self, jacobian: np.ndarray, tau_s: np.ndarray) -> InverseDynamics:
         """Solve J_a' tau_a = tau_s; the smallest forces if there are more motors than coordinates."""
         square = jacobian.shape[0] == jacobian.shape[1]
         if square:
@@ -352,7 +352,7 @@ class ParallelRobot(MadeOf):
             motors = np.linalg.lstsq(jacobian.T, tau_s, rcond=None)[0]
         residual = np.abs(jacobian.T @ motors - tau_s).max() / max(np.abs(tau_s).max(), 1e-300)
         _require_balance(residual, f"{len(motors)} motors")
-        return Forces(motors, tau_s, float(residual))
+        return InverseDynamics(motors, tau_s, float(residual))
 
     def _regular_motion(
         self, z: np.ndarray, s: np.ndarray, q: Joints, *, complete: bool = False, legs_only: bool = False
@@ -363,11 +363,13 @@ class ParallelRobot(MadeOf):
         require_regular(self.kinematics, z, joints, complete=complete, legs_only=legs_only)
         return self.kinematics.motion(z, s, joints, complete=complete)
 
-    def _quasi_terms(self, motion: RobotMotion, wrench: ArrayLike | None, gravity: ArrayLike | None) -> Terms:
+    def _quasi_terms(
+        self, motion: RobotMotion, wrench: ArrayLike | None, gravity: ArrayLike | None
+    ) -> DynamicTerms:
         terms = quasi_terms(self.kinematics, motion, self._gravity(gravity))
         if wrench is None:
             return terms
-        return Terms("S", terms.M, terms.c - motion.T.T @ _wrench(wrench), terms.g)
+        return DynamicTerms("S", terms.M, terms.c - motion.T.T @ _wrench(wrench), terms.g)
 
     def _gravity(self, gravity: ArrayLike | None) -> np.ndarray:
         return self.description.gravity if gravity is None else finite_array("gravity", gravity, (3,))

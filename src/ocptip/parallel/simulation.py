@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.parallel.compiled_dynamics import CompiledDynamics, compiled_obstacle
+from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
+from ocptip.numerics.tape import Tape
+from ocptip.parallel.code.complete import complete_joints, newton_function
+from ocptip.parallel.code.leg_plans import choose_plans
+from ocptip.parallel.minimal_form import joints_of_branch, minimal_obstacle
 from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.symbolic.complete_legs import (
+    CompleteEquations,
+    complete_obstacle,
+    own_arguments,
+    unknown_count,
+)
+from ocptip.parallel.symbolic.platform_sx import euler_rates, potential_energy
+from ocptip.parallel.symbolic.projection import Projection, projection_arguments
+from ocptip.parallel.symbolic.symbols import geometry_symbols, inertia_layout
 
 _LONG = 200  # steps: fewer are done before machine code is made
 _WEIGHTS = np.array([1, 2, 2, 1]) / 6
@@ -19,7 +33,7 @@ MotorLaw = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class SimulatedMotion:
     """A simulated motion.
 
     Attributes:
@@ -52,7 +66,7 @@ def simulate(
     duration: float,
     step: float,
     motors: MotorLaw | Sequence[float] | None = None,
-) -> Trajectory:
+) -> SimulatedMotion:
     """Integrate the equations of motion with the classic Runge-Kutta method.
 
     Long motions (200 steps and more) run as machine code, except those of robots with redundant joints or
@@ -97,7 +111,7 @@ def simulate(
         state = state + h * (_WEIGHTS @ stages)
         states[k + 1] = state
     energies[count] = equations.energy(state)
-    return Trajectory(times, states[:, :m], states[:, m:], energies, equations.closure)
+    return SimulatedMotion(times, states[:, :m], states[:, m:], energies, equations.closure)
 
 
 def _equations(robot: ParallelRobot, z: np.ndarray, count: int) -> _Searched | CompiledDynamics:
@@ -140,3 +154,153 @@ def _law(motors: MotorLaw | Sequence[float] | None, shape: tuple[int]) -> MotorL
         return motors
     fixed = np.zeros(shape) if motors is None else finite_array("motors", motors, shape)
     return lambda time, z, s: fixed
+
+
+_SINGULAR, _OPEN, _DEFINITE = 1e-8, 1e-6, 1e-12
+_CLOSED, _STEPS, _CALLS = 1e-12, 2, 10
+
+
+def compiled_obstacle(robot: ParallelRobot) -> str:
+    """Why a robot's forward dynamics cannot be compiled; "" if they can."""
+    return complete_obstacle(robot.description) if minimal_obstacle(robot) else ""
+
+
+class CompiledDynamics:
+    """Equations of motion; the joints stay in the branches they have at a start.
+
+    Args:
+        robot: its legs have no branches or loops of their own.
+        start: (m,) coordinates.
+
+    Attributes:
+        closure: largest closure error of the joint positions so far, m or rad.
+
+    Raises:
+        InputError: the robot is not of this kind; says why.
+    """
+
+    def __init__(self, robot: ParallelRobot, start: np.ndarray) -> None:
+        if reason := compiled_obstacle(robot):
+            raise InputError(f"{robot.description.name}: {reason}")
+        carried = bool(minimal_obstacle(robot))
+        function, self._names = (_carried if carried else _closed_form)(robot, start)
+        inputs, self._results, self._compute = Tape(function).point()
+        m, motors = robot.m, len(robot.description.actuated)
+        self._state, self._motors, self._joints = np.split(inputs, np.cumsum([2 * m, motors]))
+        ends = np.cumsum([2 * m, 2, 4])
+        self._slope, self._energies, self._ends, self._others = np.split(self._results, ends)
+        if carried:
+            self._joints[:] = complete_joints(robot.kinematics, start, robot.ik(start).q)
+        self._m, self._last = m, np.empty(0)
+        self.closure = 0.0
+
+    def slope(self, state: np.ndarray, motors: np.ndarray) -> np.ndarray:
+        """(z', s'') (2m,) of a state (z, s) under motor forces (n_a,).
+
+        Raises:
+            SolverError: a leg is in a singular pose or out of reach, or the mass matrix is not positive
+                definite.
+        """
+        self._state[:], self._motors[:] = state, motors
+        self._last = state
+        carried = self._joints.size
+        total = gap = pivot = smallest = np.nan
+        for _ in range(_CALLS):
+            self._compute()
+            total, gap, pivot, smallest = self._ends.tolist()
+            if not carried or not math.isfinite(gap):
+                break
+            self._joints[:] = self._others
+            if gap < _CLOSED:
+                break
+        else:
+            smallest = smallest if gap < _OPEN else 0.0
+        self._require(state, total, gap, pivot, smallest)
+        self.closure = max(self.closure, gap)
+        return self._slope.copy()
+
+    def energy(self, state: np.ndarray) -> np.ndarray:
+        """Kinetic and potential energy (2,), J."""
+        if self._last is not state:  # the energies of a state come with its slope
+            self.slope(state, self._motors)
+        return self._energies.copy()
+
+    def _require(self, state: np.ndarray, total: float, gap: float, pivot: float, smallest: float) -> None:
+        reached = smallest > _SINGULAR and gap < _OPEN
+        if reached and pivot > _DEFINITE and math.isfinite(total):
+            return
+        self._last, z = np.empty(0), state[: self._m].tolist()
+        finite_array("motors", self._motors, self._motors.shape)
+        finite_array("state", state, state.shape)
+        if reached and not pivot > _DEFINITE:
+            raise SolverError(
+                f"forward dynamics: at z = {z} the mass matrix is not positive definite (smallest "
+                f"relative pivot {pivot:.2g}): bodies have too little inertia, or one that no real body has"
+            )
+        where = self._names[int(np.argmin(self._others))] if self._names else "a leg"
+        raise SolverError(f"forward dynamics: at z = {z} the robot is singular or out of reach ({where})")
+
+
+def _closed_form(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, list[str]]:
+    """z', s'', energies, sum of all, closure error, smallest pivot, smallest measure, the measures; and their
+    names."""
+    description, symbols = robot.description, _symbols(robot, 0)
+    z, s, sd = symbols[:3]
+    q, measures, names = joints_of_branch(robot, z, start, geometry_symbols(description, numeric=True))
+    layout = inertia_layout(description)
+    plans = choose_plans(description, layout, [True] * layout.size, "tau_s")
+    arguments = projection_arguments(description, (z, s, sd), q, quasi=True)
+    projection = Projection(description, layout, plans, arguments)
+    own = cs.vertsplit(arguments.inertia[layout.platform_slice])
+    potential = potential_energy(projection.platform, own, projection.legs, projection.gravity)
+    rates = cs.vertcat(*euler_rates(projection.platform, cs.vertsplit(s)))
+    gap = cs.norm_inf(cs.vec(projection.closures()))
+    ends = [gap, cs.mmin(cs.vertcat(1, *measures)), cs.vertcat(*measures)]
+    return _forward(
+        symbols, projection.generalized_force(), projection.jacobian(), rates, potential, ends
+    ), names
+
+
+def _carried(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, list[str]]:
+    """The same from joints and dependent coordinates nearby. Instead of measures the new ones; the smallest
+    measure is 1: where the robot is singular these do not close."""
+    symbols = _symbols(robot, unknown_count(robot.kinematics))
+    z, s, sd, motors, q = symbols
+    equations = CompleteEquations(robot.kinematics, own_arguments(robot.description, z, s, sd, q), start)
+    equations.move()
+    force = cs.vertcat(*equations.force()[0])
+    jacobian = cs.vertcat(*(cs.horzcat(*row) for row in equations.rows()))
+    rates = cs.vertcat(*equations.coordinate_rates())
+    ends = [cs.norm_inf(equations.closure_errors()), cs.SX(1), q]
+    forward = _forward(symbols, force, jacobian, rates, equations.potential(), ends)
+    joints = newton_function(robot.kinematics, _STEPS, near=start).expand()
+    result = forward(z, s, motors, joints(z, q)[0])
+    return cs.Function("forward", [z, s, motors, q], cs.cse([result])), []
+
+
+def _symbols(robot: ParallelRobot, carried: int) -> list[cs.SX]:
+    """z, s', s'', motor forces, joints."""
+    sizes = {"z": robot.m, "s": robot.m, "sd": robot.m, "motors": len(robot.description.actuated)}
+    return [cs.SX.sym(name, size) for name, size in {**sizes, "q": carried}.items()]
+
+
+def _forward(
+    symbols: Sequence[cs.SX],
+    force: cs.SX,
+    jacobian: cs.SX,
+    rates: cs.SX,
+    potential: cs.SX,
+    ends: Sequence[cs.SX],
+) -> cs.Function:
+    """All results in one column; force: tau_s, jacobian: J_a, ends: closure error, smallest measure, more."""
+    z, s, sd, motors, q = symbols
+    mass = cs.densify(cs.jacobian(force, sd))
+    right = jacobian.T @ motors - cs.substitute(force, sd, cs.SX.zeros(sd.numel()))
+    pivots, upper, order = cs.ldl(mass, False)
+    found = cs.ldl_solve(right, pivots, upper, order)
+    energy = cs.vertcat(cs.dot(s, mass @ s) / 2, potential)
+    gap, *others = ends
+    pivot = cs.mmin(pivots / cs.fabs(cs.diag(mass)))
+    results = list(map(cs.densify, [rates, found, energy, gap, pivot, *others]))
+    results.insert(3, cs.sum1(cs.vertcat(*results)))  # finite only if all are
+    return cs.Function("forward", [z, s, motors, q], [cs.vertcat(*cs.cse(results))])

@@ -32,10 +32,10 @@ from ocptip.parallel.description.robot_description import (
     FIXED,
     PRISMATIC,
     REVOLUTE,
-    Leg,
     MDHRow,
     Platform,
     RobotDescription,
+    SerialLeg,
 )
 from ocptip.task_files.kinds import require_kind
 
@@ -130,7 +130,7 @@ class _Reader:
             raise self.data.error(f"expected the order {ordered}, which z and `home` have, got {names}", key)
         return tuple(name in names for name in COORDINATES)
 
-    def _leg(self, leg: Table) -> Leg | BranchedLeg:
+    def _leg(self, leg: Table) -> SerialLeg | BranchedLeg:
         key = leg.text("table")
         if key not in self.tables:
             raise leg.error(f"there is no [table.{key}]{of_known(key, self.tables)}", "table")
@@ -155,7 +155,7 @@ class _Reader:
         for part, name in ((table, "loops"), *((row, "after") for row in rows)):
             if name in part:
                 raise part.error("for legs that branch, with `ends`, but this leg has none", name)
-        return Leg, {
+        return SerialLeg, {
             "n": table.value("joints_to_coupling"),
             "coupling": self._point(leg, "coupling"),
             "end_rotation": self._end_rotation(leg),

@@ -6,7 +6,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.from_parallel import planar_pose_of_robot, platform_of_robot
+from ocptip.indices.platforms.parallel_robots import planar_pose_of_robot, platform_of_robot
 from ocptip.parallel.description.ready_made import delta, rpr3, rrr3, ups6
 
 

@@ -16,9 +16,9 @@ import scipy.linalg
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.point import PointFunction
-from ocptip.parallel.description.robot_description import Leg
+from ocptip.parallel.description.robot_description import SerialLeg
 from ocptip.parallel.description.rotations import PlatformCoordinates
-from ocptip.parallel.dynamics.terms import Terms
+from ocptip.parallel.dynamics.terms import DynamicTerms
 from ocptip.parallel.kinematics.chain import Topology, about_origin, frames
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics
@@ -44,7 +44,7 @@ class ConstraintRoute:
 
     def terms(
         self, z: np.ndarray, zd: np.ndarray, q: Sequence[np.ndarray], gravity: np.ndarray
-    ) -> tuple[Terms, np.ndarray]:
+    ) -> tuple[DynamicTerms, np.ndarray]:
         """Form Z and J_z (n_a, m): q_a' = J_z z'.
 
         Args:
@@ -75,7 +75,7 @@ class ConstraintRoute:
             g = g + J.T @ g_i
             rows[i] = J
         motors = np.array([rows[leg][joint] for leg, joint in self._kinematics.description.actuated])
-        return Terms("Z", M, c, g), motors
+        return DynamicTerms("Z", M, c, g), motors
 
     def _slopes(self, i: int, w: np.ndarray, q: np.ndarray) -> list[np.ndarray]:
         """dh/dw and dh/dq of a leg."""
@@ -144,7 +144,7 @@ def _closure_function(
     for a, b in leg.loop_rows:
         h.append(origins[a] - origins[b])
     closure = cs.vertcat(*h)
-    if not complete and isinstance(leg.leg, Leg):
+    if not complete and isinstance(leg.leg, SerialLeg):
         closure = closure[list(kinematics.description.position_rows)]
     A, B = cs.jacobian(closure, z), cs.jacobian(closure, q)
     rate = A @ zd + B @ qd

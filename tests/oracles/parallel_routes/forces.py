@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.parallel.analysis.singularity import require_regular
 from ocptip.parallel.dynamics.reactions import MultiplierSystem
-from ocptip.parallel.dynamics.terms import Forces, motor_drift
+from ocptip.parallel.dynamics.terms import InverseDynamics, motor_drift
 from ocptip.parallel.robot import ParallelRobot
 from tests.oracles.parallel_routes.constraint import ConstraintRoute
 from tests.oracles.parallel_routes.tree import tree_forces
@@ -21,7 +21,7 @@ from tests.oracles.parallel_routes.tree import tree_forces
 ROUTES = ("constraints", "tree", "multipliers")
 
 
-def forces_by(route, robot, z, zd, zdd, q=None, *, rates="euler", wrench=None) -> Forces:
+def forces_by(route, robot, z, zd, zdd, q=None, *, rates="euler", wrench=None) -> InverseDynamics:
     """Forces by one of `ROUTES`; arguments as of `ParallelRobot.inverse_dynamics`."""
     z, zd, zdd = (np.asarray(one, dtype=float) for one in (z, zd, zdd))
     kinematics, gravity = robot.kinematics, robot.description.gravity
@@ -52,7 +52,7 @@ def forces_by(route, robot, z, zd, zdd, q=None, *, rates="euler", wrench=None) -
         accelerations = tuple(leg.Jq @ sd + leg.drift for leg in motion.legs)
         found = system.forces(accelerations, motion.T @ sd + motion.T_drift)
         motors, residual = found.motors, found.residual
-    return Forces(motors, jacobian.T @ motors, residual)
+    return InverseDynamics(motors, jacobian.T @ motors, residual)
 
 
 @cache

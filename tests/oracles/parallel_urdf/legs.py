@@ -13,7 +13,7 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation, product_of
 from ocptip.parallel.description.mdh import Frame, compose, fixed_row, inverse, rotation_angles
-from ocptip.parallel.description.robot_description import REVOLUTE, Leg
+from ocptip.parallel.description.robot_description import REVOLUTE, SerialLeg
 from tests.oracles.parallel_urdf.chain import JointAxis, MDHChain, joints_to_coupling, mdh_chain
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class UrdfLeg:
             turn = frames[self.cut.leg][0].T @ frames[self.cut.platform][0]
         return compose(self._zero, (turn, np.zeros(3)))
 
-    def leg(self, tree: UrdfTree, side: Frame, end: Frame, q: np.ndarray, *, wanted: int | None) -> Leg:
+    def leg(self, tree: UrdfTree, side: Frame, end: Frame, q: np.ndarray, *, wanted: int | None) -> SerialLeg:
         """The leg of a description.
 
         Args:
@@ -119,7 +119,7 @@ class UrdfLeg:
         bodies += [BodyInertia()] * (n - len(bodies))
         friction = [tree.damping(joint) for joint in self.chain]
         R, p = chain.base
-        return Leg(
+        return SerialLeg(
             rows,
             n,
             _light(bodies, n),
@@ -132,7 +132,7 @@ class UrdfLeg:
             guess=tuple(q),
         )
 
-    def without_last_body(self, tree: UrdfTree, leg: Leg, side: Frame) -> tuple[Leg, BodyInertia]:
+    def without_last_body(self, tree: UrdfTree, leg: SerialLeg, side: Frame) -> tuple[SerialLeg, BodyInertia]:
         """The leg without the body behind its last joint if that is rigid with the platform, and the body.
 
         Args:

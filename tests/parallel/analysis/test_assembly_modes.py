@@ -12,7 +12,7 @@ from ocptip.numerics.quadrics import Deformation, distinct, follow, polished, to
 from ocptip.parallel.analysis.leg_surfaces import held_leg
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE, delta, make_robot, rpr3, rrr3, ups6
-from ocptip.parallel.description.robot_description import Leg, MDHRow, Platform, RobotDescription
+from ocptip.parallel.description.robot_description import MDHRow, Platform, RobotDescription, SerialLeg
 from ocptip.parallel.kinematics.leg_solver import LegSolver
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
@@ -102,9 +102,9 @@ def test_planar_robots_by_the_coupler_curve(make) -> None:
     assert len(found.modes) == count
 
 
-def _direction_leg(angle: float, tilt: float, arc: float, end: np.ndarray) -> Leg:
+def _direction_leg(angle: float, tilt: float, arc: float, end: np.ndarray) -> SerialLeg:
     rows = (MDHRow(), MDHRow(alpha=arc), MDHRow(alpha=arc))
-    return Leg(
+    return SerialLeg(
         rows,
         2,
         (_BODY, _BODY),

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ocptip.parallel.analysis.elimination import elimination_order
+from ocptip.parallel.analysis.singularity import elimination_order
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.description.entries import Parameter
 from ocptip.parallel.description.ready_made import READY_MADE, prrr4, ups6

@@ -14,7 +14,7 @@ from ocptip.parallel.code.counting import count_operations
 from ocptip.parallel.code.lean_arm import lean_arm
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE, ups6
-from ocptip.parallel.description.robot_description import Leg, MDHRow, Platform, RobotDescription
+from ocptip.parallel.description.robot_description import MDHRow, Platform, RobotDescription, SerialLeg
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.published.arms import arm_names, load_arm
 from ocptip.robots.dynamics import inverse_dynamics
@@ -33,7 +33,7 @@ def spherical() -> RobotDescription:
     )
     turns = ((("y", QUARTER),), (("x", -QUARTER),), ())
     legs = tuple(
-        Leg(rows, 1, bodies, base_rotation=turn, guess=(0.3, 0.9, 0.5 + 0.2 * k))
+        SerialLeg(rows, 1, bodies, base_rotation=turn, guess=(0.3, 0.9, 0.5 + 0.2 * k))
         for k, turn in enumerate(turns)
     )
     platform = Platform(

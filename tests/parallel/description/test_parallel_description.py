@@ -19,7 +19,14 @@ from ocptip.parallel.description.entries import (
     value_of,
 )
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
-from ocptip.parallel.description.robot_description import DYNPAR2, FIXED, PRISMATIC, Leg, MDHRow, Platform
+from ocptip.parallel.description.robot_description import (
+    DYNPAR2,
+    FIXED,
+    PRISMATIC,
+    MDHRow,
+    Platform,
+    SerialLeg,
+)
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 from tests.parallel.parallel_cases import random_body
@@ -104,12 +111,15 @@ BAD = [
     (lambda: BodyInertia(1.0, [0, 0], np.eye(3)), "first_moment: expected shape 3"),
     (lambda: BodyInertia(1.0, [0, 0, 0], [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "inertia: must be symmetric"),
     (lambda: BodyInertia.about_center(-1.0), "mass: must be >= 0"),
-    (lambda: Leg((MDHRow(), MDHRow()), 2, (BODY, BODY)), "n: joints up to the coupling point, must be 1..1"),
-    (lambda: Leg((MDHRow(), MDHRow()), 1, ()), "bodies: expected 1 to 2"),
-    (lambda: Leg((MDHRow(), "row"), 1, (BODY,)), r"rows\[2\]: expected an MDHRow"),
-    (lambda: Leg((MDHRow(), MDHRow(PRISMATIC)), 1, (BODY,)), "must turn about it"),
-    (lambda: Leg((MDHRow(), MDHRow(), MDHRow(d=0.1)), 1, (BODY,)), r"rows\[3\]: the joints behind"),
-    (lambda: Leg((MDHRow(FIXED), MDHRow()), 1, (BODY,)), r"rows\[1\].sigma: only the row"),
+    (
+        lambda: SerialLeg((MDHRow(), MDHRow()), 2, (BODY, BODY)),
+        "n: joints up to the coupling point, must be 1..1",
+    ),
+    (lambda: SerialLeg((MDHRow(), MDHRow()), 1, ()), "bodies: expected 1 to 2"),
+    (lambda: SerialLeg((MDHRow(), "row"), 1, (BODY,)), r"rows\[2\]: expected an MDHRow"),
+    (lambda: SerialLeg((MDHRow(), MDHRow(PRISMATIC)), 1, (BODY,)), "must turn about it"),
+    (lambda: SerialLeg((MDHRow(), MDHRow(), MDHRow(d=0.1)), 1, (BODY,)), r"rows\[3\]: the joints behind"),
+    (lambda: SerialLeg((MDHRow(FIXED), MDHRow()), 1, (BODY,)), r"rows\[1\].sigma: only the row"),
     (lambda: dataclasses.replace(LEG, base_rotation=(("w", 1.0),)), "the axis must be x, y or z"),
     (lambda: dataclasses.replace(LEG, coupling=(0, 1)), "coupling: expected 3 entries"),
     (lambda: dataclasses.replace(LEG, end_rotation=2 * np.eye(3)), "not a rotation matrix"),

@@ -10,7 +10,7 @@ from ocptip.basics.errors import InputError
 from ocptip.numerics.point import PointFunction
 from ocptip.parallel.description.entries import Parameter, elementary_rotation
 from ocptip.parallel.description.ready_made import READY_MADE
-from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, Leg, MDHRow
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, MDHRow, SerialLeg
 from ocptip.parallel.kinematics.chain import leg_dynamics, leg_kinematics, serial_topology
 from ocptip.parallel.kinematics.closed_form import SIGNS, closed_form, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
@@ -143,7 +143,7 @@ def test_closed_forms_only_where_the_table_allows():
     types = {name: leg_type(make().legs[0]) for name, make in READY_MADE.items()}
     assert types == {"3RRR": "RRR", "3RPR": "RPR", "Delta": "RUU", "4PRRR": "PRRR", "6UPS": "UPS"}
     leg = READY_MADE["3RRR"]().legs[0]
-    twisted = Leg((leg.rows[0], MDHRow(d=0.6, theta=0.1), leg.rows[2]), 2, leg.bodies)
+    twisted = SerialLeg((leg.rows[0], MDHRow(d=0.6, theta=0.1), leg.rows[2]), 2, leg.bodies)
     assert leg_type(twisted) is None
     assert closed_form(twisted, np.array([0.5, 0.5, 0.0])) is None
     assert closed_form(leg, np.array([1.3, 0.0, 0.0])) is None

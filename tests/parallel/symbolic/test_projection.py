@@ -10,10 +10,10 @@ from ocptip.parallel.description.entries import Parameter, product_of
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     REVOLUTE,
-    Leg,
     MDHRow,
     Platform,
     RobotDescription,
+    SerialLeg,
 )
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import quasi_terms
@@ -64,7 +64,7 @@ def mixed_robot(seed: int) -> tuple[RobotDescription, np.ndarray]:
         start = r.ravel() + R @ kappa - product_of(base) @ chain_end(rows, q)
         bodies = tuple(random_body(rng) for _ in range(3))
         rows += [MDHRow(alpha=QUARTER), MDHRow(alpha=QUARTER)]
-        legs.append(Leg(tuple(rows), 3, bodies, base, tuple(start), tuple(kappa), guess=tuple(q)))
+        legs.append(SerialLeg(tuple(rows), 3, bodies, base, tuple(start), tuple(kappa), guess=tuple(q)))
         joints.append(q)
         motors += [(i, int(j)) for j in rng.permutation(3)[:count]]
     robot = RobotDescription("mixed", tuple(legs), platform, tuple(motors), home, rng.uniform(-9, 9, 3))
@@ -108,7 +108,7 @@ def test_planar_robots_in_any_coordinate_plane(mask):
         kappa[normal] = 0.0
         start = r.ravel() + R @ kappa - product_of(turn) @ chain_end(rows, q)
         legs.append(
-            Leg(
+            SerialLeg(
                 rows,
                 2,
                 (random_body(rng), random_body(rng)),

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, SolverError
-from ocptip.parallel.description.robot_description import REVOLUTE, Leg
+from ocptip.basics.errors import InputError, OcptipError, SolverError
+from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription, SerialLeg
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
 SINGULAR = 1e-3
@@ -285,6 +286,38 @@ def singular_everywhere(kinematics: Kinematics) -> str:
     return f"singular in every pose looked at: at home {np.round(home, 6).tolist()} {reason}"
 
 
+def elimination_order(description: RobotDescription, *, complete: bool = False) -> tuple[int, ...]:
+    """The three motors whose forces are most independent at home first, then the others.
+
+    Generated code solves J_a^T tau_a = tau_s by a Schur complement after three motors and three force
+    components; both pivots should be far from zero. The natural order for up to three motors, or if the home
+    pose cannot be assembled. `complete`: of legs with all their joints.
+    """
+    m, motors = description.platform.m, len(description.actuated)
+    natural = tuple(range(motors))
+    if m != motors or m <= 3:
+        return natural
+    try:
+        kinematics = Kinematics(description)
+        q = (kinematics.joints if complete else kinematics.point_joints)(description.home).q
+    except OcptipError:
+        return natural
+    motion = kinematics.motion(description.home, np.zeros(m), q, complete=complete)
+    columns = kinematics.actuated_jacobian(motion).T
+    free = sum(description.platform.mask[:3])
+    columns = columns / np.array([1.0] * free + [characteristic_length(kinematics)] * (m - free))[:, None]
+    columns = columns / np.linalg.norm(columns, axis=0)
+    # The product of both pivots is the whole determinant: neither should be small.
+    whole = abs(np.linalg.det(columns))
+
+    def balance(first: tuple[int, ...]) -> float:
+        pivot = abs(np.linalg.det(columns[:3, list(first)]))
+        return min(pivot, whole / pivot) if pivot > 0 else 0.0
+
+    best = max(combinations(natural, 3), key=balance)
+    return (*best, *(k for k in natural if k not in best))
+
+
 def _not_held(
     kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], found: Singularity, *, complete: bool
 ) -> str:
@@ -299,7 +332,7 @@ def _leg_measure(kinematics: Kinematics, i: int, q: np.ndarray, length: float, c
     if complete:
         J = leg.jacobian(q)[0].copy()
         columns = leg.free
-        if isinstance(leg.leg, Leg):
+        if isinstance(leg.leg, SerialLeg):
             J[3:] *= length
     else:
         J = leg.point_jacobian(q, kinematics.description.position_rows)

@@ -20,7 +20,7 @@ from ocptip.parallel.code.lean import LeanFunction
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
-from ocptip.parallel.dynamics.terms import Forces
+from ocptip.parallel.dynamics.terms import InverseDynamics
 from ocptip.parallel.kinematics.platform import JointPositions, Kinematics
 from ocptip.parallel.symbolic.complete_legs import (
     CompleteArguments,
@@ -50,7 +50,7 @@ class NumericRobot(Protocol):
     def ik(self, z: ArrayLike, /) -> JointPositions: ...
     def inverse_dynamics(
         self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, q: Sequence[np.ndarray] | None, /
-    ) -> Forces: ...
+    ) -> InverseDynamics: ...
 
 
 def complete_function(

@@ -50,9 +50,9 @@ class BranchedLeg(LegBase):
         bodies: one inertia per row, from the first one; missing ones have no mass.
         loops: pairs of rows whose origins coincide (inner loops).
         base_rotation, base_position: as in :class:`ocptip.parallel.description.robot_description.Leg`.
-        drive_inertia, viscous, coulomb: per joint, as in `Leg`; fixed rows are not counted.
+        drive_inertia, viscous, coulomb: per joint, as in `SerialLeg`; fixed rows are not counted.
         guess: joint values near the home pose; empty: searched.
-        idle: as in `Leg`.
+        idle: as in `SerialLeg`.
     """
 
     rows: tuple[MDHRow, ...]

@@ -18,10 +18,10 @@ from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotation, product_of
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
-    Leg,
     MDHRow,
     Platform,
     RobotDescription,
+    SerialLeg,
 )
 
 _QUARTER = math.pi / 2
@@ -126,7 +126,7 @@ def make_robot(
     for i in range(count):
         rotation = k.base_rotation(Parameter(f"gamma{i + 1}", angles[i]))
         legs.append(
-            Leg(
+            SerialLeg(
                 rows,
                 k.n,
                 tuple(bodies),

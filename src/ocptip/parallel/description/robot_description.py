@@ -128,7 +128,7 @@ class LegBase:
 
 
 @dataclass(frozen=True, eq=False)
-class Leg(LegBase):
+class SerialLeg(LegBase):
     """A serial leg from the base to the platform.
 
     Attributes:
@@ -295,7 +295,7 @@ class RobotDescription:
     """
 
     name: str
-    legs: tuple[Leg, ...]
+    legs: tuple[SerialLeg, ...]
     platform: Platform
     actuated: tuple[tuple[int, int], ...]
     home: np.ndarray
@@ -402,7 +402,7 @@ class RobotDescription:
         if along := self.platform.dependent_coordinates:
             return f"the platform has dependent coordinates ({', '.join(along)})"
         for number, leg in enumerate(self.legs, start=1):
-            if not isinstance(leg, Leg):
+            if not isinstance(leg, SerialLeg):
                 return f"leg {number} branches or has loops of its own"
             if leg.n != rows:
                 return f"leg {number} has {leg.n} joints up to its coupling point, not {rows}"

@@ -18,10 +18,9 @@ from ocptip.basics.errors import InputError, SolverError, finite_array, positive
 from ocptip.numerics.point import PointFunction
 from ocptip.parallel.analysis.singularity import characteristic_length, require_regular
 from ocptip.parallel.code.complete import complete_joints, newton_function
-from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.description.robot_description import REVOLUTE, Leg, RobotDescription
+from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription, SerialLeg
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
-from ocptip.parallel.dynamics.regressor import regressor
+from ocptip.parallel.dynamics.terms import regressor
 from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.symbolic.complete_legs import complete_obstacle
@@ -64,8 +63,8 @@ def numeric_base_parameters(
 
 
 def has_complete_regressor(description: RobotDescription) -> bool:
-    """True if the regressor is that of all bodies, in numbers; else that of the lean function."""
-    tails = [body for leg in description.legs if isinstance(leg, Leg) for body in leg.bodies[leg.n :]]
+    """True if bodies behind the coupling points take part."""
+    tails = [body for leg in description.legs if isinstance(leg, SerialLeg) for body in leg.bodies[leg.n :]]
     return not description.coupling_form or not all(body.massless for body in tails)
 
 
@@ -77,8 +76,7 @@ def stacked_regressor(
     Args, raises: see :func:`numeric_base_parameters`.
     """
     kinematics = Kinematics(description)
-    make = _complete_block if has_complete_regressor(description) else _lean_block
-    block, size = make(kinematics)
+    block, size = _block(kinematics)
     if spread is not None:
         return _stacked(kinematics, block, size, seed, positive_number("spread", spread))
     for width in _SPREADS[:-1]:
@@ -87,34 +85,31 @@ def stacked_regressor(
     return _stacked(kinematics, block, size, seed, _SPREADS[-1])
 
 
-def _lean_block(kinematics: Kinematics) -> tuple[Block, int]:
-    """Regressor of a robot in coupling form, from the generated function."""
-    function = lean_function(kinematics.description, ("W",), form="S")
-
-    def block(z: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-        q = kinematics.point_joints(z).q
-        require_regular(kinematics, z, q, complete=False, legs_only=True)
-        return function(z, rates, accelerations, np.column_stack(q))["W"]
-
-    return block, len(function.inertia)
-
-
-def _complete_block(kinematics: Kinematics) -> tuple[Block, int]:
+def _block(kinematics: Kinematics) -> tuple[Block, int]:
     """Regressor of any robot, in numbers; columns of legs that share parameters are added."""
     description = kinematics.description
-    layout = inertia_layout(description, complete=True)
-    find = _joints_from_home(kinematics)
-    owners = [range(layout.leg_slice(i).start, layout.size) for i in range(len(description.legs))]
-    counts = [10 * len(leg.bodies) for leg in description.legs]
-    columns = [k for own, count in zip(owners, counts, strict=True) for k in own[:count]]
+    complete = has_complete_regressor(description)
+    layout = inertia_layout(description, complete=complete)
+    find = _joints_from_home(kinematics) if complete else lambda z: kinematics.point_joints(z).q
+    columns: list[int] = []  # of the layout, and which of the numeric regressor they get
+    taken: list[int] = []
+    bodies = 0
+    for i, leg in enumerate(description.legs):
+        count = 10 * (len(leg.bodies) if complete else min(len(leg.bodies), layout.bodies))
+        first = layout.leg_slice(i).start
+        columns += range(first, first + count)
+        taken += range(bodies, bodies + count)
+        bodies += 10 * len(leg.bodies)
     columns += range(layout.size - 10, layout.size)
+    taken += range(bodies, bodies + 10)
 
     def block(z: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
         q = find(z)
-        require_regular(kinematics, z, q, complete=True, legs_only=True)
-        motion = kinematics.motion(z, rates, q, complete=True)
+        require_regular(kinematics, z, q, complete=complete, legs_only=True)
+        motion = kinematics.motion(z, rates, q, complete=complete)
         W = np.zeros((kinematics.m, layout.size))
-        np.add.at(W.T, columns, regressor(kinematics, motion, accelerations, description.gravity).T)
+        given = regressor(kinematics, motion, accelerations, description.gravity)
+        np.add.at(W.T, columns, given.T[taken])
         return W
 
     return block, layout.size

@@ -21,7 +21,7 @@ FORMS = ("S", "X", "Z", "A", "AA")
 
 
 @dataclass(frozen=True, eq=False)
-class Terms(Record):
+class DynamicTerms(Record):
     """Force = M acceleration + c + g in one of the forms.
 
     ==== ========================= =====================================================
@@ -52,7 +52,7 @@ class Terms(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Forces(Record):
+class InverseDynamics(Record):
     """Result of the inverse dynamics.
 
     Attributes:
@@ -66,7 +66,7 @@ class Forces(Record):
     residual: float
 
 
-def quasi_terms(kinematics: Kinematics, motion: RobotMotion, gravity: np.ndarray) -> Terms:
+def quasi_terms(kinematics: Kinematics, motion: RobotMotion, gravity: np.ndarray) -> DynamicTerms:
     """Form S by projection of legs and platform.
 
     Args:
@@ -86,7 +86,7 @@ def quasi_terms(kinematics: Kinematics, motion: RobotMotion, gravity: np.ndarray
         M += part.Jq.T @ M_i @ part.Jq
         c += part.Jq.T @ (M_i @ part.drift + c_i[:n])
         g += part.Jq.T @ g_i[:n]
-    return Terms("S", 0.5 * (M + M.T), c, g)
+    return DynamicTerms("S", 0.5 * (M + M.T), c, g)
 
 
 def platform_terms(
@@ -97,6 +97,33 @@ def platform_terms(
     M = np.block([[body.mass * np.eye(3), -skew(s)], [skew(s), inertia]])
     c = np.concatenate([cross(omega, cross(omega, s)), cross(omega, inertia @ omega)])
     return M, c, -np.concatenate([body.mass * gravity, cross(s, gravity)])
+
+
+def regressor(kinematics: Kinematics, motion: RobotMotion, sd: np.ndarray, gravity: np.ndarray) -> np.ndarray:
+    """W (m, 10 bodies): tau_s = W p without friction, drives and external wrench.
+
+    p is `RobotDescription.inertia_vector`: DynPar 2 of all bodies, leg by leg, the platform last. Columns of
+    equal legs may be added. For generated code see :func:`ocptip.parallel.code.lean.lean_function`.
+
+    Args:
+        kinematics: of the robot.
+        motion: of all joints, or of the joints up to the coupling points.
+        sd: (m,) s''.
+        gravity: (3,), m/s^2, world axes.
+    """
+    columns = []
+    for leg, part in zip(kinematics.legs, motion.legs, strict=True):
+        n = len(part.q)
+        q, qd = leg.padded(part.q), leg.padded(part.qd)
+        qdd = part.Jq @ sd + part.drift
+        for unit in np.eye(len(leg.inertia)):
+            M, c, g = leg.body_dynamics(q, qd, gravity, unit)[:3]
+            columns.append(part.Jq.T @ (M[:n, :n] @ qdd + c[:n] + g[:n]))
+    acceleration = motion.T @ sd + motion.T_drift
+    for unit in np.eye(10):
+        M, c, g = platform_terms(BodyInertia.from_vector(unit), motion.R, motion.t[3:], gravity)
+        columns.append(motion.T.T @ (M @ acceleration + c + g))
+    return np.array(columns).T
 
 
 def needs_complete_legs(kinematics: Kinematics) -> bool:
@@ -112,14 +139,14 @@ def needs_complete_legs(kinematics: Kinematics) -> bool:
 
 
 def converted(
-    terms: Terms,
+    terms: DynamicTerms,
     form: str,
     *,
     rates: tuple[np.ndarray, np.ndarray],
     zd: np.ndarray,
     jacobian: np.ndarray,
     motor_drift: np.ndarray,
-) -> Terms:
+) -> DynamicTerms:
     """Form S in another form.
 
     Args:
@@ -141,7 +168,7 @@ def converted(
     if form in ("X", "Z"):
         H, D = rates
         M, c = M @ H, c + M @ D @ zd
-        return Terms("Z", H.T @ M, H.T @ c, H.T @ g) if form == "Z" else Terms("X", M, c, g)
+        return DynamicTerms("Z", H.T @ M, H.T @ c, H.T @ g) if form == "Z" else DynamicTerms("X", M, c, g)
     if jacobian.shape[0] != jacobian.shape[1]:
         raise InputError(
             f"form {form}: needs as many motors as coordinates, got {len(jacobian)} and {jacobian.shape[1]}"
@@ -149,7 +176,7 @@ def converted(
     if form == "AA":
         inverse = np.linalg.inv(jacobian)
         c, M = c - M @ inverse @ motor_drift, M @ inverse
-    return Terms(form, *(np.linalg.solve(jacobian.T, value) for value in (M, c, g)))
+    return DynamicTerms(form, *(np.linalg.solve(jacobian.T, value) for value in (M, c, g)))
 
 
 def motor_drift(description_actuated: Sequence[tuple[int, int]], motion: RobotMotion) -> np.ndarray:

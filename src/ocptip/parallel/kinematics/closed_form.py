@@ -4,7 +4,7 @@ The formulas are written once, for scalars: numbers or CasADi expressions. A tar
 numbers. In expressions it is no error, so that an optimiser may step there and find its way back: the cosine
 or sine concerned is cut near +-1, and the leg's measures, which are not cut, are negative there.
 
-A leg is recognised by the structure of its table. Branch signs (`Leg.branch`) choose among the solutions:
+A leg is recognised by the structure of its table. Branch signs (`SerialLeg.branch`) choose a solution:
 
 ===== =========================================== ======================================
 leg   joints                                      signs
@@ -31,7 +31,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.parallel.description.entries import Entry, Parameter, right_angles, value_of
-from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, Leg, LegBase, MDHRow
+from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, LegBase, MDHRow, SerialLeg
 
 Scalar = Any
 
@@ -45,7 +45,7 @@ SIGNS = {"RRR": 1, "RPR": 1, "PRRR": 1, "RUU": 2, "UPS": 2}
 
 def leg_type(leg: LegBase) -> str | None:
     """Name of the leg's type, or None if its table has no closed form here."""
-    if not isinstance(leg, Leg):
+    if not isinstance(leg, SerialLeg):
         return None
     shape = tuple(_row_shape(row) for row in leg.rows[: leg.n + 1])
     return _TYPES.get(shape)
@@ -69,7 +69,7 @@ class LegSolution:
 
 
 def leg_solution(
-    leg: Leg,
+    leg: SerialLeg,
     target: Sequence[Scalar],
     branch: Sequence[int] = (),
     length_of: Callable[[Entry], Scalar] = value_of,
@@ -101,7 +101,7 @@ def closed_form(leg: LegBase, target: np.ndarray, branch: Sequence[int] = ()) ->
     Raises:
         InputError: wrong number of branch signs.
     """
-    if not isinstance(leg, Leg) or leg_type(leg) is None:
+    if not isinstance(leg, SerialLeg) or leg_type(leg) is None:
         return None
     try:
         return np.array(leg_solution(leg, target.tolist(), branch).q)
@@ -109,7 +109,7 @@ def closed_form(leg: LegBase, target: np.ndarray, branch: Sequence[int] = ()) ->
         return None
 
 
-def nearest_branch(leg: Leg, target: np.ndarray, q: np.ndarray) -> tuple[int, ...]:
+def nearest_branch(leg: SerialLeg, target: np.ndarray, q: np.ndarray) -> tuple[int, ...]:
     """Branch signs of the closed-form solution nearest to given joint values (n,); angles modulo 2 pi.
 
     Raises:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocptip.numerics.vectors import cross, skew
 from ocptip.parallel.description.branched import BranchedLeg
-from ocptip.parallel.description.robot_description import Leg
+from ocptip.parallel.description.robot_description import SerialLeg
 from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.kinematics.chain import (
     Topology,
@@ -54,10 +54,10 @@ class LegClosure:
         idle: number of freedoms that neither platform nor motors notice.
     """
 
-    def __init__(self, number: int, leg: Leg | BranchedLeg, locked: Sequence[int] = ()) -> None:
+    def __init__(self, number: int, leg: SerialLeg | BranchedLeg, locked: Sequence[int] = ()) -> None:
         self.number, self.leg = number, leg
         self.base, self.origin = leg.base_matrix, leg.origin
-        if isinstance(leg, Leg):
+        if isinstance(leg, SerialLeg):
             self.topology = serial_topology(leg.rows, len(leg.bodies))
             self.couplings = [leg.coupling_point]
             self.end_rotations: list[np.ndarray | None] = [leg.end_rotation]
@@ -253,7 +253,7 @@ class LegClosure:
     @property
     def whole_rows(self) -> np.ndarray:
         """Closure rows that hold before the leg is assembled: positions, orientations that are given."""
-        serial = isinstance(self.leg, Leg) and self.end_rotations[0] is None
+        serial = isinstance(self.leg, SerialLeg) and self.end_rotations[0] is None
         return np.arange(3 if serial else len(self.row_scale(1.0)))
 
     @property

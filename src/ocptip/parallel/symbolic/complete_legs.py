@@ -16,8 +16,8 @@ import numpy as np
 import scipy.linalg
 
 from ocptip.numerics.vectors import cross_terms as cross
-from ocptip.parallel.analysis.elimination import elimination_order
-from ocptip.parallel.description.robot_description import Leg, RobotDescription
+from ocptip.parallel.analysis.singularity import elimination_order
+from ocptip.parallel.description.robot_description import RobotDescription, SerialLeg
 from ocptip.parallel.kinematics.leg_solver import LegSolver
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.symbolic.block_solver import BlockSystem
@@ -48,7 +48,7 @@ def complete_obstacle(description: RobotDescription) -> str:
     if description.redundant:
         return "joints are redundant"
     for number, leg in enumerate(description.legs, start=1):
-        if not isinstance(leg, Leg):
+        if not isinstance(leg, SerialLeg):
             return f"leg {number} branches or has loops of its own"
         if leg.idle > 1:
             return f"leg {number} has {leg.idle} idle freedoms, code knows one"
@@ -259,7 +259,7 @@ class CompleteEquations:
         if idle_inertia(solver, at):
             own = cs.SX(cs.sparsify(cs.DM(solver.inertia)))
             free = model_of(own, drives * np.array([[1.0], [0.0], [0.0]]))
-        arm = self._still.arm(coupling_entries(cast(Leg, solver.leg), geometry))
+        arm = self._still.arm(coupling_entries(cast(SerialLeg, solver.leg), geometry))
         frame, rows, columns, entries = chosen_equations(solver, model, at)
         others = tuple(k for k in range(6) if k not in rows)
         system = BlockSystem([[entries[row][c] for c in columns] for row in rows])

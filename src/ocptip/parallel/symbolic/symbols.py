@@ -19,9 +19,9 @@ from ocptip.parallel.description.mdh import central_inertia
 from ocptip.parallel.description.robot_description import (
     DYNPAR2,
     PRISMATIC,
-    Leg,
     MDHRow,
     RobotDescription,
+    SerialLeg,
 )
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, Vector, plus, turn, vector
@@ -249,22 +249,22 @@ def symbol_of(entry: Entry, geometry: dict[str, cs.SX]) -> cs.SX:
     return geometry[entry.name] if isinstance(entry, Parameter) else cs.SX(entry)
 
 
-def leg_base(leg: Leg, geometry: dict[str, cs.SX]) -> tuple[Vector, Rotation]:
+def leg_base(leg: SerialLeg, geometry: dict[str, cs.SX]) -> tuple[Vector, Rotation]:
     """Origin of a leg's base frame, world axes, and the rotation of its axes to world axes, in symbols."""
     position = [symbol_of(entry, geometry) for entry in leg.base_position]
     return position, Rotation(_turns(_base_angles(leg, geometry)))
 
 
-def _base_angles(leg: Leg, geometry: dict[str, cs.SX]) -> list[tuple[int, cs.SX]]:
+def _base_angles(leg: SerialLeg, geometry: dict[str, cs.SX]) -> list[tuple[int, cs.SX]]:
     return [("xyz".index(axis), symbol_of(angle, geometry)) for axis, angle in leg.base_rotation]
 
 
-def coupling_entries(leg: Leg, geometry: dict[str, cs.SX]) -> Vector:
+def coupling_entries(leg: SerialLeg, geometry: dict[str, cs.SX]) -> Vector:
     """kappa of a leg in symbols."""
     return [symbol_of(entry, geometry) for entry in leg.coupling]
 
 
-def _same_bodies(leg: Leg, other: Leg, complete: bool) -> bool:
+def _same_bodies(leg: SerialLeg, other: SerialLeg, complete: bool) -> bool:
     if complete:
         same_table, count = type(leg) is type(other) and leg.rows == other.rows, None
         same_table = same_table and len(leg.bodies) == len(other.bodies)
