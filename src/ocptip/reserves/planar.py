@@ -34,7 +34,7 @@ def planar_forces(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> tuple[np.
     """
     loads = np.einsum("sik,sikr->sr", q, J)
     forces, pulls = np.zeros(q.shape), np.zeros(q.shape)
-    _solve_all(loads, np.ascontiguousarray(limits), np.ascontiguousarray(J), forces, pulls)
+    solve_planar(loads, np.ascontiguousarray(limits), np.ascontiguousarray(J), forces, pulls)
     return forces, pulls
 
 
@@ -87,7 +87,7 @@ def _usages(wrenches, loads, limits, preloads, J, derivatives, slopes, bends):
         good[s] = least > _LEAST_LIMIT * largest
         if good[s]:
             safe[s] = most[s]
-    _solve_all(h, safe, J.reshape(1, n, 2, 3), forces, pulls)
+    solve_planar(h, safe, J.reshape(1, n, 2, 3), forces, pulls)
     for s in range(count):
         for i in range(n):
             x, y = forces[s, i, 0], forces[s, i, 1]
@@ -169,7 +169,7 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
 
 
 @compiled
-def _solve_all(loads, limits, bases, forces, pulls):
+def solve_planar(loads, limits, bases, forces, pulls):
     """Puts forces and pulls (N, n, 2) for loads (N, 3), friction limits (N, n), bases J (N or 1, n, 2, 3)."""
     count, n = limits.shape
     pivots = np.empty((n, 3))

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_slip
 from ocptip.reserves.force_sets import ForceSets
+from ocptip.reserves.four_feet import four_feet
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 
+_HOLDS = 1 - 1e-6  # friction utilisation up to which feet hold the base beyond doubt
 _SHARED = "rigid contacts can share the load in several ways; normal forces are "
 _EQUAL, _ONE_OF_MANY = _SHARED + "those of equally compliant feet", _SHARED + "one of them"
 _UNITS = {"tipping_moment": "_Nm", "edge_distance": "_m", "normal_forces": "_N", "min_foot_force": "_N"}
@@ -58,11 +61,43 @@ class Margins:
     note: str = ""
 
     @classmethod
+    def under(cls, wrenches: np.ndarray, tip_over: TipOver, slip: Slip) -> Margins:
+        """Under wrenches (N, 6) on a base, N and N m; of four feet on a plane without a contact solver."""
+        feet = four_feet(tip_over.support) if slip.redistribution == "full" else None
+        if feet is None or tip_over.affine_moments is None or tip_over.reference_moment is None:
+            return cls.of(solve_resting(tip_over.support, wrenches), tip_over, slip)
+        slope, offset = tip_over.affine_moments
+        moments, shared = wrenches @ slope.T + offset, feet.share(wrenches)
+        nearest = np.argmin(moments, axis=1)
+        least, count = moments[np.arange(len(wrenches)), nearest], len(wrenches)
+        total = np.sum(shared.normal_forces, axis=1)
+        holds = (least > 0) & (shared.usage < _HOLDS)  # False where it is not known
+        found = cls(
+            stable=np.ones(count, dtype=bool),
+            tips=np.zeros(count, dtype=bool),
+            slips=np.zeros(count, dtype=bool),
+            GN=tip_over.reference_moment / (tip_over.reference_moment + least),
+            GT=shared.usage,
+            tipping_moment=least,
+            tipping_contacts=_pairs(tip_over)[nearest + 1],
+            edge_distance=least / total,
+            normal_forces=shared.normal_forces,
+            min_foot_force=np.min(shared.normal_forces, axis=1),
+            friction_used=shared.friction_used,
+            note=_EQUAL,
+        )
+        if not holds.all():
+            left = np.flatnonzero(~holds)
+            others = cls.of(solve_resting(tip_over.support, wrenches[left]), tip_over, slip)
+            for name, values in found._arrays().items():
+                values[left] = getattr(others, name)
+        return found
+
+    @classmethod
     def of(cls, states: ContactStates, tip_over: TipOver, slip: Slip) -> Margins:
         """Of contact states, as `contact.resting` gives them, by the margins of their support."""
         tip, slipping = tip_over.evaluate(states), slip.evaluate(states, derivatives=False)
         shown, unique = reported_slip(states, slipping), slip.redistribution == "tangential"
-        pairs = np.array([(0, 0), *(sorted(k + 1 for k in axis.contacts) for axis in tip_over.axes)])
         lifts = tip.lifting_contact >= 0
         return cls(
             stable=states.persistent,
@@ -71,7 +106,7 @@ class Margins:
             GN=tip.GN,
             GT=slipping.GT,
             tipping_moment=np.where(states.solved, _moments(states, tip_over, tip.moments), np.nan),
-            tipping_contacts=pairs[tip.nearest_axis + 1],
+            tipping_contacts=_pairs(tip_over)[tip.nearest_axis + 1],
             edge_distance=tip.edge_distances,
             normal_forces=shown.normal_forces,
             min_foot_force=np.min(np.minimum(*ForceSets(states.support).room(shown.normal_forces)), axis=1),
@@ -116,6 +151,11 @@ class Margins:
             f"{verdict}: tipping margin {moment}{about}, friction used {percent(float(self.GT))}, "
             f"minimum foot force {quantity(force, 'N', 3)}{note}"
         )
+
+
+def _pairs(tip_over: TipOver) -> np.ndarray:
+    """(1 + axes, 2) contacts of the tipping axes, from 1; the first row is that of none."""
+    return np.array([(0, 0), *(sorted(k + 1 for k in axis.contacts) for axis in tip_over.axes)])
 
 
 def _moments(states: ContactStates, tip_over: TipOver, moments: np.ndarray) -> np.ndarray:

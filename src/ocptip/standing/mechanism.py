@@ -385,8 +385,7 @@ class StandingMechanism(MadeOf, ABC):
         if not len(angles) == len(speeds) == len(accelerations):
             counts = f"{len(angles)}, {len(speeds)} and {len(accelerations)}"
             raise InputError(f"q, qd, qdd: expected as many states of each, got {counts}")
-        states = self.contact_states(self.loads(angles, speeds, accelerations)[1])
-        found = Margins.of(states, self.tip_over, self.slip)
+        found = Margins.under(self.loads(angles, speeds, accelerations)[1], self.tip_over, self.slip)
         return found[0] if single else found
 
     def require_fit(self, joints: int) -> None:
