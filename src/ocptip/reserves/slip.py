@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -47,13 +48,11 @@ class SlipReserve:
     """Slip reserves of N states; NaN where the contact state or the redistribution is not solved.
 
     Attributes:
-        GT: (N,) slip ratio + slide acceleration: below 1 nothing slips.
         slip_ratio: (N,) smallest largest usage of the friction limits (4.12); 0 without a loaded contact; at
             least 1 where what slides is loaded but without friction, or nothing but unloaded contacts (a base
             that falls between walls).
-        slide_acceleration: (N,) largest tangential acceleration of a loaded contact, m/s^2 (of any contact
-            where only unloaded ones move). It makes GT grow with the slip, by analogy with (4.10); the source
-            has no such part.
+        slide_acceleration: (N,) maximum tangential acceleration of a loaded contact, m/s^2 (of any contact
+            where only unloaded ones move): how fast it slides beyond the limit; 0 where no contact slides.
         tangential_forces: (N, n, d - 1) redistributed, in contact axes (t1, t2), N.
         normal_forces: (N, n) N; those of the contact state unless redistributed in full.
         usage: (N, n) |tangential force| / limit; 0 for loaded contacts without friction, which need none; NaN
@@ -66,7 +65,6 @@ class SlipReserve:
         status: N sentences.
     """
 
-    GT: np.ndarray
     slip_ratio: np.ndarray
     slide_acceleration: np.ndarray
     tangential_forces: np.ndarray
@@ -76,6 +74,14 @@ class SlipReserve:
     solved: np.ndarray
     residual: np.ndarray
     status: tuple[str, ...]
+
+    @cached_property
+    def GT(self) -> np.ndarray:
+        """(N,) slip ratio, below 1 where nothing slides, plus the value of the slide acceleration.
+
+        The sum is by analogy with (4.11); the source has no such part. It only orders states.
+        """
+        return self.slip_ratio + self.slide_acceleration
 
     @property
     def forces(self) -> np.ndarray:
@@ -330,7 +336,6 @@ class Slip:
                 maps = states.select(sliding).acceleration_maps[np.arange(len(sliding)), fastest, 1:]
                 gradient[sliding] += np.einsum("sc,scw->sw", direction, maps)
         return SlipReserve(
-            GT=work.ratio + work.slide + unknown,
             slip_ratio=work.ratio + unknown,
             slide_acceleration=work.slide + unknown,
             tangential_forces=work.forces[:, :, 1:] + unknown[:, None, None],

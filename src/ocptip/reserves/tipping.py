@@ -144,7 +144,6 @@ class TipOver:
         ratio = np.where(lifting >= 0, 1.0, ratio)
         ratio = np.where(states.solved, ratio, np.nan)
         return TipOverReserve(
-            GN=ratio + largest,
             tip_ratio=ratio,
             lift_acceleration=np.where(states.solved, largest, np.nan),
             moments=moments,
@@ -241,11 +240,11 @@ class TipOverReserve:
     """Tip-over reserves of N states; NaN where the contact state is not solved.
 
     Attributes:
-        GN: (N,) tip ratio + lift acceleration (4.11): below 1 nothing lifts off.
         tip_ratio: (N,) M0 / (M0 + min_i M_i), 1 means tipping. Set to 1 where a contact lifts off: on a
             plane M_i vanishes there by itself, on contacts in any position a lift-off need not be a
             rotation about two contacts.
-        lift_acceleration: (N,) largest normal acceleration of a contact (4.10), m/s^2.
+        lift_acceleration: (N,) maximum normal acceleration of a contact (4.10), m/s^2: how fast it lifts;
+            0 where no contact does.
         moments: (N, axes) moment sums M_i of the normal reserves about the axes, N m.
         nearest_axis: (N,) axis with the smallest moment sum, -1 for none.
         normal_reserves: (N, n) distance of the normal force from the nearer end of its set (4.7 to 4.9),
@@ -258,7 +257,6 @@ class TipOverReserve:
             a plane, where the moments are sums of normal forces.
     """
 
-    GN: np.ndarray
     tip_ratio: np.ndarray
     lift_acceleration: np.ndarray
     moments: np.ndarray
@@ -268,6 +266,14 @@ class TipOverReserve:
     states: ContactStates
     tip_over: TipOver
     slopes: np.ndarray | None = None
+
+    @cached_property
+    def GN(self) -> np.ndarray:
+        """(N,) tip ratio, below 1 where nothing lifts, plus the value of the lift acceleration.
+
+        The source publishes this sum (4.11). It only orders states: 1.3 is a contact that lifts at 0.3 m/s^2.
+        """
+        return self.tip_ratio + self.lift_acceleration
 
     @cached_property
     def moment_gradients(self) -> np.ndarray:
