@@ -15,6 +15,7 @@ from ocptip.motion.output import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.task_files.arm import arm_of_file
+from ocptip.task_files.motion import TASK
 from ocptip.task_files.payload import read_payload
 from ocptip.task_files.tolerance import load_tolerance
 from tests.cli.test_cli_compare import write
@@ -46,8 +47,8 @@ def test_a_payload_and_its_tolerance_are_written(written, recording, tmp_path, c
     said = capsys.readouterr().out
     assert said.startswith("payload: identified. Tables: payload, tolerance.")
     assert "mass 2" in said
-    with Table.read(out) as data:
-        data.close(*data)
+    with Table.read(out, TASK) as data:
+        data.close(early=True)
         payload = read_payload(data.table("payload"))
     assert payload.mass == pytest.approx(2.0, rel=0.01)
     tolerance = load_tolerance(str(out))

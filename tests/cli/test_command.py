@@ -38,6 +38,7 @@ ARGUMENTS = {
     "identify": ["payload", "recording.csv", "plan"],
     "report": ["plan"],
     "completion": ["bash"],
+    "schema": [],
 }
 NAMES = [command.name for command in COMMANDS]
 

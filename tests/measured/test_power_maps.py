@@ -8,6 +8,7 @@ from ocptip.basics.toml import Table
 from ocptip.cli.main import main
 from ocptip.measured.power_maps import fit_power_map, motors_of, samples_by_joint
 from ocptip.published.arms import load_arm, modular_motors
+from ocptip.task_files.motion import TASK
 from ocptip.task_files.motors import power_maps
 
 
@@ -82,10 +83,10 @@ def test_the_command_writes_motors_that_task_files_read(tmp_path, capsys):
     file.write_text("\n".join(rows))
     assert main(["identify", "power", str(file), "--out", str(out)]) == 0
     assert "left over" in capsys.readouterr().out
-    with Table.read(out) as data:
-        data.close(*data)
+    with Table.read(out, TASK) as data:
+        data.close(early=True)
         table = data.table("motors")
-        assert table.choice("kind", ("map",)) == "map"
+        assert table["kind"] == "map"
         motors = power_maps(table, 6)
     torque, speed = np.full((1, 6), 2.0), np.full((1, 6), -0.3)
     np.testing.assert_allclose(motors.power(torque, speed), modular_motors().power(torque, speed), atol=2.0)

@@ -11,7 +11,7 @@ from ocptip.contact.solver import solve_many
 from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.slip import Slip
-from ocptip.task_files.load_cases import load_asked
+from ocptip.task_files.option_files import load_asked
 
 TASK = experiment_task("A")
 ROBOT, POSE = TASK.robot, TASK.start

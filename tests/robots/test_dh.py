@@ -11,6 +11,7 @@ from ocptip.robots.dh import DHRow, arm_from_dh
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.task_files.arm import arm_of_file, read_arm
+from ocptip.task_files.motion import TASK
 
 STEP = 1e-4
 
@@ -117,7 +118,8 @@ def test_a_file_without_masses_can_be_rated_but_not_stand(tmp_path):
     assert (arm.name, arm.joint_names) == ("ur", ("joint 1", "joint 2", "joint 3"))
     place = gripper_batch(arm)(np.array([[0.0, 0.0, 0.0]]))[0][0]
     assert np.allclose(place, [-0.425 - 0.39243, 0, 0.0892])
-    with pytest.raises(InputError, match=r"arm.*mass: missing"), Table.read(tmp_path / "ur.toml") as data:
+    data = Table.read(tmp_path / "ur.toml", TASK)
+    with pytest.raises(InputError, match=r"arm.*mass: missing"), data:
         read_arm(data.table("arm"))
 
 

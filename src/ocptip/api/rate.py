@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, finite_array, naming
 from ocptip.basics.read import read_text
+from ocptip.basics.schema import ANY_FILE
 from ocptip.basics.toml import Table
 from ocptip.basics.write import plain, versions, write_json
 from ocptip.indices.arms.rate import rate_arm
@@ -335,7 +336,7 @@ def kind_of(robot: Rated, *, several: bool) -> Kind:
         return "arm"
     path = Path(robot)
     is_file = path.suffix.lower() == ".toml"
-    keys = Table.read(path) if is_file else {}
+    keys = Table.read(path, ANY_FILE) if is_file else {}
     name, hexapod = os.fspath(robot).lower(), os.fspath(robot).upper() == HEXAPOD
     if "leg" in keys or (name in map(str.lower, READY_MADE) and (several or not hexapod)):
         return "parallel"

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as cs
 
 from ocptip.basics.errors import InputError, naming
+from ocptip.basics.schema import ANY_FILE
 from ocptip.basics.toml import Table
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
@@ -31,7 +32,7 @@ def is_arm(name: str) -> bool:
     path = Path(name)
     if path.suffix.lower() in (".urdf", ".xml") or name.lower() in map(str.lower, known_arms()):
         return True
-    return path.suffix.lower() == ".toml" and path.is_file() and "arm" in Table.read(path)
+    return path.suffix.lower() == ".toml" and path.is_file() and "arm" in Table.read(path, ANY_FILE)
 
 
 def arm_code(options: Namespace, target: Path | None) -> ArmCodeReport:

@@ -64,6 +64,14 @@ COMMANDS = (
         (argument("directory", "DIR", "the folder; created if it does not exist"),),
     ),
     Command(
+        "schema",
+        START,
+        "print the JSON Schema of all files, for editors",
+        "Prints the keys of all files as a JSON Schema: ocptip schema > task.schema.json.",
+        "0 printed",
+        (argument("--page", None, "print them as a page for people instead", action="store_true"),),
+    ),
+    Command(
         "view",
         START,
         "show a plan, a scene or a placement in 3D in a browser",

@@ -13,9 +13,9 @@ from typing import Any
 
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
-from ocptip.basics.toml import Table
 from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask
+from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.tolerance import load_tolerance
 from ocptip.trajectories.arm_motion import checked_rise_times
 
@@ -61,14 +61,7 @@ def given_columns(options: Namespace) -> dict[str, str | int] | None:
     """What the columns of a CSV file are, by the file that is named; None: no file is."""
     if options.columns is None:
         return None
-    with Table.read(options.columns) as data:
-        data.close("columns")
-        table = data.table("columns")
-        found = {name: table.value(name) for name in table}
-        for name, place in found.items():
-            if isinstance(place, bool) or not isinstance(place, str | int):
-                raise table.error(f"expected the title or the number of a column, got {place!r}", name)
-        return found
+    return read_columns(options.columns)
 
 
 @contextmanager

@@ -45,7 +45,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import NONE
 from ocptip.task_files.cycle import read_task
-from ocptip.task_files.load_cases import load_asked
+from ocptip.task_files.option_files import load_asked
 from ocptip.task_files.plan_folder import PlanFolder, arms_of, read_plan_folder
 from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.sequence import MotionSequence

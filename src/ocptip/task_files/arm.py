@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -11,34 +11,210 @@ from typing import get_args
 
 import numpy as np
 
+from ocptip.basics import schema
+from ocptip.basics.schema import ANY_FILE, DEGREES, REQUIRED, Keys
 from ocptip.basics.text import did_you_mean
-from ocptip.basics.toml import DEGREES, Table
+from ocptip.basics.toml import Table
 from ocptip.numerics.inertia import ROUNDED, RigidBody, symmetric_matrix, union, why_impossible
 from ocptip.published.arms import load_arm
-from ocptip.robots.collision.model import geometry_of_spheres
-from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.collision.urdf import collision_meshes, geometry_from_urdf
 from ocptip.robots.dh import Convention, DHRow, arm_from_dh
-from ocptip.robots.geometry import FLOOR, never_part, spheres_along_links
-from ocptip.robots.model import ArmModel
+from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
 from ocptip.task_files.joint_values import joint_values
+from ocptip.task_files.shapes import SPHERES, with_spheres, without_excluded
 
-_LIMITS = {  # key: limit, whether it is one of sliding joints, scale
-    "angle_min_deg": ("angle_min", False, DEGREES),
-    "angle_max_deg": ("angle_max", False, DEGREES),
-    "speed_deg_s": ("speed", False, DEGREES),
-    "acceleration_deg_s2": ("acceleration", False, DEGREES),
-    "torque_Nm": ("torque", False, 1.0),
-    "position_min_m": ("angle_min", True, 1.0),
-    "position_max_m": ("angle_max", True, 1.0),
-    "speed_m_s": ("speed", True, 1.0),
-    "acceleration_m_s2": ("acceleration", True, 1.0),
-    "force_N": ("torque", True, 1.0),
+_LIMITS = {  # key: limit, whether it is one of sliding joints
+    "angle_min_deg": ("angle_min", False),
+    "angle_max_deg": ("angle_max", False),
+    "speed_deg_s": ("speed", False),
+    "acceleration_deg_s2": ("acceleration", False),
+    "torque_Nm": ("torque", False),
+    "position_min_m": ("angle_min", True),
+    "position_max_m": ("angle_max", True),
+    "speed_m_s": ("speed", True),
+    "acceleration_m_s2": ("acceleration", True),
+    "force_N": ("torque", True),
 }
-LOCKED = {"locked_deg": (False, DEGREES), "locked_m": (True, 1.0)}  # key: of sliding joints, scale
+LOCKED = {"locked_deg": False, "locked_m": True}
+"""Keys of joints that do not move: whether these are sliding joints."""
+
 _MOST_PARTS = 64
+
+_OF_ARM = "of the arm"
+ARM_LIMITS = Keys(
+    "arm limits",
+    "Limits of the joints, which replace those of the arm.",
+    {
+        "angle_min_deg": schema.by_joint("Lower limit of turning joints.", "deg", otherwise=_OF_ARM),
+        "angle_max_deg": schema.by_joint("Upper limit of turning joints.", "deg", otherwise=_OF_ARM),
+        "speed_deg_s": schema.by_joint(
+            "Speed limit of turning joints.", "deg/s", bound="> 0", otherwise=_OF_ARM
+        ),
+        "acceleration_deg_s2": schema.by_joint(
+            "Acceleration limit of turning joints.",
+            "deg/s^2",
+            bound="> 0",
+            otherwise=f"full speed in {FULL_SPEED} s",
+        ),
+        "torque_Nm": schema.by_joint(
+            "Torque limit of turning joints.", "N m", bound="> 0", otherwise=_OF_ARM
+        ),
+        "position_min_m": schema.by_joint("Lower limit of sliding joints.", "m", otherwise=_OF_ARM),
+        "position_max_m": schema.by_joint("Upper limit of sliding joints.", "m", otherwise=_OF_ARM),
+        "speed_m_s": schema.by_joint("Speed limit of sliding joints.", "m/s", bound="> 0", otherwise=_OF_ARM),
+        "acceleration_m_s2": schema.by_joint(
+            "Acceleration limit of sliding joints.",
+            "m/s^2",
+            bound="> 0",
+            otherwise=f"full speed in {FULL_SPEED} s",
+        ),
+        "force_N": schema.by_joint("Force limit of sliding joints.", "N", bound="> 0", otherwise=_OF_ARM),
+    },
+)
+_PART = Keys(
+    "part of a link",
+    "A part of a link; parts replace mass, centre and inertia of the link.",
+    {
+        "mass": schema.number("Mass.", "kg", bound="> 0"),
+        "position": schema.vector(
+            "Origin of the axes of the part: joint axis along z, origin on it.", "m", 3, default=[0, 0, 0]
+        ),
+        **schema.rotation("Axes of the part to those of the link", default="parallel to the link"),
+        "center_of_mass": schema.vector("Centre of mass, axes of the part.", "m", 3, default=[0, 0, 0]),
+        "inertia": schema.numbers(
+            "Inertia about the centre of mass, axes of the part.", "kg m^2", otherwise="point mass"
+        ),
+    },
+)
+LINK = Keys(
+    "link",
+    "Values of the link behind a joint that replace those of the arm.",
+    {
+        "mass": schema.number("Mass.", "kg", bound="> 0", otherwise=_OF_ARM),
+        "center_of_mass": schema.vector("Centre of mass, frame of the link.", "m", 3, otherwise=_OF_ARM),
+        "inertia": schema.numbers("Inertia about the centre of mass.", "kg m^2", otherwise=_OF_ARM),
+        "armature": schema.number(
+            "Inertia of the rotor, as the joint feels it; sliding joints: kg.",
+            "kg m^2",
+            bound=">= 0",
+            otherwise=_OF_ARM,
+        ),
+        "part": schema.tables(_PART),
+    },
+)
+_JOINT = Keys(
+    "joint of a table",
+    "A row of Denavit-Hartenberg parameters and the link behind the joint.",
+    {
+        "name": schema.text("Name.", otherwise="joint and its number"),
+        "a": schema.number("Length of the link.", "m", otherwise="0"),
+        "d": schema.number("Offset of the link.", "m", otherwise="0"),
+        "alpha_deg": schema.number("Twist of the link.", "deg", default=0.0),
+        "theta_deg": schema.number("Angle at coordinate zero.", "deg", default=0.0),
+        "slides": schema.flag("The joint changes d.", default=False),
+        "mass": schema.number("Mass of the link.", "kg", bound=">= 0", otherwise="the mass of its parts"),
+        "center_of_mass": schema.vector("Centre of mass of the link in frame i.", "m", 3, default=[0, 0, 0]),
+        "inertia": schema.numbers("Inertia about the centre of mass, frame i.", "kg m^2", otherwise="0"),
+        "armature": schema.number(
+            "Inertia of the rotor, as the joint feels it; sliding joints: kg.",
+            "kg m^2",
+            bound=">= 0",
+            default=0.0,
+        ),
+    },
+)
+
+
+def _locked(unit: str, which: str) -> schema.Key:
+    return schema.table(
+        Keys(
+            f"locked in {unit}",
+            f"Values of {which} joints that do not move, by names or patterns such as `finger_*`.",
+            others=schema.number("Value of these joints.", unit),
+        ),
+        default=None,
+    )
+
+
+LOCKED_KEYS = {"locked_deg": _locked("deg", "turning"), "locked_m": _locked("m", "sliding")}
+_ACCEPT_INERTIA = schema.anything(
+    "Links that may move without mass, or with an inertia that no body has.",
+    "true, or list of links",
+    {"anyOf": [{"type": "boolean"}, {"type": "array", "items": {"type": "string"}}]},
+    default=False,
+)
+MOUNT = {
+    "mount_position": schema.vector("Origin of the base to that of the robot, base axes.", "m", 3),
+    **schema.rotation("Axes of the robot to those of the base", "mount_", default="parallel to the base"),
+}
+ARM = Keys(
+    "arm",
+    "The arm: a URDF, a table of joints, or an arm of the modular kit.",
+    {
+        **MOUNT,
+        "limits": schema.table(ARM_LIMITS, default=None),
+        "links": schema.table(
+            Keys("links", "Masses of links by the joint before them.", others=schema.table(LINK)),
+            default=None,
+        ),
+    },
+    one_of=[("name", "urdf", "dh")],
+    by=("name", "urdf", "dh"),
+    variants={
+        "name": Keys(
+            "modular arm",
+            "An arm of the modular kit.",
+            {"name": schema.text("Sequence of four connections out of F, S, P1, P2, W1, W2.")},
+        ),
+        "urdf": Keys(
+            "arm of a URDF",
+            "An arm of a URDF.",
+            {
+                "urdf": schema.file("URDF, relative to this file."),
+                "base_link": schema.text("Link that rests.", otherwise="the root"),
+                "tool_frame": schema.text(
+                    "Link whose origin is the TCP.", otherwise="`tool0`, or the only end"
+                ),
+                **LOCKED_KEYS,
+                "accept_inertia": _ACCEPT_INERTIA,
+                "armature": schema.per_joint(
+                    "Inertia of rotors, as their joints feel it; sliding joints: kg.",
+                    "kg m^2",
+                    bound=">= 0",
+                    otherwise="of the URDF",
+                ),
+                "collision": schema.flag("The collision geometry of the URDF is read.", default=True),
+                "package_dirs": schema.folders("Folders with packages, for `package://` names."),
+                "srdf": schema.file(
+                    "File whose `disable_collisions` are pairs that may touch.", otherwise="none"
+                ),
+                "mesh_parts": schema.whole(
+                    "Number of convex solids for each mesh that is not convex.",
+                    least=1,
+                    most=_MOST_PARTS,
+                    otherwise="its convex hull",
+                ),
+                **SPHERES,
+            },
+        ),
+        "dh": Keys(
+            "arm of a table",
+            "An arm of Denavit-Hartenberg parameters.",
+            {
+                "dh": schema.choice(
+                    "Standard: frame i at the end of link i; modified: frame i on axis i.",
+                    get_args(Convention),
+                ),
+                "joint": schema.tables(_JOINT, required=True),
+                "accept_inertia": _ACCEPT_INERTIA,
+                **SPHERES,
+            },
+        ),
+    },
+)
+_WITH_ARM = replace(ANY_FILE, keys={"arm": schema.table(ARM)})
 
 
 def arm_of_file(path: str | os.PathLike[str]) -> ArmModel:
@@ -47,8 +223,8 @@ def arm_of_file(path: str | os.PathLike[str]) -> ArmModel:
     Raises:
         InputError: there is none, or it cannot be used.
     """
-    with Table.read(Path(path)) as data:
-        data.close(*data)  # a task file has other tables
+    with Table.read(Path(path), _WITH_ARM) as data:
+        data.close(early=True)
         return replace(read_arm(data.table("arm"), alone=True), name=Path(path).stem)
 
 
@@ -63,23 +239,23 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    kind = table.one_of("name", "urdf", "dh")
-    position = table.vector("mount_position", 3, *([np.zeros(3)] if alone else []))
+    kind = table.one_of("name")
+    position = table.get("mount_position", np.zeros(3)) if alone else table["mount_position"]
     rotation = table.rotation("mount_", np.eye(3))
     if kind == "urdf":
         arm = _arm_from_urdf(table, gripper)
     elif kind == "dh":
         arm = _arm_from_dh(table, alone)
     else:
-        name = table.text("name")
-        table.close("limits", "links")
+        name = table["name"]
+        table.close(early=True)
         for key in (key for key in LOCKED if gripper is not None and key in gripper):
             raise gripper.error("only joints of a URDF can be locked", key)
         with table.at(arm="name"):
             arm = load_arm(name)
-    arm = _with_links(arm, table.table("links", optional=True))
+    arm = _with_links(arm, table.table("links"))
     with table.at():
-        return _with_limits(arm, table.table("limits", optional=True)).mounted(position, rotation)
+        return _with_limits(arm, table.table("limits")).mounted(position, rotation)
 
 
 def _with_links(arm: ArmModel, table: Table) -> ArmModel:
@@ -97,14 +273,14 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
             for key in (key for key in ("mass", "center_of_mass", "inertia") if key in own):
                 raise own.error("follows from the parts; give either", key)
             masses[k], centres[k], inertias[k] = reduce(union, map(_part, parts))
-        masses[k] = own.number("mass", masses[k], bound="> 0")
-        centres[k] = own.vector("center_of_mass", 3, centres[k])
+        masses[k] = own.get("mass", masses[k])
+        centres[k] = own.get("center_of_mass", centres[k])
         if "inertia" in own:
-            inertia = own.raw_numbers("inertia")
+            inertia = own["inertia"]
             with own.at("inertia"):
                 inertias[k] = symmetric_matrix(inertia)
         if arm.coupling is None:
-            armature[k] = own.number("armature", armature[k], bound=">= 0")
+            armature[k] = own.get("armature", armature[k])
         own.close()
     table.close()
     return replace(arm, masses=masses, centres=centres, inertias=inertias, armature=armature)
@@ -112,9 +288,9 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
 
 def _part(table: Table) -> RigidBody:
     """A part of a link, in the link's frame: its mass, and the rest in axes of its own at `position`."""
-    mass, position = table.number("mass", bound="> 0"), table.vector("position", 3, np.zeros(3))
-    turn, centre = table.rotation("", np.eye(3)), table.vector("center_of_mass", 3, np.zeros(3))
-    inertia = table.make(symmetric_matrix, table.raw_numbers("inertia", np.zeros(3)))
+    mass, position = table["mass"], table["position"]
+    turn, centre = table.rotation("", np.eye(3)), table["center_of_mass"]
+    inertia = table.make(symmetric_matrix, table.get("inertia", np.zeros(3)))
     if reason := why_impossible(inertia, ROUNDED * np.abs(inertia).max()):
         raise table.error(reason, "inertia")
     table.close()
@@ -124,9 +300,8 @@ def _part(table: Table) -> RigidBody:
 def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
     """The arm with the limits of `[arm.limits]`, and with accelerations where nobody gives any."""
     values: dict[str, np.ndarray] = {}
-    for key, (name, slides, scale) in _LIMITS.items():
-        bound = "" if name.startswith("angle") else "> 0"
-        given = joint_values(table, key, arm, slides=slides, scale=scale, bound=bound)
+    for key, (name, slides) in _LIMITS.items():
+        given = joint_values(table, key, arm, slides=slides)
         if given is not None:
             values.setdefault(name, getattr(arm.limits, name).copy())
             own = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
@@ -137,27 +312,26 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
 
 def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
     with table.at("urdf"):
-        file = read_urdf(table.path_of("urdf"))
-    names = {key: table.text(key, None) for key in ("base_link", "tool_frame")}
+        file = read_urdf(table["urdf"])
+    names = {key: table[key] for key in ("base_link", "tool_frame")}
     locked = {}
     for source in (table, gripper) if gripper is not None else (table,):
-        for key, (slides, scale) in LOCKED.items():
-            joints = source.table(key, optional=True)
-            wanted = {joint: joints.number(joint, scale=scale) for joint in joints}
+        for key, slides in LOCKED.items():
+            joints = source.table(key)
+            wanted = {joint: joints[joint] for joint in joints}
             if wanted:
                 with source.at(key):
                     locked |= file.locked(wanted, slides=slides)
     accepted, ranges = _accepted_links(table), _ranges(table, file, locked)
-    geometry = table.flag("collision", True)
-    folders, srdf = table.folders("package_dirs"), table.path_of("srdf", None)
-    parts = table.whole("mesh_parts", least=1, most=_MOST_PARTS) if "mesh_parts" in table else None
-    table.close("armature", "sphere_radius", "excluded_links", "limits", "links")
+    geometry, folders = table["collision"], table["package_dirs"]
+    srdf, parts = table["srdf"], table["mesh_parts"]
+    table.close(early=True)
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         given = {"locked_joints": locked, "joint_ranges": ranges, "accept_inertia": accepted}
         arm = arm_from_urdf(file.path, **names, **given)
-    armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
+    armature = table.get("armature", arm.armature, size=arm.n)
     links = [file.joints[name].child for name in arm.chain_names]
-    arm = _with_spheres(replace(arm, armature=armature), table, links)
+    arm = with_spheres(replace(arm, armature=armature), table, links)
     if geometry and not arm.sphere_sets:
         with table.at("urdf", package_dirs="package_dirs", srdf="srdf"):
             given = {"package_dirs": folders, "srdf": srdf, "mesh_parts": parts}
@@ -165,7 +339,7 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
             meshes = collision_meshes(file.path, folders) or {}
             table.note_parts(file.path, {name: mesh for name, mesh in meshes.items() if mesh})
         arm = replace(arm, geometry=found)
-    return _without_excluded(arm, table)
+    return without_excluded(arm, table)
 
 
 def _ranges(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict[str, tuple[float, float]]:
@@ -181,34 +355,34 @@ def _ranges(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict[s
                 if not values[0] < values[1]:
                     text = f"{keys[0]} {values[0]:g} must be below {keys[1]} {values[1]:g}"
                     raise table.error(f"{name}: {text}", "limits")
-                scale = _LIMITS[keys[0]][2]
+                scale = DEGREES if keys[0].endswith("deg") else 1.0
                 found[name] = scale * values[0], scale * values[1]
     return found
 
 
 def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
     """The arm of the rows `[[arm.joint]]`."""
-    convention = table.choice("dh", get_args(Convention))
+    convention = table["dh"]
     rows, names, links = [], [], table.value("links", {})  # as tables they are read by `_with_links`
     accepted = _accepted_links(table)
-    for number, joint in enumerate(table.tables("joint", required=True), 1):
-        names.append(joint.text("name", f"joint {number}"))
-        values = joint.numbers("a", "d")
-        values |= {key: joint.number(f"{key}_deg", 0.0, scale=DEGREES) for key in ("alpha", "theta")}
+    for number, joint in enumerate(table.tables("joint"), 1):
+        names.append(joint.get("name", f"joint {number}"))
+        values = joint.given("a", "d")
+        values |= {key: joint[f"{key}_deg"] for key in ("alpha", "theta")}
         link = links.get(names[-1]) if isinstance(links, dict) else None
         free = alone or (isinstance(link, dict) and "part" in link)
         free = free or accepted is True or (isinstance(accepted, list) and names[-1] in accepted)
-        mass = joint.number("mass", *([0.0] if free else []), bound=">= 0")
+        mass = joint.get("mass", 0.0 if free else REQUIRED)
         if not (free or mass):
             raise joint.error(
                 f'must be > 0, got 0; if that is meant: accept_inertia = ["{names[-1]}"]', "mass"
             )
-        values |= {"mass": mass, "armature": joint.number("armature", 0.0, bound=">= 0")}
-        values["center_of_mass"] = joint.vector("center_of_mass", 3, np.zeros(3))
-        inertia, slides = joint.raw_numbers("inertia", np.zeros(3)), joint.flag("slides", False)
+        values |= {"mass": mass, "armature": joint["armature"]}
+        values["center_of_mass"] = joint["center_of_mass"]
+        inertia, slides = joint.get("inertia", np.zeros(3)), joint["slides"]
         inertia = joint.make(symmetric_matrix, inertia)
         rows.append(DHRow(**values, inertia=inertia, slides=slides))
-    table.close("sphere_radius", "excluded_links", "limits", "links")
+    table.close(early=True)
     for name in [] if isinstance(accepted, bool) else accepted:
         if name not in names:
             raise table.error(
@@ -217,7 +391,7 @@ def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
             )
     with table.at():
         arm = arm_from_dh("arm", rows, convention, names)
-    return _with_spheres(arm, table, names)
+    return with_spheres(arm, table, names)
 
 
 def _accepted_links(table: Table) -> bool | list[str]:
@@ -226,73 +400,3 @@ def _accepted_links(table: Table) -> bool | list[str]:
     if isinstance(value, bool) or (isinstance(value, list) and all(isinstance(item, str) for item in value)):
         return value
     raise table.error(f"expected true or a list of links, got {value!r}", key)
-
-
-def _without_excluded(arm: ArmModel, table: Table) -> ArmModel:
-    """The arm of solids without the pairs of `excluded_links`, which are names of links."""
-    key = "excluded_links"
-    excluded = table.value(key, [])
-    if arm.geometry is None:
-        if excluded and not arm.sphere_sets:
-            raise table.error("there is nothing to exclude: neither collision geometry nor spheres", key)
-        return arm
-    known = list(dict.fromkeys(shape.name for shape in arm.geometry.shapes))
-    for pair in excluded if isinstance(excluded, list) else [excluded]:
-        named = isinstance(pair, list) and len(pair) == 2 and pair.count(FLOOR) < 2
-        if not named or not all(name in (*known, FLOOR) for name in pair):
-            expected = f"expected two of the links {', '.join(known)}, or one and {FLOOR!r}"
-            raise table.error(f"{expected}, got {pair!r}", key)
-    apart = {frozenset(pair): "excluded" for pair in excluded} | arm.geometry.apart
-    return replace(arm, geometry=replace(arm.geometry, apart=apart))
-
-
-def carrying(arm: ArmModel, shapes: Sequence[BodyShape]) -> ArmModel:
-    """The arm with solids that its gripper holds, given in the axes of the gripper."""
-    if not shapes:
-        return arm
-    own = arm.geometry or geometry_of_spheres(arm)
-    tool = arm.tool_rotation, arm.offsets[-1]
-    held = [replace(s, body=arm.links, shape=s.shape.placed(*tool)) for s in shapes]
-    return replace(arm, geometry=replace(own, shapes=(*own.shapes, *held)))
-
-
-def require_geometry(data: Table, arm: ArmModel, given: Mapping[str, Sequence], *, hint: str = "") -> None:
-    """Refuse what only counts for an arm whose collisions can be checked.
-
-    Args:
-        data: the file.
-        arm: its arm.
-        given: tables by the place where they stand.
-        hint: ends the message.
-
-    Raises:
-        InputError: the arm has neither collision geometry nor spheres, and one of them is there.
-    """
-    for place in (place for place, tables in given.items() if tables and not arm.may_collide):
-        missing = "the arm has no collision geometry to check"
-        raise data.error(f"{missing}; give arm.sphere_radius, or a URDF that has some{hint}", place)
-
-
-def _with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> ArmModel:
-    """The arm with spheres along its links, (n,) names; `excluded_links` may name links without spheres."""
-    where, excluded = "excluded_links", table.value("excluded_links", [])
-    radii = table.per_joint("sphere_radius", arm.links, None, bound=">= 0")
-    if radii is None:
-        return arm
-    lengths = np.linalg.norm(arm.offsets, axis=1)
-    links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
-    with table.at(radius="sphere_radius"):
-        sets = [
-            replace(spheres, name=link_names[i - 1])
-            for i in links
-            for spheres in spheres_along_links(arm, radii[i - 1], links=[i])
-        ]
-    names = {spheres.link: spheres.name for spheres in sets}
-    if not isinstance(excluded, list):
-        raise table.error(f"expected pairs of links, got {excluded!r}", where)
-    for pair in excluded:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(i in list(names) for i in pair):
-            raise table.error(f"expected two of the links {', '.join(map(str, names))}, got {pair!r}", where)
-    given = [(names[a], names[b]) for a, b in excluded]
-    arm = arm.with_spheres(sets, excluded_pairs=given)
-    return arm.with_spheres(sets, excluded_pairs=[*given, *never_part(arm)])

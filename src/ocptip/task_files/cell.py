@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ocptip.basics import schema
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml import ROTATIONS, Table
+from ocptip.basics.schema import ROTATIONS, Keys
+from ocptip.basics.toml import Table
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.placement.problem import PlacementLimits, PlacementProblem
 from ocptip.placement.result import Placement
@@ -27,15 +29,32 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.task_files.cycle import read_cycle
+from ocptip.task_files.cycle import CYCLE, cycle_keys, read_cycle
 from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.ends import POSE, given_angles, read_target
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motion import TABLES, given_angles, read_target
-from ocptip.task_files.placement import read_problem
-from ocptip.task_files.scene import SCENE
+from ocptip.task_files.placement import OF_PLACES, PLACE_LIMITS, PLACEMENT, read_problem
+from ocptip.task_files.shapes import OBSTACLE
 from ocptip.task_files.source import task_source
+from ocptip.task_files.task_scene import COMMON_LIMITS
+from ocptip.task_files.terrain import TERRAIN
 
-_OF_PLACES = ("base_obstacle", "keep_out", "terrain", "weights", "references", "energy")
+CELL = cycle_keys(
+    "cell",
+    "Where a base should stand for a whole cycle, with poses in world axes: `ocptip cell`.",
+    {
+        **OF_PLACES,
+        "terrain": schema.tables(TERRAIN, required=True),
+        "limits": schema.table(
+            Keys(
+                "limits of a cell", "Limits of the cycle and of the place.", {**COMMON_LIMITS, **PLACE_LIMITS}
+            ),
+            default=None,
+        ),
+    },
+    "arm",
+)
+_SCENE = ("gravity", "base", "contact")
 _LIMITS = tuple(field.name for field in fields(PlacementLimits))
 _SHARED_LIMITS = ("GN", "GT", "torque_ratio", "clearance")
 _LEVEL = 1e-9  # of gravity
@@ -74,15 +93,14 @@ class CellTask:
         Raises:
             InputError: a pose has no posture there; names it.
         """
-        data = self._table(self.placed_data(placement))
-        with data:
+        with Table(self.placed_data(placement), self.path.name, CYCLE, folder=self.path.parent) as data:
             task = read_cycle(data, self.path.stem)
             return replace(task, source=task_source(data, task.robot))
 
     def placed_data(self, placement: Placement) -> dict[str, Any]:
         """The content of that file; its tip-over reserve has the reference moment of the placement."""
         back, origin = placement.base_rotation.T, placement.base_position
-        data = {key: value for key, value in self.data.items() if key not in _OF_PLACES}
+        data = {key: value for key, value in self.data.items() if key not in OF_PLACES}
         limits = {key: v for key, v in data.get("limits", {}).items() if key not in _only_of_places()}
         limits["reference_moment"] = self.problem.robot.tip_over.reference_moment
         obstacles = [_placed_obstacle(own, back, origin) for own in self.data.get("obstacle", [])]
@@ -95,9 +113,6 @@ class CellTask:
             "motion": _placed_ends(data["motion"], back, origin),
             "segment": [_placed_ends(_turned(own, back), back, origin) for own in data["segment"]],
         }
-
-    def _table(self, data: dict[str, Any]) -> Table:
-        return Table(data, self.path.name, folder=self.path.parent)
 
 
 def load_cell(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> CellTask:
@@ -114,15 +129,17 @@ def load_cell(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Cell
         InputWarning: values that are hardly meant.
     """
     path = Path(path)
-    with Table.read(path) as data:
+    with Table.read(path, CELL) as data:
         for key in ("segment", "terrain"):
             if "motion" in data and key not in data:
                 missing = {"segment": "motions of the cycle", "terrain": "ground where the base may stand"}
                 raise data.error(f"a cell needs the {missing[key]}; give [[{key}]]", key)
         require_kind(data, "cell")
         doubt_units(data)
-        data.close(*TABLES, "segment", *_OF_PLACES)
-        content = {key: data.value(key) for key in data}
+        if "robot" in data:
+            raise data.error("cells are for arms", "robot")
+        data.close(early=True)
+        content = dict(data.content)
         cycle = _unplaced(data, content, path)
         problem, tolerance = _problem(data, content, cycle, path, otherwise)
         doubt_masses(data, problem.robot)
@@ -131,11 +148,11 @@ def load_cell(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Cell
 
 def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
     """The cycle with its poses as they are in the file."""
-    motions = {key: value for key, value in content.items() if key not in _OF_PLACES}
+    motions = {key: value for key, value in content.items() if key not in OF_PLACES}
     limits = content.get("limits", {})
     if isinstance(limits, dict):
         motions["limits"] = {key: value for key, value in limits.items() if key not in _only_of_places()}
-    table = Table(motions, path.name, folder=path.parent)
+    table = Table(motions, path.name, CYCLE, folder=path.parent)
     cycle = read_cycle(table, path.stem, _end)
     cycle = replace(cycle, source=task_source(table, cycle.robot))
     objectives = {(own.task.objective.name, own.task.objective.time_weight) for own in cycle.segments}
@@ -183,7 +200,7 @@ def _problem(
     data: Table, content: dict[str, Any], cycle: CycleTask, path: Path, otherwise: Tolerance
 ) -> tuple[PlacementProblem, Tolerance]:
     """Where the base may stand, and the whole tolerance."""
-    keys = (*SCENE, "arm", "motors", "obstacle", *_OF_PLACES)
+    keys = (*_SCENE, "arm", "motors", "obstacle", *OF_PLACES)
     asked: dict[str, Any] = {key: content[key] for key in keys if key in content}
     own = content.get("limits", {})
     asked["limits"] = {key: own[key] for key in (*_LIMITS, "reference_moment") if key in own}
@@ -193,7 +210,7 @@ def _problem(
         own.payload is None and _process(own, share) is None for own in robots for share in (0, 1)
     )
     tolerance = cycle.limits.tolerance if "tolerance" in content else otherwise
-    problem = read_problem(Table(asked, path.name, folder=path.parent), searched(tolerance))
+    problem = read_problem(Table(asked, path.name, PLACEMENT, folder=path.parent), searched(tolerance))
     for number, stand in enumerate(problem.stands, 1):
         if stand.conforms:
             raise data.error("cells stand on planes; bumps, waves, grids are not", f"terrain[{number}]")
@@ -282,8 +299,8 @@ def _placed_ends(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) ->
 
 def _placed_pose(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) -> dict[str, Any]:
     """A pose, or the pose of a solid, in base axes."""
-    given = Table(table, "")
-    position = given.vector("position", 3, np.zeros(3))
+    given = Table(table, "", POSE)
+    position = given.get("position", np.zeros(3))
     rotation = given.rotation(default=np.eye(3))
     rest = {key: value for key, value in table.items() if key not in ("position", *ROTATIONS)}
     return {**rest, "position": _floats(back @ (position - origin)), **_turn(back @ rotation)}
@@ -291,15 +308,14 @@ def _placed_pose(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) ->
 
 def _placed_obstacle(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) -> dict[str, Any]:
     """An obstacle of the world in base axes."""
-    given = Table(table, "")
+    given = Table(table, "", OBSTACLE)
     if table["kind"] == "wall":
-        normal = given.direction("normal")
-        distance = given.number("distance") - float(normal @ origin)
+        normal = given["normal"]
+        distance = given["distance"] - float(normal @ origin)
         return {**table, "normal": _floats(back @ normal), "distance": distance}
     if table["kind"] == "pillar":
-        axis = given.direction("axis", np.array([0.0, 0.0, 1.0]))
-        point = back @ (given.vector("point", 3) - origin)
-        return {**table, "point": _floats(point), "axis": _floats(back @ axis)}
+        point = back @ (given["point"] - origin)
+        return {**table, "point": _floats(point), "axis": _floats(back @ given["axis"])}
     return _placed_pose(table, back, origin)
 
 

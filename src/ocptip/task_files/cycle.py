@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from ocptip.basics import schema
 from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError
 from ocptip.basics.read import read_text
+from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import MARK, Table
 from ocptip.motion.cycles.task import CycleTask, Segment
 from ocptip.motion.task import MotionTask
@@ -19,22 +21,93 @@ from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.task_files.arm import LOCKED
+from ocptip.task_files.arm import LOCKED, LOCKED_KEYS
 from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.ends import end_keys, read_end
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motion import TABLES, TaskScene, limit_numbers, load_task, ramp_task, read_end
+from ocptip.task_files.motion import (
+    AIM,
+    COURSE,
+    DURATION,
+    TASK,
+    coordinates,
+    load_task,
+    motion_keys,
+    ramp_task,
+)
+from ocptip.task_files.payload import OF_SEGMENT
 from ocptip.task_files.source import task_source
-from ocptip.task_files.stops import with_stops
+from ocptip.task_files.stops import STOPS, with_stops
+from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limit_numbers, task_keys
 
-_SHARED = (
-    "optimised",
-    "commands",
-    "objective",
-    "price_per_second",
-)  # of [motion], unless a segment has its own
+_SHARED = (*COURSE, *AIM)  # of [motion], unless a segment has its own
 _GOALS = ("goal_deg", "goal_m", "goal_pose")
 _BACK = "start"
 _LOADS = ("payload", "process")
+
+_GOAL = schema.vector(
+    "`start`: the cycle is closed; parallel robots: coordinates, m and rad.",
+    otherwise="the other keys of the goal",
+)
+
+
+_SEGMENT_LIMITS = Keys("limits of a segment", "Limits of a segment.", SEGMENT_LIMITS)
+
+
+def _segment_keys(name: str, goal: Mapping[str, Key]) -> Keys:
+    return Keys(
+        name,
+        "A motion of a cycle.",
+        {
+            "name": schema.text("Title.", otherwise="its number"),
+            "goal": replace(
+                _GOAL,
+                words="`start`, or list of numbers",
+                schema={"anyOf": [{"const": _BACK}, _GOAL.schema]},
+            ),
+            **goal,
+            **OF_SEGMENT,
+            "dwell": schema.number("Standstill at the goal.", "s", bound=">= 0", default=0.0),
+            "limits": schema.table(_SEGMENT_LIMITS, default=None),
+            **COURSE,
+            **AIM,
+            **DURATION,
+        },
+        at_most_one=[tuple(DURATION)],
+    )
+
+
+_OF_ROBOTS = {
+    "arm": {
+        "motion": schema.table(motion_keys("start of an arm", end_keys("start", "start"), cycle=True)),
+        "segment": schema.tables(
+            _segment_keys("segment", {**end_keys("goal", "goal"), **LOCKED_KEYS}), required=True
+        ),
+    },
+    "robot": {
+        "motion": schema.table(motion_keys("start of a platform", coordinates("start"), cycle=True)),
+        "segment": schema.tables(_segment_keys("segment of a platform", {}), required=True),
+    },
+}
+
+
+def cycle_keys(name: str, meaning: str, common: Mapping[str, Key], *robots: str) -> Keys:
+    """Keys of a file with [[segment]]: the same as `task_keys`, for these kinds of robots."""
+    return task_keys(name, meaning, common, {robot: _OF_ROBOTS[robot] for robot in robots})
+
+
+CYCLE = cycle_keys(
+    "cycle",
+    "Several motions of a robot on its base: `ocptip plan`.",
+    {
+        "limits": schema.table(
+            Keys("limits of a cycle", "Limits of all segments.", COMMON_LIMITS), default=None
+        ),
+        "stops": schema.table(STOPS, default=None),
+    },
+    "arm",
+    "robot",
+)
 
 Ends = Callable[[StandingMechanism, Table, str, MotionLimits], tuple[np.ndarray, PoseTarget | None]]
 """Reads a start or a goal, as `read_end` does."""
@@ -52,7 +125,7 @@ def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
     """
     path = Path(path)
     try:
-        return load_cycle(path, otherwise) if "segment" in Table.read(path) else load_task(path, otherwise)
+        return (load_cycle if "segment" in Table.read(path, TASK) else load_task)(path, otherwise)
     except InputError as error:
         if "missing" not in error.text or f"\n{MARK}" not in read_text(path):
             raise
@@ -74,10 +147,10 @@ def load_cycle(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Cyc
         InputWarning: values that are hardly meant.
     """
     path = Path(path)
-    with Table.read(path) as data:
+    with Table.read(path, CYCLE) as data:
         require_kind(data, "plan")
         doubt_units(data)
-        data.close(*TABLES, "segment", "stops")
+        data.close(early=True)
         task = read_cycle(data, path.stem, otherwise=otherwise).each(lambda own: with_stops(data, own))
         task = replace(task, source=task_source(data, task.robot))
         for segment in task.segments:
@@ -91,13 +164,14 @@ class _SegmentTable(Table):
     """A segment's table, with those keys of `[motion]` that all segments share."""
 
     def __init__(self, own: Table, motion: Table) -> None:
-        given = {key: own.value(key) for key in own}
+        own.close(early=True)
+        given = own.content
         self._motion = motion
         self._shared = {key: motion.value(key) for key in _SHARED if key in motion and key not in given}
         if "objective" in given or "price_per_second" in given:
             self._shared = {k: v for k, v in self._shared.items() if k in ("optimised", "commands")}
-        super().__init__({**self._shared, **given}, own.file, own.path)
-        self._folder, self._uses = own._folder, own._uses
+        super().__init__({**self._shared, **given}, own.file, own._keys, own.path, own._folder)
+        self._uses = own._uses
 
     def place(self, key: str) -> str:
         """Path of a key within the file."""
@@ -116,27 +190,27 @@ def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Tole
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    scene, name, motion = TaskScene(data, otherwise), data.text("name", default), data.table("motion")
-    for key in ("goal", *_GOALS, "duration", "max_duration"):
+    scene, name, motion = TaskScene(data, otherwise), data.get("name", default), data.table("motion")
+    for key in ("goal", *_GOALS, *DURATION):
         if key in motion:
             raise motion.error("of a cycle belongs to its [[segment]]s", key)
-    tables = [_SegmentTable(own, motion) for own in data.tables("segment", required=True)]
+    tables = [_SegmentTable(own, motion) for own in data.tables("segment")]
     robots: dict[str, StandingMechanism] = {}
     held: list[str] = []
     for table in tables:
-        held.append(repr([table.value(key, None) for key in (*_LOADS, *LOCKED)]))
+        held.append(repr([table.content.get(key) for key in (*_LOADS, *LOCKED)]))
         if held[-1] not in robots:
             robots[held[-1]] = scene.robot(table)
     for key in _LOADS:
         _require_use(data, tables, key)
     starts, pose = ends(robots[held[0]], motion, "start", scene.limits)
-    motion.close(*_SHARED)
+    motion.close(early=True)
     segments: list[Segment] = []
     for number, (table, own) in enumerate(zip(tables, held, strict=True), 1):
         before = segments[-1].goals[0] if segments else starts[0]
         last = number == len(tables)
         segments.append(_segment(table, number, robots[own], scene, before, (starts, pose), last, ends))
-    closed = tables[-1].value("goal", None) == _BACK
+    closed = tables[-1].value("goal") == _BACK
     return CycleTask(name, tuple(segments), starts, closed, target=pose)
 
 
@@ -151,8 +225,8 @@ def _segment(
     ends: Ends,
 ) -> Segment:
     """One segment; `before` is a posture that it may start in, `start` what the first one may."""
-    name, dwell = table.text("name", f"{number}"), table.number("dwell", 0.0, bound=">= 0")
-    own = table.table("limits", optional=True)
+    name, dwell = table.get("name", f"{number}"), table["dwell"]
+    own = table.table("limits")
     limits = own.make(replace, scene.limits, **limit_numbers(own))
     if "goal" in table and isinstance(table.value("goal"), str):
         goals, pose = start
@@ -169,7 +243,7 @@ def _segment(
 
 def _require_use(data: Table, tables: list[_SegmentTable], key: str) -> None:
     """Refuse loads that no segment has."""
-    values, used = data.value(key, {}), [table.value(key, None) for table in tables]
+    values, used = data.value(key, {}), [table.value(key) for table in tables]
     named = isinstance(values, dict) and values and all(isinstance(own, dict) for own in values.values())
     for name in values if named and list(values) != ["shape"] else ():
         if name not in used:

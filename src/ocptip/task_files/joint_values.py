@@ -18,9 +18,6 @@ def joint_values(
     arm: ArmModel,
     *,
     slides: bool,
-    scale: float = 1.0,
-    bound: str = "",
-    together: bool = True,
 ) -> np.ndarray | None:
     """Values of the turning or of the sliding joints, in their order.
 
@@ -29,8 +26,6 @@ def joint_values(
         key: of a number, a list or a table; a name in it goes before a pattern.
         arm: whose joints.
         slides: of the sliding joints; else of the turning ones.
-        scale, bound: see `Table`.
-        together: a single number stands for all of these joints.
 
     Returns:
         (k,), NaN for joints that a table does not name; None if there is no such key.
@@ -39,24 +34,22 @@ def joint_values(
         InputError: no such joint, a wrong number of them, or a value that cannot be used.
     """
     names = [name for name, own in zip(arm.joint_names, arm.prismatic, strict=True) if own == slides]
-    value = table.value(key, None)
+    value = table.value(key)
     if value is None:
         return None
     if not names:
         raise table.error(f"no joint of the arm {'slides' if slides else 'turns'}", key)
     if isinstance(value, dict):
-        return _by_name(table.table(key), names, scale, bound)
+        return _by_name(table.table(key), names)
     if isinstance(value, list) and len(value) != len(names) < arm.n:
         raise table.error(f"expected {len(names)} numbers ({', '.join(names)}), got {len(value)}", key)
-    if together:
-        return table.per_joint(key, len(names), scale=scale, bound=bound)
-    return table.vector(key, len(names), scale=scale)
+    return table.get(key, size=len(names))
 
 
-def _by_name(table: Table, names: Sequence[str], scale: float, bound: str) -> np.ndarray:
+def _by_name(table: Table, names: Sequence[str]) -> np.ndarray:
     found = np.full(len(names), np.nan)
     for pattern in sorted(table, key=lambda own: own in names):
-        value = table.number(pattern, scale=scale, bound=bound)
+        value = table[pattern]
         fitting = [index for index, name in enumerate(names) if fnmatchcase(name, pattern)]
         if not fitting:
             raise table.error(

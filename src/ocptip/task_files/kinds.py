@@ -21,6 +21,12 @@ def require_kind(data: Table, command: str) -> None:
     Raises:
         InputError: it is one.
     """
+    if "robot" in data and command == "plan":
+        for key in ("arm", "obstacle"):
+            if key in data:
+                raise data.error(
+                    "not together with [robot]; the box of its coordinates keeps it off others", key
+                )
     other = _command(data)
     if other not in ("", command):
         hint = "; for its robot at rest give --posture" if (other, command) == ("plan", "stand") else ""

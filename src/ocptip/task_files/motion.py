@@ -10,47 +10,136 @@ import os
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt
+from ocptip.basics import schema
 from ocptip.basics.errors import InputError, is_whole
-from ocptip.basics.toml import DEGREES, Table
-from ocptip.contact.support import Support
+from ocptip.basics.schema import Key, Keys
+from ocptip.basics.toml import Table
 from ocptip.motion.objective import objective_of
-from ocptip.motion.postures import posture_pairs, postures_of
-from ocptip.motion.source import LIMITS
-from ocptip.motion.task import FIRST_SEVEN, REACHED, MotionTask, check_commands
+from ocptip.motion.postures import posture_pairs
+from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
-from ocptip.robots.inverse.pose_search import Orientation
-from ocptip.robots.inverse.pose_target import AXES, PoseTarget
-from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.task_files.arm import LOCKED, read_arm, require_geometry
-from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_base_mass
-from ocptip.task_files.joint_values import joint_values
+from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
+from ocptip.task_files.ends import end_keys, read_end
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motors import arm_and_motors, gear_damping_ratio, read_gears
-from ocptip.task_files.payload import read_process
-from ocptip.task_files.scene import SCENE, read_support
-from ocptip.task_files.sensor import read_sensor
-from ocptip.task_files.shapes import read_base_shapes, read_obstacles, stands_on_floor
+from ocptip.task_files.motors import GEARS, read_gears
+from ocptip.task_files.payload import PROCESS, read_process
+from ocptip.task_files.scene import SCENE
+from ocptip.task_files.sensor import SENSOR, read_sensor
 from ocptip.task_files.source import task_source
-from ocptip.task_files.stops import with_stops
+from ocptip.task_files.stops import STOPS, with_stops
+from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limits_of, task_keys
 from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.arm_motion import checked_rise_times
 
-_RISES = ("rise_time", "jerk")
 _OF_CASES = ("sensor", "process", "motors")
 """Tables of a printed case."""
 
-_OF_ROBOT = ("arm", "robot", "payload", "process", "motors", "sensor", "obstacle")
-TABLES = ("name", *SCENE, *_OF_ROBOT, "motion", "limits", "tolerance")
+_RISES = [("rise_time", "jerk")]
+_RISE_KEYS = {
+    "rise_time": schema.per_joint(
+        "Duration of changes of acceleration; 0: steps.", "s", bound=">= 0", otherwise="0"
+    ),
+    "jerk": schema.per_joint(
+        "Jerk limit, from which the duration of changes of acceleration follows.",
+        "SI units",
+        bound="> 0",
+        otherwise="none",
+    ),
+}
+COURSE = {
+    "optimised": schema.anything(
+        "Names, patterns or numbers of the joints whose commands are optimised.",
+        "list of joints",
+        {"type": "array", "items": {"type": ["string", "integer"]}, "minItems": 1},
+        otherwise="all up to the seventh",
+    ),
+    "commands": schema.anything(
+        "Commands for each optimised joint.", "whole number", {"type": "integer", "minimum": 1}, default=3
+    ),
+}
+AIM = {
+    "objective": schema.text("Minimum of `energy`, `time` or `both`.", otherwise="`energy`"),
+    "price_per_second": schema.number("Energy that a second costs, for `both`.", "J/s", otherwise="none"),
+}
+DURATION = {
+    "duration": schema.number("The motion takes exactly so long.", "s", bound="> 0", otherwise="free"),
+    "max_duration": schema.number("The motion takes at most so long.", "s", bound="> 0", otherwise="free"),
+}
+_ONE_DURATION = [("duration", "max_duration")]
+
+
+def motion_keys(name: str, ends: dict[str, Key], *, cycle: bool = False) -> Keys:
+    """Keys of [motion]; those of a cycle leave goals and durations to the segments."""
+    return Keys(
+        name,
+        "The motion: from where to where, and what is optimised.",
+        {**ends, **COURSE, **AIM, **({} if cycle else DURATION)},
+        at_most_one=[] if cycle else _ONE_DURATION,
+    )
+
+
+def coordinates(end: str) -> dict[str, Key]:
+    return {end: schema.vector(f"Coordinates of the platform at the {end}, m and rad.")}
+
+
+CASE = Keys(
+    "published case",
+    "A published case with other limits and aims: `ocptip plan`.",
+    {
+        "case": schema.choice("The case.", case_names()),
+        "base": schema.choice("Data of the base.", BASES, default="effective"),
+        "motion": schema.table(
+            Keys("aims", "What is optimised.", {**AIM, **DURATION}, at_most_one=_ONE_DURATION), default=None
+        ),
+        "limits": schema.table(
+            Keys("limits of a case", "Limits.", {**SEGMENT_LIMITS, **_RISE_KEYS}, at_most_one=_RISES),
+            default=None,
+        ),
+        "motors": schema.table(GEARS, default=None),
+        "sensor": schema.table(SENSOR, default=None),
+        "process": PROCESS,
+        "tolerance": SCENE.keys["tolerance"],
+        "stops": schema.table(STOPS, default=None),
+    },
+)
+MOTION = task_keys(
+    "motion task",
+    "A motion of a robot on its base: `ocptip plan`.",
+    {
+        "limits": schema.table(
+            Keys("limits", "Limits of a motion.", {**COMMON_LIMITS, **_RISE_KEYS}, at_most_one=_RISES),
+            default=None,
+        ),
+        "stops": schema.table(STOPS, default=None),
+    },
+    {
+        "arm": {
+            "motion": schema.table(
+                motion_keys("motion of an arm", {**end_keys("start", "start"), **end_keys("goal", "goal")})
+            )
+        },
+        "robot": {
+            "motion": schema.table(
+                motion_keys("motion of a platform", {**coordinates("start"), **coordinates("goal")})
+            )
+        },
+    },
+)
+TASK = Keys(
+    "task",
+    "A motion task, or a published case.",
+    by=("case", "motion"),
+    variants={"case": CASE, "motion": MOTION},
+    usual="motion",
+)
 
 
 def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> MotionTask:
@@ -68,16 +157,16 @@ def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
         InputWarning: values that are hardly meant, such as angles in radians.
     """
     path = Path(path)
-    with Table.read(path) as data:
+    with Table.read(path, TASK) as data:
         require_kind(data, "plan")
         if "case" in data:
             return _published(data, otherwise)
         doubt_units(data)
         if "segment" in data:
             raise data.error("several motions are a cycle: ocptip.task_files.cycle.read_task", "segment")
-        data.close(*TABLES, "stops")
+        data.close(early=True)
         task = with_stops(data, _task(data, path, otherwise))
-        rises = _rise_times(data.table("limits", optional=True), task.robot)
+        rises = _rise_times(data.table("limits"), task.robot)
         task = replace(task, source=task_source(data, task.robot), rise_times=rises)
         doubt_masses(data, task.robot)
         doubt_way(data, task.start, task.goal)
@@ -86,14 +175,14 @@ def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
 
 def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
-    name, base = data.choice("case", case_names()), data.choice("base", BASES, "effective")
-    motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
+    name, base = data["case"], data["base"]
+    motion, table = data.table("motion"), data.table("limits")
     task = _published_task(data, name, base)
-    numbers = _numbers(table, task.robot.support, data.table("motors", optional=True))
-    table.one_of(*_RISES, optional=True)
+    numbers = limits_of(table, task.robot.support, data.table("motors"))
+    table.one_of("rise_time")
     limits = table.make(replace, task.limits, **numbers, **_durations(motion))
     limits = replace(limits, tolerance=tolerance_of(data, otherwise))
-    wanted = motion.text("objective", None), motion.number("price_per_second", None)
+    wanted = motion["objective"], motion["price_per_second"]
     objective = motion.make(objective_of, *wanted)
     rises = _rise_times(table, task.robot)
     return with_stops(data, replace(task, limits=limits, objective=objective, rise_times=rises))
@@ -106,7 +195,7 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
     if not any(key in data for key in _OF_CASES) or not isinstance(robot, Robot):
         return task
     arm, sensor = robot.arm.with_process(read_process(data)), read_sensor(data, robot.sensor.position)
-    with data.table("motors", optional=True) as motors:
+    with data.table("motors") as motors:
         arm = arm.with_gears(read_gears(motors, arm))
     robot = robot.varied(arm=arm, sensor=sensor)
     source = task_source(data, robot)
@@ -116,7 +205,7 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
 
 def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:
     scene = TaskScene(data, otherwise)
-    name, robot, motion = data.text("name", path.stem), scene.robot(), data.table("motion")
+    name, robot, motion = data.get("name", path.stem), scene.robot(), data.table("motion")
     ends = [read_end(robot, motion, key, scene.limits) for key in ("start", "goal")]
     starts, goals = (postures for postures, _ in ends)
     if not isinstance(robot, Robot):
@@ -127,92 +216,6 @@ def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:
     task = ramp_task(name, robot, *pairs[0], scene.limits, motion)
     targets = ends[0][1], ends[1][1]
     return replace(task, targets=targets, choices=tuple(pairs) if len(pairs) > 1 else ())
-
-
-class TaskScene:
-    """What all motions of a file have in common: where the robot stands, what stands around it, limits.
-
-    Args:
-        data: the file.
-        otherwise: the tolerance of an arm if the file has none.
-
-    Attributes:
-        limits: of `[limits]`.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
-
-    def __init__(self, data: Table, otherwise: Tolerance = NONE) -> None:
-        self._data, self._arms = data, dict[str, ArmModel]()
-        self._shapes, self._floor = read_base_shapes(data), stands_on_floor(data)
-        self._accept_mass = data.table("base").flag("accept_mass", False)
-        self._support = read_support(data)
-        table = data.table("limits", optional=True)
-        self._moment = table.number("reference_moment", None, bound="> 0")
-        margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
-        self._usual_clearance = "clearance" not in table
-        numbers = _numbers(table, self._support, data.table("motors", optional=True))
-        if "segment" not in data:  # segments of cycles are planned as ramps
-            table.one_of(*_RISES, optional=True)
-        limits = table.make(MotionLimits, angle_margin=margin, **numbers)
-        parallel = "robot" in data
-        tolerance = tolerance_of(data, NONE if parallel else otherwise)
-        if parallel and tolerance.given == ("damping",):
-            self.limits = replace(
-                limits, damping=tolerance.damping
-            )  # nothing else is looked at: no worst case
-        else:
-            self.limits = replace(limits, tolerance=tolerance)
-
-    def robot(self, segment: Table | None = None) -> StandingMechanism:
-        """The robot on its support, with what it holds in a segment of a cycle."""
-        data = self._data
-        if "robot" in data:
-            from ocptip.task_files.platform import read_platform_robot  # loads for 0.1 s
-
-            return read_platform_robot(data, self._support, self._moment, segment)
-        gripper = "" if segment is None else repr([segment.value(key, None) for key in LOCKED])
-        if gripper not in self._arms:
-            self._arms[gripper] = read_arm(data.table("arm"), segment)
-        arm, motors = arm_and_motors(data, segment, self._arms[gripper])
-        require_base_mass(data, arm, self._support.mass, accepted=self._accept_mass)
-        require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
-        obstacles = read_obstacles(data, "obstacle")
-        robot = Robot(
-            arm,
-            self._support,
-            motors,
-            obstacles=obstacles,
-            shapes=self._shapes,
-            floor=self._floor,
-            reference_moment=self._moment,
-            sensor=read_sensor(data, arm.mount_position),
-        )
-        if self._usual_clearance:  # of a cycle the smallest of all segments
-            self.limits = replace(self.limits, clearance=min(self.limits.clearance, robot.usual_clearance))
-        return robot
-
-
-def read_end(
-    robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
-) -> tuple[np.ndarray, PoseTarget | None]:
-    """Postures (k, n) of a start or a goal, and the pose they are postures of, if it is one."""
-    if not isinstance(robot, Robot):
-        return table.vector(key, robot.n)[None], None
-    target = read_target(robot.arm, table, key)
-    if target is None:
-        return given_angles(robot.arm, table, key), None
-    with table.table(f"{key}_pose").at(pose=""):
-        postures = postures_of(robot.arm, target, limits)
-    far, turn = target.misses(robot.arm, postures).max(axis=0)
-    if max(far, turn) > REACHED:
-        where, miss = table.place(f"{key}_pose"), f"{1e3 * far:.2g} mm and {np.rad2deg(turn):.2g} degrees"
-        doubt(
-            f"{table.file}: {where}: {robot.arm.name} lacks an axis there; its nearest postures are taken, "
-            f"which miss the pose by {miss}"
-        )
-    return postures, target
 
 
 def ramp_task(
@@ -226,7 +229,7 @@ def ramp_task(
     """The task with the optimised joints, commands, objective and durations of [motion]."""
     key, commands = "optimised", table.value("commands", 3)
     limits = replace(limits, **_durations(table))
-    wanted = table.text("objective", None), table.number("price_per_second", None)
+    wanted = table["objective"], table["price_per_second"]
     optimised = table.value(key, [j + 1 for j in FIRST_SEVEN[: robot.n]])
     table.close()
     if not isinstance(optimised, list):
@@ -243,26 +246,11 @@ def ramp_task(
 
 def _durations(table: Table) -> dict[str, float]:
     """Least and greatest duration, of [motion]."""
-    key = table.one_of("duration", "max_duration", optional=True)
+    key = table.one_of("duration")
     if key is None:
         return {}
-    seconds = table.number(key, bound="> 0")
+    seconds = table[key]
     return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
-
-
-def _numbers(table: Table, support: Support, motors: Table) -> dict[str, float]:
-    """Of [limits]; jumps count with the least damping ratio of feet and gears that give."""
-    ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
-    if "gear_stiffness" in motors:
-        ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]
-    return {"damping": min(ratios, default=1.0), **limit_numbers(table)}
-
-
-def limit_numbers(table: Table) -> dict[str, float]:
-    """Numbers of a table [limits] as they are."""
-    if "damping" in table:
-        raise table.error("is now damping in [tolerance], for all robots", "damping")
-    return table.numbers(*LIMITS)
 
 
 def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | None:
@@ -270,52 +258,15 @@ def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | N
 
     Within a rise time an acceleration changes by no more than from its limit to the opposite one.
     """
-    key = table.one_of(*_RISES, optional=True)
+    key = table.one_of("rise_time")
     if key is None:
         return None
     if key == "rise_time":
-        found = table.per_joint(key, robot.n, bound=">= 0")
+        found = table.get(key, size=robot.n)
     else:
-        found = 2 * robot.limits.acceleration / table.per_joint(key, robot.n, bound="> 0")
+        found = 2 * robot.limits.acceleration / table.get(key, size=robot.n)
     with table.at(rise_time=key):
         return checked_rise_times(found, robot.n)
-
-
-def given_angles(arm: ArmModel, table: Table, key: str) -> np.ndarray:
-    """Joint angles (1, n), rad (sliding joints: m), that are given."""
-    q = np.full(arm.n, np.nan)
-    for own, slides in _angle_keys(arm, key).items():
-        joints, scale = arm.prismatic == slides, 1.0 if slides else DEGREES
-        if own not in table:
-            table.one_of(own, f"{key}_pose")  # complains
-        q[joints] = joint_values(table, own, arm, slides=slides, scale=scale, together=False)
-        if lacking := [arm.joint_names[j] for j in np.flatnonzero(joints & np.isnan(q))]:
-            raise table.error(f"no value for {', '.join(lacking)}", own)
-    return q[None]
-
-
-def _angle_keys(arm: ArmModel, key: str) -> dict[str, bool]:
-    """Keys of the values of start or goal, as far as there are such joints; whether the joints slide."""
-    keys = {f"{key}_deg": False, f"{key}_m": True}
-    return {own: slides for own, slides in keys.items() if (arm.prismatic == slides).any()}
-
-
-def read_target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
-    """The gripper pose of start or goal, if there is one."""
-    pose = f"{key}_pose"
-    if pose not in table:
-        return None
-    table.one_of(*_angle_keys(arm, key), pose)
-    with table.table(pose) as given:
-        position, rotation = given.vector("position", 3), given.rotation()
-        axis, fold = given.text("symmetric_about", ""), given.value("fold", 0)
-        orientation = given.choice("orientation", get_args(Orientation), "full")
-        tool_axis = given.direction("tool_axis", np.array([0.0, 0.0, 1.0]))
-        ranges = given.table("free", optional=True)
-        free = np.array([ranges.vector(own, 2, [0.0, 0.0]) for own in AXES])
-        ranges.close()
-        with given.at():
-            return PoseTarget(position, rotation, axis, fold, orientation, tool_axis, free)
 
 
 def _joints(item: object, names: tuple[str, ...]) -> list[int]:

@@ -6,18 +6,101 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocptip.basics import schema
+from ocptip.basics.schema import REQUIRED, Keys
 from ocptip.basics.toml import Table
 from ocptip.published.arms import modular_motors
 from ocptip.robots.gears import DAMPING_RATIO, Gears
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors, PowerMaps
 from ocptip.robots.spring_chain import spring_chain
-from ocptip.task_files.arm import carrying, read_arm, require_geometry
+from ocptip.task_files.arm import read_arm
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.payload import load_table, read_payload, read_process
-from ocptip.task_files.shapes import read_shapes
+from ocptip.task_files.shapes import carrying, read_shapes, require_geometry
 
 _DATASHEET = ("resistance", "torque_constant", "gear_ratio")
+
+
+def _motor(meaning: str, unit: str, otherwise: str = "") -> schema.Key:
+    return schema.per_joint(meaning, unit, bound=">= 0", otherwise=otherwise)
+
+
+_REGENERATION = schema.number("Share of braking energy that is recovered, 0 to 1.", otherwise="none")
+_DC = Keys(
+    "DC motors",
+    "DC motors by motor constant, or by the values of a datasheet.",
+    {
+        "motor_constant": _motor("Torque per square root of copper loss.", "N m/W^0.5", "from the datasheet"),
+        "resistance": _motor("Resistance of the winding.", "ohm", "needed without `motor_constant`"),
+        "torque_constant": _motor("Torque per current.", "N m/A", "needed without `motor_constant`"),
+        "gear_ratio": _motor("Ratio of the gear.", "", "needed without `motor_constant`"),
+        "coulomb": _motor("Dry friction at the joint.", "N m"),
+        "viscous": _motor("Viscous friction at the joint.", "N m s/rad"),
+        "standby": _motor("Power at rest.", "W"),
+        "regeneration": _REGENERATION,
+    },
+)
+_KINDS = {
+    "modular": Keys("modular motors", "Measured power maps of the modular arms.", {}),
+    "estimated": Keys(
+        "estimated motors",
+        "Motors estimated from the limits of torque and speed.",
+        {
+            "standby": schema.number("Power of each joint at rest.", "W", otherwise="estimated"),
+            "regeneration": _REGENERATION,
+        },
+    ),
+    "dc": _DC,
+    "map": Keys(
+        "power maps",
+        "Measured power maps, as `ocptip identify power` writes them.",
+        {
+            "coefficients": schema.array("Twelve coefficients for each joint.", "", (None, 12)),
+            "voltage": schema.number("Supply voltage.", "V", bound="> 0"),
+            "torque_reading": schema.choice(
+                "What the torque of a map is.", ("load", "drive"), default="load"
+            ),
+        },
+    ),
+}
+GEARS = Keys(
+    "gears",
+    "How much the gears of turning joints give.",
+    {
+        "gear_stiffness": schema.by_joint(
+            "Stiffness of gears of turning joints.", "N m/rad", bound="> 0", otherwise="rigid"
+        ),
+        "gear_damping": schema.by_joint(
+            "Damping of these gears.", "N m s/rad", bound=">= 0", otherwise="by ratio"
+        ),
+        "gear_damping_ratio": schema.number(
+            "Damping ratio of each joint alone, all others held, below 1.",
+            bound=">= 0",
+            default=DAMPING_RATIO,
+        ),
+    },
+    at_most_one=[("gear_damping", "gear_damping_ratio")],
+)
+MOTORS = Keys(
+    "motors",
+    "The motors of an arm, and how much its gears give.",
+    {
+        "kind": schema.choice(
+            "The model of the motors.", _KINDS, otherwise="`modular` for modular arms, else `estimated`"
+        ),
+        **GEARS.keys,
+    },
+    at_most_one=GEARS.at_most_one,
+    by="kind",
+    variants=_KINDS,
+    usual="estimated",
+)
+PLATFORM_MOTORS = Keys(
+    "motors of a parallel robot",
+    "The motors of a parallel robot.",
+    {"kind": schema.choice("The model of the motors.", ("dc",)), **_DC.keys},
+)
 
 
 def arm_and_motors(
@@ -39,16 +122,16 @@ def arm_and_motors(
     require_geometry(data, arm, {"payload.shape": held})
     arm = carrying(arm.with_payload(read_payload(load)), held).with_process(read_process(data, segment))
     modular = "name" in data.table("arm")
-    table = data.table("motors", optional=True)
+    table = data.table("motors")
     arm = arm.with_gears(read_gears(table, arm))
-    kind = table.choice("kind", ("modular", "estimated", "dc", "map"), "modular" if modular else "estimated")
+    kind = table.get("kind", "modular" if modular else "estimated")
     if kind == "dc":
         return arm, dc_motors(table, arm.n)
     if kind == "map":
         return arm, power_maps(table, arm.n)
     if kind == "estimated":
         _require_limits(data, arm)
-        motors = table.make(DCMotors.estimated, arm, **table.numbers("standby", "regeneration"))
+        motors = table.make(DCMotors.estimated, arm, **table.given("standby", "regeneration"))
         if "kind" in table:
             return arm, motors
         note = "motors: estimated from torque and speed limits, for the file describes none"
@@ -60,8 +143,8 @@ def arm_and_motors(
 
 def read_gears(table: Table, arm: ArmModel) -> Gears | None:
     """Springs and dampers of turning joints, of [motors]; None if there are none."""
-    found = joint_values(table, "gear_stiffness", arm, slides=False, bound="> 0")
-    key = table.one_of("gear_damping", "gear_damping_ratio", optional=True)
+    found = joint_values(table, "gear_stiffness", arm, slides=False)
+    key = table.one_of("gear_damping")
     if found is None:
         if key is not None:
             raise table.error("of gears without gear_stiffness; give that, too", key)
@@ -70,7 +153,7 @@ def read_gears(table: Table, arm: ArmModel) -> Gears | None:
     stiffness[~arm.prismatic] = np.where(np.isnan(found), np.inf, found)
     damping = None
     if key == "gear_damping":
-        own = joint_values(table, key, arm, slides=False, bound=">= 0")
+        own = joint_values(table, key, arm, slides=False)
         assert own is not None  # the key is there
         damping = np.zeros(arm.n)
         damping[~arm.prismatic] = own
@@ -86,7 +169,7 @@ def read_gears(table: Table, arm: ArmModel) -> Gears | None:
 
 def gear_damping_ratio(table: Table) -> float:
     """Of [motors]."""
-    ratio = table.number("gear_damping_ratio", DAMPING_RATIO, bound=">= 0")
+    ratio = table["gear_damping_ratio"]
     if ratio >= 1:
         raise table.error(f"must be below 1 (5 %: 0.05), got {ratio:g}", "gear_damping_ratio")
     return ratio
@@ -108,16 +191,14 @@ def _require_limits(data: Table, arm: ArmModel) -> None:
 
 def power_maps(table: Table, n: int) -> PowerMaps:
     """Measured maps of n joints, by their coefficients, as `ocptip identify power` writes them."""
-    coefficients = table.array("coefficients", (n, 12))
-    voltage = table.number("voltage", bound="> 0")
-    reading = table.choice("torque_reading", ("load", "drive"), "load")
-    return table.make(PowerMaps, coefficients, voltage, reading)
+    coefficients = table.get("coefficients", size=n)
+    return table.make(PowerMaps, coefficients, table["voltage"], table["torque_reading"])
 
 
 def dc_motors(table: Table, n: int) -> DCMotors:
     """DC motors of n joints, by `motor_constant` or by the values of a datasheet."""
     needed = ("motor_constant",) if "motor_constant" in table else _DATASHEET
     keys = (*needed, "coulomb", "viscous", "standby")
-    values = {key: table.per_joint(key, n, bound=">= 0") for key in keys}
+    values = {key: table.get(key, REQUIRED, size=n) for key in keys}
     make = DCMotors if "motor_constant" in table else DCMotors.from_datasheet
-    return table.make(make, **values, **table.numbers("regeneration"))
+    return table.make(make, **values, **table.given("regeneration"))

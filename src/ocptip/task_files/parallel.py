@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ocptip.basics import schema
 from ocptip.basics.errors import InputError
+from ocptip.basics.schema import REQUIRED, Key, Keys, number_of
 from ocptip.basics.text import of_known
-from ocptip.basics.toml import Source, Table, number_of
+from ocptip.basics.toml import Source, Table
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import (
@@ -39,22 +42,147 @@ from ocptip.parallel.description.robot_description import (
 )
 from ocptip.task_files.kinds import require_kind
 
-_TOP = (
-    "name",
-    "gravity",
-    "convention",
-    "free",
-    "dependent",
-    "home",
-    "dependent_home",
-    "parameters",
-    "platform",
-    "table",
-    "leg",
-)
 _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
 _ENTRIES = ("gamma", "b", "alpha", "d", "theta", "r")
 _FRICTION = ("drive_inertia", "viscous", "coulomb")
+_ENTRY = {"type": ["number", "string"]}
+_NUMBERS = "number, multiple of pi, or parameter"
+
+
+def _entry(meaning: str, unit: str) -> Key:
+    return replace(schema.anything(meaning, _NUMBERS, _ENTRY, default=0.0), unit=unit)
+
+
+def _point(meaning: str) -> Key:
+    form = {"type": "array", "items": _ENTRY, "minItems": 3, "maxItems": 3}
+    return replace(schema.anything(meaning, "list of 3 entries", form, default=[0.0, 0.0, 0.0]), unit="m")
+
+
+def _turns(meaning: str, otherwise: str = "") -> Key:
+    form = {"type": "array", "items": {"type": "array", "minItems": 2, "maxItems": 2}}
+    default = None if otherwise else []
+    return schema.anything(
+        meaning, "list of pairs of axis and angle", form, default=default, otherwise=otherwise
+    )
+
+
+def _per_row(meaning: str, unit: str) -> Key:
+    return schema.vector(meaning, unit, otherwise="0")
+
+
+_BODY = Keys(
+    "body",
+    "Mass and inertia of a body.",
+    {
+        "mass": schema.number("Mass.", "kg", bound=">= 0", default=0.0),
+        "center": schema.vector("Centre of mass, frame of the body.", "m", 3, default=[0, 0, 0]),
+        "inertia": schema.numbers("Inertia about the centre of mass.", "kg m^2", otherwise="0"),
+    },
+)
+_ROW = Keys(
+    "row",
+    "A joint and its modified Denavit-Hartenberg parameters.",
+    {
+        "joint": schema.choice("The kind of joint.", _JOINTS),
+        "after": schema.whole(
+            "Row whose frame this one starts from; 0: the base frame.",
+            least=0,
+            otherwise="the row before",
+        ),
+        **{key: _entry(f"Parameter {key}.", "m" if key in "bdr" else "rad") for key in _ENTRIES},
+        "range": schema.anything(
+            "Smallest and largest position of the joint.",
+            "list of 2 entries",
+            {"type": "array", "items": _ENTRY, "minItems": 2, "maxItems": 2},
+            otherwise="free",
+        ),
+    },
+)
+_OF_ROWS = {
+    "drive_inertia": _per_row("Inertia of the drives.", "kg m^2, kg"),
+    "viscous": _per_row("Viscous friction of the joints.", "N m s/rad, N s/m"),
+    "coulomb": _per_row("Dry friction of the joints.", "N m, N"),
+}
+_TABLE = Keys(
+    "table of a leg",
+    "Joints and bodies of legs.",
+    {
+        "rows": schema.tables(_ROW, "Joints from base to platform, coupling joints included.", required=True),
+        "joints_to_coupling": schema.anything(
+            "Number of joints up to the coupling point; legs without loops.",
+            "whole number",
+            {"type": "integer", "minimum": 0},
+            otherwise="none, of legs with loops",
+        ),
+        "bodies": schema.tables(_BODY, "One body for each row."),
+        "loops": schema.array("Pairs of rows whose origins coincide.", "", (None, 2), otherwise="none"),
+        **_OF_ROWS,
+    },
+)
+_PLATFORM_END = {
+    "coupling": _point("Coupling point, platform axes."),
+    "end_rotation": _turns("Platform axes to the last frame of the leg.", "as the home pose says"),
+}
+_LEG = Keys(
+    "leg",
+    "A leg between base and platform.",
+    {
+        "table": schema.text("Name of its [table.NAME]."),
+        "base_position": _point("Origin of the first frame, base axes."),
+        "base_rotation": _turns('Base axes to the first frame: `[["z", "pi/6"]]`.'),
+        **_PLATFORM_END,
+        "guess": schema.vector("Values of joints near the home pose.", "rad, m", otherwise="0"),
+        "branch": schema.vector("Signs of the closed form.", otherwise="by guess"),
+        "actuated": schema.wholes("Joints with motors, from 1.", least=1, default=[]),
+        "redundant": schema.wholes("Joints that are coordinates, from 1.", least=1, default=[]),
+        "idle": schema.whole("Freedoms that neither platform nor motors notice.", least=0, default=0),
+        "ends": schema.tables(
+            Keys(
+                "end of a leg",
+                "An end of a leg with loops.",
+                {"row": schema.whole("Row whose frame the platform holds.", least=1), **_PLATFORM_END},
+            )
+        ),
+        **_OF_ROWS,
+    },
+)
+_NAMES = {"type": "array", "items": {"enum": list(COORDINATES)}}
+PARALLEL = Keys(
+    "parallel robot",
+    "A parallel robot: `ocptip parallel`.",
+    {
+        "name": schema.text("Title.", otherwise="name of the file"),
+        "gravity": schema.vector("Acceleration of gravity, world axes.", "m/s^2", 3, default=[0, 0, -9.81]),
+        "convention": schema.anything(
+            "Euler angles of the platform.", "text", {"type": "string"}, default="xyz"
+        ),
+        "free": replace(
+            schema.anything(
+                "Free coordinates of the platform, in this order.", ", ".join(COORDINATES), _NAMES
+            ),
+            default=REQUIRED,
+        ),
+        "dependent": schema.anything(
+            "Coordinates that follow from the free ones, in this order.",
+            ", ".join(COORDINATES),
+            _NAMES,
+            default=[],
+        ),
+        "home": schema.vector("Free coordinates of a pose where all legs close.", "m, rad"),
+        "dependent_home": schema.vector(
+            "Dependent coordinates of that pose, nearly.", "m, rad", otherwise="0"
+        ),
+        "parameters": schema.table(
+            Keys(
+                "parameters", "Numbers by names.", others=schema.number("Value of the parameter.", "m, rad")
+            ),
+            default=None,
+        ),
+        "platform": schema.table(_BODY, "The body of the platform.", default=None),
+        "table": schema.table(Keys("tables", "Tables of legs by names.", others=schema.table(_TABLE))),
+        "leg": schema.tables(_LEG, required=True),
+    },
+)
 _PI = re.compile(r"([+-]?)(?:(\d+(?:\.\d+)?)\*)?pi(?:/(\d+(?:\.\d+)?))?")
 
 
@@ -78,48 +206,48 @@ def read_parallel_robot(source: Source, name: str = "robot") -> RobotDescription
     Raises:
         InputError: the file cannot be read or describes no robot; one line that names file and key.
     """
-    with Table.read(source, name) as data:
+    with Table.read(source, PARALLEL, name) as data:
         require_kind(data, "parallel")
-        data.close(*_TOP)
+        data.close(early=True)
         return _Reader(data).robot()
 
 
 class _Reader:
     def __init__(self, data: Table) -> None:
         self.data = data
-        given = data.table("parameters", optional=True)
+        given = data.table("parameters")
         for key in given:
             if _PI.fullmatch(key) or not key.isidentifier():
                 raise given.error("not a usable name", key)
-        self.parameters = {key: Parameter(key, given.number(key)) for key in given}
+        self.parameters = {key: Parameter(key, given[key]) for key in given}
         self.tables = data.table("table")
-        self.tables.close(*self.tables)
+        self.tables.close(early=True)
 
     def robot(self) -> RobotDescription:
         data = self.data
         platform = self._platform()
         legs, pairs = [], {"actuated": [], "redundant": []}
-        for number, leg in enumerate(data.tables("leg", required=True)):
+        for number, leg in enumerate(data.tables("leg")):
             legs.append(self._leg(leg))
             for key, found in pairs.items():
-                joints = leg.wholes(key, [], least=1, most=legs[-1].n_joints)
+                joints = leg.get(key, size=legs[-1].n_joints)
                 found += [(number, joint - 1) for joint in joints]
-        name = data.text("name", data.file)
-        gravity = data.vector("gravity", 3, np.array([0.0, 0.0, -9.81]))
-        homes = {"home": data.vector("home", None)}
+        name = data.get("name", data.file)
+        gravity = data["gravity"]
+        homes = {"home": data["home"]}
         if "dependent_home" in data:
-            homes["dependent_home"] = data.vector("dependent_home", len(platform.dependent_coordinates))
+            homes["dependent_home"] = data.get("dependent_home", size=len(platform.dependent_coordinates))
         return data.make(RobotDescription, name, legs, platform, **pairs, **homes, gravity=gravity)
 
     def _platform(self) -> Platform:
-        mask, dependent = self._coordinates("free", None), self._coordinates("dependent", [])
-        body = _body(self.data.table("platform", optional=True))
-        convention = self.data.value("convention", "xyz")
+        mask, dependent = self._coordinates("free"), self._coordinates("dependent")
+        body = _body(self.data.table("platform"))
+        convention = self.data["convention"]
         return self.data.make(Platform, mask, convention, body, dependent=dependent)
 
-    def _coordinates(self, key: str, default: list[str] | None) -> tuple[bool, ...]:
+    def _coordinates(self, key: str) -> tuple[bool, ...]:
         """Which of the platform's coordinates a list of their names holds."""
-        names = self.data.value(key, default)
+        names = self.data[key]
         if not isinstance(names, list) or not all(name in COORDINATES for name in names):
             raise self.data.error(f"expected names among {', '.join(COORDINATES)}, got {names!r}", key)
         if len(set(names)) != len(names):
@@ -131,22 +259,22 @@ class _Reader:
         return tuple(name in names for name in COORDINATES)
 
     def _leg(self, leg: Table) -> SerialLeg | BranchedLeg:
-        key = leg.text("table")
+        key = leg["table"]
         if key not in self.tables:
             raise leg.error(f"there is no [table.{key}]{of_known(key, self.tables)}", "table")
         table = self.tables.table(key)
-        rows = table.tables("rows", required=True)
+        rows = table.tables("rows")
         make, parts = self._branched(leg, table, rows) if "ends" in leg else self._serial(leg, table, rows)
-        parts |= {name: leg.vector(name, None, table.vector(name, None, ())) for name in _FRICTION}
+        parts |= {name: leg.get(name, table.get(name, ())) for name in _FRICTION}
         parts |= {
             "rows": tuple(self._row(row) for row in rows),
             "bodies": tuple(_body(body) for body in table.tables("bodies")),
             "base_position": self._point(leg, "base_position"),
             "base_rotation": self._rotations(leg, "base_rotation"),
-            "guess": leg.vector("guess", None, ()),
-            "idle": leg.whole("idle", 0, least=0),
+            "guess": leg.get("guess", ()),
+            "idle": leg["idle"],
         }
-        leg.close("actuated", "redundant")
+        leg.close(early=True)
         table.close()
         with leg.at(), table.at(None, n="joints_to_coupling", bodies="bodies"), leg.at(None):
             return make(**parts)
@@ -156,10 +284,10 @@ class _Reader:
             if name in part:
                 raise part.error("for legs that branch, with `ends`, but this leg has none", name)
         return SerialLeg, {
-            "n": table.value("joints_to_coupling"),
+            "n": table.get("joints_to_coupling", REQUIRED),
             "coupling": self._point(leg, "coupling"),
             "end_rotation": self._end_rotation(leg),
-            "branch": leg.vector("branch", None, ()),
+            "branch": leg.get("branch", ()),
         }
 
     def _branched(self, leg: Table, table: Table, rows: list[Table]) -> tuple[type, dict[str, Any]]:
@@ -169,37 +297,37 @@ class _Reader:
         if "joints_to_coupling" in table:
             raise table.error("not for legs with ends, whose rows branch", "joints_to_coupling")
         return BranchedLeg, {
-            "parents": tuple(row.whole("after", k, least=0, most=k) - 1 for k, row in enumerate(rows)),
+            "parents": tuple(row.get("after", k, size=k) - 1 for k, row in enumerate(rows)),
             "loops": _loops(table),
             "ends": tuple(self._end(end) for end in leg.tables("ends")),
         }
 
     def _end(self, end: Table) -> LegEnd:
-        row = end.whole("row", least=1)
+        row = end["row"]
         return end.make(LegEnd, row - 1, self._point(end, "coupling"), self._end_rotation(end))
 
     def _end_rotation(self, table: Table) -> np.ndarray | None:
         return product_of(self._rotations(table, "end_rotation")) if "end_rotation" in table else None
 
     def _row(self, row: Table) -> MDHRow:
-        entries: dict[str, Any] = {name: self._entry(row, name, row.value(name, 0.0)) for name in _ENTRIES}
+        entries: dict[str, Any] = {name: self._entry(row, name, row[name]) for name in _ENTRIES}
         if "range" in row:
             ends = row.value("range")
             if not isinstance(ends, list) or len(ends) != 2:
                 raise row.error(f"expected the smallest and the largest position, got {ends!r}", "range")
             values = [value_of(self._entry(row, f"range[{i}]", end)) for i, end in enumerate(ends, 1)]
             entries["range"] = tuple(values)
-        row.close("after", "joint")
-        return row.make(MDHRow, _JOINTS[row.choice("joint", _JOINTS)], **entries)
+        row.close(early=True)
+        return row.make(MDHRow, _JOINTS[row["joint"]], **entries)
 
     def _point(self, table: Table, key: str) -> tuple[Entry, ...]:
-        values = table.value(key, [0.0, 0.0, 0.0])
+        values = table[key]
         if not isinstance(values, list):
             raise table.error(f"expected a list of 3 entries, got {values!r}", key)
         return tuple(self._entry(table, f"{key}[{i}]", value) for i, value in enumerate(values, 1))
 
     def _rotations(self, table: Table, key: str) -> tuple[tuple[str, Entry], ...]:
-        values = table.value(key, [])
+        values = table.get(key, [])
         if not isinstance(values, list) or not all(isinstance(v, list) and len(v) == 2 for v in values):
             raise table.error(f'expected pairs of axis and angle, [["z", "pi/2"]], got {values!r}', key)
         turns = [
@@ -226,18 +354,17 @@ class _Reader:
 
 
 def _body(table: Table) -> BodyInertia:
-    zero = np.zeros(3)
     return table.make(
         BodyInertia.about_center,
-        table.number("mass", 0.0, bound=">= 0"),
-        table.vector("center", 3, zero),
-        table.raw_numbers("inertia", zero),
+        table["mass"],
+        table["center"],
+        table.get("inertia", np.zeros(3)),
     )
 
 
 def _loops(table: Table) -> list[tuple[int, int]]:
     """Pairs of rows (from 0) whose origins coincide."""
-    pairs = table.array("loops", (None, 2), np.zeros((0, 2)))
+    pairs = table.get("loops", np.zeros((0, 2)))
     if (pairs % 1 != 0).any():
         raise table.error(f"expected pairs of rows, [[3, 5]], got {pairs.tolist()}", "loops")
     return [(int(a) - 1, int(b) - 1) for a, b in pairs]

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ocptip.basics import schema
 from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.cycles.check import parts_of
 from ocptip.motion.cycles.task import CycleTask
@@ -19,8 +21,8 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
+from ocptip.task_files.ends import end_keys, read_end
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motion import read_end
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -28,6 +30,41 @@ from ocptip.trajectories.sequence import MotionSequence
 from ocptip.trajectories.tool_path import tool_lines
 
 BETWEEN = ("spline", "lines", "tool lines")
+_WAYPOINT = Keys(
+    "waypoint",
+    "A posture on the path, or a pose of the gripper.",
+    {
+        **end_keys("at", "waypoint"),
+        "at": schema.vector("Coordinates of a parallel robot, m and rad.", otherwise="the other keys"),
+    },
+)
+_PATH = {
+    "between": schema.choice(
+        "Smooth curve of the joints, their straight lines, or straight lines of the gripper.",
+        BETWEEN,
+        default="spline",
+    ),
+    "path_tolerance": schema.number(
+        "Largest distance of the path from the waypoints; sliding joints, tool lines: mm.",
+        "deg or mm",
+        bound=">= 0",
+        default=0.0,
+    ),
+    "waypoint": schema.tables(_WAYPOINT, required=True),
+}
+PATH = Keys(
+    "path",
+    "Waypoints of a motion, or of each segment of a cycle: `ocptip retime`.",
+    _PATH,
+    by=("segment",),
+    variants={
+        "segment": Keys(
+            "path of a cycle",
+            "Waypoints of each segment of a cycle.",
+            {"segment": schema.tables(Keys("path of a segment", "Waypoints of a segment.", _PATH))},
+        )
+    },
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,24 +141,24 @@ def refuse_early(path: str | os.PathLike[str]) -> None:
         InputError: no such file, no TOML, unknown keys, or an unknown way between waypoints.
     """
     if Path(path).suffix.lower() == ".toml":
-        with Table.read(path) as data:
+        with Table.read(path, PATH) as data:
             _tables(data)
 
 
 def _tables(data: Table) -> list[Table]:
     """The tables of a file of waypoints that hold a path each."""
     require_kind(data, "retime")
-    data.close("between", "path_tolerance", "waypoint", "segment")
+    data.close(early=True)
     tables = data.tables("segment") if "segment" in data else [data]
     for table in tables:
         if table is not data:
-            table.close("between", "path_tolerance", "waypoint")
-        table.choice("between", BETWEEN, "spline")
+            table.close(early=True)
+        _ = table["between"]  # complains
     return tables
 
 
 def _waypoints(path: Path, task: MotionTask | CycleTask, tolerance: float | None) -> GivenPath:
-    with Table.read(path) as data:
+    with Table.read(path, PATH) as data:
         tables = _tables(data)
         tasks = [task] if isinstance(task, MotionTask) else [own.task for own in task.segments]
         if len(tables) != len(tasks):
@@ -141,10 +178,10 @@ def _waypoints(path: Path, task: MotionTask | CycleTask, tolerance: float | None
 
 def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float | None) -> FittedPath:
     """The path of one motion; `before` is where the robot is."""
-    between = table.choice("between", BETWEEN, "spline")
-    given = table.number("path_tolerance", 0.0, bound=">= 0")
+    between = table["between"]
+    given = table["path_tolerance"]
     tolerance = given if tolerance is None else tolerance
-    points = table.tables("waypoint", required=True)
+    points = table.tables("waypoint")
     ends = [read_end(task.robot, point, "at", task.limits) for point in points]
     for point in points:
         point.close()

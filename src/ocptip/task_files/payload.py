@@ -5,19 +5,79 @@ Each is one for the file, or one of several by segment of a cycle.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from ocptip.basics import schema
 from ocptip.basics.errors import InputError
 from ocptip.basics.read import read_text
+from ocptip.basics.schema import Key, Keys
 from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import Table
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import AXES, PATH, SHARE, TIME, ProcessWrench
+from ocptip.task_files.shapes import shape_key
 from ocptip.trajectories.read_csv import csv_table
 
 _NONE = "none"
 _OVER = {"time_s": TIME, "share": SHARE, "path_m": PATH}
 _COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+_PAYLOAD = Keys(
+    "payload",
+    "What the gripper holds, or the platform carries.",
+    {
+        "mass": schema.number("Mass; 0: nothing.", "kg", bound=">= 0"),
+        "center_of_mass": schema.vector("Centre of mass, gripper axes.", "m", 3, default=[0, 0, 0]),
+        "inertia": schema.numbers(
+            "About the centre of mass: principal values, xx xy xz yy yz zz, or matrix.",
+            "kg m^2",
+            otherwise="point mass",
+        ),
+        "box": schema.vector(
+            "Edges of a homogeneous box along the gripper axes.", "m", 3, otherwise="point mass"
+        ),
+        "shape": shape_key("Solids in the gripper, gripper axes."),
+    },
+    at_most_one=[("inertia", "box")],
+)
+_PROCESS = Keys(
+    "process",
+    "What a process does to the gripper at the TCP.",
+    {
+        "force": schema.vector("Force.", "N", 3, otherwise="none"),
+        "moment": schema.vector("Moment.", "N m", 3, otherwise="none"),
+        "file": schema.file(
+            "CSV file of forces and moments over time, share or path, instead of both.", otherwise="none"
+        ),
+        "axes": schema.choice("Axes of both; `tool`: they turn with the gripper.", AXES, default="tool"),
+    },
+)
+
+
+def _of_file(keys: Keys) -> Key:
+    """A load, or loads by names, of which segments choose."""
+    several = Keys(
+        f"named {keys.name}",
+        keys.meaning,
+        keys.keys,
+        others=schema.table(keys),
+        at_most_one=keys.at_most_one,
+    )
+    form = {"anyOf": [keys.ref, {"type": "object", "additionalProperties": keys.ref}]}
+    words = "table, or tables by name, of which segments choose"
+    return replace(schema.table(several, default=None), words=words, schema=form)
+
+
+def _of_segment(keys: Keys) -> Key:
+    """A load, the name of one, or "none"."""
+    form = {"anyOf": [{"type": "string"}, keys.ref]}
+    key = schema.table(keys, default=None)
+    return replace(key, words="`none`, name, or table", schema=form, otherwise="that of the file")
+
+
+PAYLOAD, PROCESS = _of_file(_PAYLOAD), _of_file(_PROCESS)
+OF_SEGMENT = {"payload": _of_segment(_PAYLOAD), "process": _of_segment(_PROCESS)}
 
 
 def load_table(data: Table, segment: Table | None = None, key: str = "payload") -> Table | None:
@@ -52,7 +112,7 @@ def load_table(data: Table, segment: Table | None = None, key: str = "payload") 
 
 def _names(data: Table, key: str) -> list[str]:
     """Of the tables below `[payload]`, where there is nothing else in it."""
-    value = data.value(key, None)
+    value = data.value(key)
     tables = isinstance(value, dict) and value and all(isinstance(own, dict) for own in value.values())
     return [name for name in value if name != "shape"] if tables and list(value) != ["shape"] else []
 
@@ -65,13 +125,15 @@ def read_payload(table: Table | None) -> Payload | None:
     """
     if table is None:
         return None
-    mass, center = table.number("mass", bound=">= 0"), table.vector("center_of_mass", 3, np.zeros(3))
+    mass, center = table["mass"], table["center_of_mass"]
     if mass == 0:  # an empty gripper; what else is said of the load has no effect
-        table.close("inertia", "box", "shape")
+        for key in ("inertia", "box", "shape"):
+            table.value(key)
+        table.close()
         return None
-    if table.one_of("inertia", "box", optional=True) == "box":
-        return table.make(Payload.box, mass, table.vector("box", 3), center)
-    return table.make(Payload, mass, center, table.raw_numbers("inertia", np.zeros((3, 3))))
+    if table.one_of("inertia") == "box":
+        return table.make(Payload.box, mass, table["box"], center)
+    return table.make(Payload, mass, center, table.get("inertia", np.zeros((3, 3))))
 
 
 def read_process(data: Table, segment: Table | None = None) -> ProcessWrench | None:
@@ -87,15 +149,15 @@ def read_process(data: Table, segment: Table | None = None) -> ProcessWrench | N
     table = load_table(data, segment, "process")
     if table is None:
         return None
-    axes = table.choice("axes", AXES, "tool")
+    axes = table["axes"]
     if "file" in table:
-        path = table.path_of("file")
+        path = table["file"]
         table.close()
         with table.at("file"):
             return _varying(read_text(path), axes)
     if "force" not in table and "moment" not in table:
         table.require("force", "a process needs a force or a moment, or a file")
-    force, moment = (table.vector(key, 3, np.zeros(3)) for key in ("force", "moment"))
+    force, moment = (table.get(key, np.zeros(3)) for key in ("force", "moment"))
     return table.make(ProcessWrench, force, moment, axes)
 
 

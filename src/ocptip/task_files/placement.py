@@ -14,11 +14,14 @@ from typing import get_args
 
 import numpy as np
 
-from ocptip.basics.toml import DEGREES, Table
+from ocptip.basics import schema
+from ocptip.basics.schema import Key, Keys
+from ocptip.basics.toml import Table
 from ocptip.placement.cone import FEWEST
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import (
     CRITERIA,
+    INDICES,
     GripperTask,
     Orientation,
     PlacementLimits,
@@ -31,19 +34,183 @@ from ocptip.placement.within import searched
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.task_files.arm import require_geometry
+from ocptip.task_files.arm import ARM
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_base_mass
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motors import arm_and_motors
+from ocptip.task_files.motors import MOTORS, arm_and_motors
+from ocptip.task_files.payload import PAYLOAD
 from ocptip.task_files.scene import SCENE, read_support
-from ocptip.task_files.shapes import read_base_shapes, read_obstacles, stands_on_floor
-from ocptip.task_files.terrain import read_terrain
+from ocptip.task_files.shapes import (
+    OBSTACLE,
+    read_base_shapes,
+    read_obstacles,
+    require_geometry,
+    stands_on_floor,
+)
+from ocptip.task_files.task_scene import ROBOT_BASE
+from ocptip.task_files.terrain import TERRAIN, read_terrain
 from ocptip.task_files.tolerance import tolerance_of
 
-_OBSTACLES = ("base_obstacle", "obstacle", "keep_out")
-_TABLES = ("terrain", "task", "weights", "references", "limits", "energy", "tolerance")
 _MOST_DIRECTIONS = 10_000
-_VERTICAL = np.array([0.0, 0.0, 1.0])
+
+_ONE_LOAD = Keys(
+    "load of a pose",
+    "A process load on the gripper, world axes; several act one at a time.",
+    {
+        "name": schema.text("Title.", otherwise="load and its number"),
+        "force": schema.vector("Force.", "N", 3, otherwise="none"),
+        "moment": schema.vector("Moment.", "N m", 3, otherwise="none"),
+    },
+)
+_CONE = Keys(
+    "cone of loads",
+    "All forces of one magnitude in a cone.",
+    {
+        "magnitude": schema.number("Magnitude of the forces.", "N"),
+        "directions": schema.whole(
+            "Number of directions.", least=FEWEST, most=_MOST_DIRECTIONS, otherwise="enough"
+        ),
+        "axis": schema.direction("Axis of the cone, world axes.", default=[0, 0, 1]),
+        "half_angle_deg": schema.number("Half the opening angle.", "deg", default=180),
+    },
+)
+_LOAD = Keys(
+    "loads of a pose",
+    "Process loads on the gripper.",
+    by=("magnitude",),
+    variants={"magnitude": _CONE, "": _ONE_LOAD},
+)
+_TASK = Keys(
+    "pose of a placement",
+    "A pose of the gripper that has to be reached.",
+    {
+        "name": schema.text("Title.", otherwise="task and its number"),
+        "position": schema.vector("Position of the TCP, world.", "m", 3),
+        **schema.rotation("Axes of the gripper to those of the world", default="parallel to the world"),
+        "orientation": schema.choice(
+            "What of the orientation counts; `axis`: the direction of `tool_axis`.",
+            get_args(Orientation),
+            default="full",
+        ),
+        "tool_axis": schema.direction("Direction that counts, gripper axes.", default=[0, 0, 1]),
+        "load": schema.tables(_LOAD),
+    },
+)
+
+
+def _criteria(name: str, meaning: str, each: str, otherwise: str) -> Keys:
+    return Keys(
+        name, meaning, {key: schema.number(f"{each} of {key}.", otherwise=otherwise) for key in CRITERIA}
+    )
+
+
+def _index_limit(meaning: str) -> Key:
+    form = {"anyOf": [{"type": "number"}, {"const": False}]}
+    key = schema.number(meaning, otherwise="0.9")
+    return replace(key, words="number, or false", schema=form)
+
+
+def _limit(meaning: str, unit: str = "", otherwise: str = "none") -> Key:
+    return schema.number(meaning, unit, otherwise=otherwise)
+
+
+PLACE_LIMITS = {
+    "base_clearance": _limit("Minimum distance of contacts and solids of the base from obstacles.", "m", "0"),
+    "condition": _limit("Largest condition number of the Jacobian."),
+    "singular_ratio": _limit("Largest ratio of the extreme singular values of the Jacobian."),
+    "jacobian_length": _limit("Length by which translational rows of the Jacobian are divided.", "m", "1"),
+    "index": schema.text(f"Index of the pose: {', '.join(INDICES)}.", otherwise="none"),
+    "index_min": _limit("Smallest value of that index."),
+    "tool_radius": _limit("Radius of the ball about the TCP for that index.", "m", "0.1"),
+}
+_LIMITS = Keys(
+    "limits of a placement",
+    "Limits of a placement.",
+    {
+        "GN": _index_limit("Largest tip-over index; false: contacts are maintained."),
+        "GT": _index_limit("Largest slip index; false: contacts are maintained."),
+        "torque_ratio": _limit("Largest torque over its limit, of any joint.", "", "1"),
+        "clearance": _limit(
+            "Minimum distance of what must not touch.", "m", "0.01, or less if links are nearer"
+        ),
+        **PLACE_LIMITS,
+        "reference_moment": schema.number(
+            "Reference moment of the tip-over index.",
+            "N m",
+            bound="> 0",
+            otherwise="a tenth of the margin at rest",
+        ),
+    },
+)
+_ENERGY = Keys(
+    "energy",
+    "What the criterion GE is.",
+    {"kind": schema.choice("The cost.", ("holding", "torque"), default="holding")},
+    by="kind",
+    variants={
+        "holding": Keys("holding power", "Electric power at standstill.", {}),
+        "torque": Keys(
+            "torque cost",
+            "Weighted sum of torques.",
+            {"cost": schema.per_joint("Cost of a torque.", "1/(N m)", bound=">= 0")},
+        ),
+    },
+    usual="holding",
+)
+OF_PLACES = {
+    "base_obstacle": schema.tables(OBSTACLE, "Obstacles fixed to the base, base axes."),
+    "keep_out": schema.tables(OBSTACLE, "Obstacles for the base alone, world axes."),
+    "terrain": schema.tables(TERRAIN),
+    "weights": schema.table(
+        _criteria(
+            "weights", "Weights of the criteria, scaled to the sum 1.", "Weight", "0; without [weights] all 1"
+        ),
+        default=None,
+    ),
+    "references": schema.table(
+        _criteria(
+            "references",
+            "Values by which the criteria are divided.",
+            "Reference value",
+            "1; GE: at full torque",
+        ),
+        default=None,
+    ),
+    "energy": schema.table(_ENERGY, default=None),
+}
+PLACEMENT = Keys(
+    "placement",
+    "Where a base should stand for poses of the gripper: `ocptip place`.",
+    {
+        "name": SCENE.keys["name"],
+        "unloaded": schema.flag("Constraints also hold without process loads.", default=True),
+        "gravity": SCENE.keys["gravity"],
+        "base": schema.table(
+            Keys(
+                "base of a placement",
+                ROBOT_BASE.meaning,
+                {
+                    **ROBOT_BASE.keys,
+                    "ground": schema.vector(
+                        "Point put on the ground, base axes.",
+                        "m",
+                        3,
+                        otherwise="on the z axis, between the contacts",
+                    ),
+                },
+            )
+        ),
+        "contact": SCENE.keys["contact"],
+        "arm": schema.table(ARM),
+        "payload": PAYLOAD,
+        "motors": schema.table(MOTORS, default=None),
+        "obstacle": schema.tables(OBSTACLE, "Obstacles, world axes."),
+        **OF_PLACES,
+        "task": schema.tables(_TASK, required=True),
+        "limits": schema.table(_LIMITS, default=None),
+        "tolerance": SCENE.keys["tolerance"],
+    },
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +248,16 @@ def load_placement(path: str | os.PathLike[str], otherwise: Tolerance = NONE) ->
         InputWarning: values that are hardly meant, such as lengths in millimetres.
     """
     path = Path(path)
-    with Table.read(path) as data:
+    with Table.read(path, PLACEMENT) as data:
         require_kind(data, "place")
         if "process" in data:
             raise data.error(
                 "of a placement belongs to its poses: [[task]] load = [{ force, moment }]", "process"
             )
         doubt_units(data)
-        data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
+        data.close(early=True)
         tolerance = tolerance_of(data, otherwise)
-        task = PlacementTask(data.text("name", path.stem), read_problem(data, searched(tolerance)), tolerance)
+        task = PlacementTask(data.get("name", path.stem), read_problem(data, searched(tolerance)), tolerance)
         doubt_masses(data, task.problem.robot)
         return task
 
@@ -106,7 +273,7 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
     base, shapes, on_floor = data.table("base"), read_base_shapes(data), stands_on_floor(data)
-    ground, accept_mass = base.vector("ground", 3, None), base.flag("accept_mass", False)
+    ground, accept_mass = base["ground"], base["accept_mass"]
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
@@ -114,7 +281,7 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
     require_base_mass(data, arm, support.mass, accepted=accept_mass)
     given = {key: data.tables(key) for key in ("base_obstacle", "obstacle")}
     require_geometry(data, arm, given, hint="; obstacles for the base alone are [[keep_out]]")
-    table = data.table("limits", optional=True)
+    table = data.table("limits")
     limits, moment = _limits(table)
     deck = read_obstacles(data, "base_obstacle", numbered=True)
     obstacles = read_obstacles(data, "obstacle", numbered=True, world=True)
@@ -129,8 +296,8 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
     )
     if "clearance" not in table:
         limits = replace(limits, clearance=robot.usual_clearance)
-    tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
-    references = data.table("references", optional=True)
+    tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task"), 1)]
+    references = data.table("references")
     with base.at(None, ground_frame="ground"):
         return PlacementProblem(
             robot,
@@ -140,64 +307,59 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
             limits=limits,
             obstacles=obstacles,
             keep_out=read_obstacles(data, "keep_out", numbered=True, world=True),
-            unloaded=data.flag("unloaded", True),
-            energy=_energy(data.table("energy", optional=True), arm),
-            references=references.make(dict, **references.numbers(*CRITERIA)),
+            unloaded=data["unloaded"],
+            energy=_energy(data.table("energy"), arm),
+            references=references.make(dict, **references.given(*CRITERIA)),
             ground_frame=None if ground is None else (ground, np.eye(3)),
             tolerance=tolerance,
         )
 
 
 def _task(table: Table, default: str) -> GripperTask:
-    orientations = get_args(Orientation)
     loads = [p for k, load in enumerate(table.tables("load"), 1) for p in _loads(load, f"load {k}")]
     return table.make(
         GripperTask,
-        table.vector("position", 3),
+        table["position"],
         table.rotation(default=np.eye(3)),
         loads,
-        table.choice("orientation", orientations, "full"),
-        table.direction("tool_axis", _VERTICAL),
-        table.text("name", default),
+        table["orientation"],
+        table["tool_axis"],
+        table.get("name", default),
     )
 
 
 def _loads(table: Table, default: str) -> tuple[ProcessLoad, ...]:
     if "magnitude" in table:
-        magnitude = table.number("magnitude")
-        count = None
-        if "directions" in table:
-            count = table.whole("directions", least=FEWEST, most=_MOST_DIRECTIONS)
-        axis = table.direction("axis", _VERTICAL)
-        half_angle = table.number("half_angle_deg", np.pi, scale=DEGREES)
+        magnitude, count = table["magnitude"], table["directions"]
+        axis, half_angle = table["axis"], table["half_angle_deg"]
         table.close()
         with table.at(half_angle="half_angle_deg"):
             return sampled_loads(magnitude, count, axis=axis, half_angle=half_angle)
     if "force" not in table and "moment" not in table:
         table.require("force", "a load needs a force, a moment or a magnitude")
-    force, moment = (table.vector(key, 3, np.zeros(3)) for key in ("force", "moment"))
-    return (table.make(ProcessLoad, force, moment, table.text("name", default)),)
+    force, moment = (table.get(key, np.zeros(3)) for key in ("force", "moment"))
+    return (table.make(ProcessLoad, force, moment, table.get("name", default)),)
 
 
 def _weights(data: Table) -> Weights:
     if "weights" not in data:
         return Weights()
     table = data.table("weights")
-    given = {name: table.number(name, 0.0) for name in CRITERIA}
+    given = {name: table.get(name, 0.0) for name in CRITERIA}
     table.close()
     return Weights(**given)
 
 
 def _limits(table: Table) -> tuple[PlacementLimits, float | None]:
     """Limits, and the reference moment, N m, if given."""
-    moment = table.number("reference_moment", None, bound="> 0")
-    free = {key: None for key in ("GN", "GT") if table.value(key, None) is False}
+    moment = table["reference_moment"]
+    free = {key: None for key in ("GN", "GT") if table.value(key) is False}
     names = [field.name for field in fields(PlacementLimits) if field.name not in {**free, "index": None}]
-    index = table.text("index", None)
-    return table.make(PlacementLimits, **table.numbers(*names), **free, index=index), moment
+    index = table["index"]
+    return table.make(PlacementLimits, **table.given(*names), **free, index=index), moment
 
 
 def _energy(table: Table, arm: ArmModel) -> TorqueCost | None:
-    if table.choice("kind", ("holding", "torque"), "holding") == "holding":
+    if table["kind"] == "holding":
         return None
-    return table.make(TorqueCost, table.per_joint("cost", arm.n, bound=">= 0"))
+    return table.make(TorqueCost, table.get("cost", size=arm.n))

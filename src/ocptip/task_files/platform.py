@@ -2,20 +2,51 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ocptip.basics import schema
+from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
-from ocptip.parallel.description.ready_made import READY_MADE
-from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.robot import ParallelRobot
-from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
+from ocptip.task_files.arm import MOUNT
 from ocptip.task_files.motors import dc_motors
-from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.payload import load_table, read_payload, read_process
 from ocptip.task_files.sensor import read_sensor
+
+if TYPE_CHECKING:
+    from ocptip.standing.platform import StandingParallelRobot
+
+
+def _limit(meaning: str, unit: str = "m, rad", bound: str = "", otherwise: str = "") -> schema.Key:
+    return schema.per_joint(meaning, unit, bound=bound, otherwise=otherwise)
+
+
+_LIMITS = Keys(
+    "limits of a parallel robot",
+    "Limits of the coordinates of the platform and of the motors.",
+    {
+        "lower": _limit("Lower limit of the coordinates."),
+        "upper": _limit("Upper limit of the coordinates."),
+        "speed": _limit("Speed limit of the coordinates.", "m/s, rad/s", "> 0"),
+        "acceleration": _limit("Acceleration limit of the coordinates.", "m/s^2, rad/s^2", "> 0"),
+        "motor_force": _limit("Limit of the forces or torques of the motors.", "N, N m", "> 0"),
+        "motor_speed": _limit("Speed limit of the motors.", "m/s, rad/s", "> 0", "none"),
+        "singularity": schema.number(
+            "Minimum distance from singular poses, 0 to 1.", otherwise="the usual one"
+        ),
+    },
+)
+PLATFORM_ROBOT = Keys(
+    "robot",
+    "A parallel robot, instead of an arm.",
+    {
+        "parallel": schema.text("A ready-made robot such as `Delta`, or a robot file, relative to this one."),
+        **MOUNT,
+        "limits": schema.table(_LIMITS),
+    },
+)
 
 
 def read_platform_robot(
@@ -32,33 +63,29 @@ def read_platform_robot(
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    for key in ("arm", "obstacle"):
-        if key in data:
-            raise data.error("not together with [robot]; the box of its coordinates keeps it off others", key)
+    from ocptip.parallel.description.ready_made import READY_MADE  # these load for 0.1 s
+    from ocptip.parallel.robot import ParallelRobot
+    from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
+    from ocptip.task_files.parallel import read_parallel_robot
+
     table = data.table("robot")
-    name, payload = table.text("parallel"), read_payload(load_table(data, segment))
-    mount = {"position": table.vector("mount_position", 3), "rotation": table.rotation("mount_", np.eye(3))}
+    name, payload = table["parallel"], read_payload(load_table(data, segment))
+    mount = {"position": table["mount_position"], "rotation": table.rotation("mount_", np.eye(3))}
     process = read_process(data, segment)
     if process is not None and process.turns_with_tool:
         raise data.error('of a parallel robot has axes = "base" or "world"', "process.axes")
     load = None if process is None else process.seen_from(mount["rotation"].T).wrench
-    table.close("limits")
+    table.close(early=True)
     with table.at("parallel"):
-        robot = ParallelRobot(_description(table, name).with_payload(payload))
+        made = READY_MADE[name]() if name in READY_MADE else read_parallel_robot(table.named_file("parallel"))
+        robot = ParallelRobot(made.with_payload(payload))
     sensor, motors = read_sensor(data, mount["position"]), data.table("motors")
-    motors.choice("kind", ("dc",))
-    parts = robot, support, dc_motors(motors, robot.m), _limits(table.table("limits"), robot.m)
-    with table.at(), table.table("limits").at(None):
-        return StandingParallelRobot(*parts, **mount, load=load, reference_moment=moment, sensor=sensor)
-
-
-def _description(table: Table, name: str) -> RobotDescription:
-    return READY_MADE[name]() if name in READY_MADE else read_parallel_robot(table.path_of("parallel"))
-
-
-def _limits(table: Table, m: int) -> PlatformLimits:
-    limits: dict[str, Any] = {key: table.per_joint(key, m) for key in ("lower", "upper")}
-    for key in ("speed", "acceleration", "motor_force"):
-        limits[key] = table.per_joint(key, m, bound="> 0")
-    limits["motor_speed"] = table.per_joint("motor_speed", m, np.inf, bound="> 0")
-    return table.make(PlatformLimits, **limits, **table.numbers("singularity"))
+    _ = motors["kind"]  # complains where it is missing
+    drives, given = dc_motors(motors, robot.m), table.table("limits")
+    bounds = {key: given.get(key, size=robot.m) for key in _LIMITS.keys if key != "singularity"}
+    bounds["motor_speed"] = given.get("motor_speed", np.inf, size=robot.m)
+    limits = given.make(PlatformLimits, **bounds, **given.given("singularity"))
+    with table.at(), given.at(None):
+        return StandingParallelRobot(
+            robot, support, drives, limits, **mount, load=load, reference_moment=moment, sensor=sensor
+        )

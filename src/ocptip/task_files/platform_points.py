@@ -1,34 +1,66 @@
-"""Platforms from TOML files.
-
-name = "flight simulator"
-unit = "m"                      # or "mm", for all lengths in the file
-base = [[x, y, z], ...]         # anchors in the base frame, one per leg
-platform = [[x, y, z], ...]     # anchors in the platform frame
-
-[home]                          # optional: the pose that is meant without another one
-position = [x, y, z]
-rotation_vector_deg = [rx, ry, rz]  # or another form of an orientation, see docs/scenes.md
-
-[operation_ellipsoid]           # optional, platform frame
-center = [x, y, z]
-half_axes = [a, b, c]
-axes_rotation_vector_deg = [rx, ry, rz]  # or another form
-
-Older files call these two `rotation_deg` and `axes_deg`.
-"""
+"""Platforms from TOML files."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ocptip.basics import schema
 from ocptip.basics.errors import finite_array
+from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Source, Table
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
 from ocptip.task_files.kinds import require_kind
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
+
+
+def _older(keys: dict[str, schema.Key], name: str) -> dict[str, schema.Key]:
+    """The forms of an orientation, and the name that a rotation vector has in older files."""
+    vector = keys["rotation_vector_deg" if name == "rotation_deg" else "axes_rotation_vector_deg"]
+    return {**keys, name: replace(vector, meaning=f"{vector.meaning[:-1]}; in older files.")}
+
+
+_HOME = schema.rotation("Axes of the platform to those of the base", default="parallel to the base")
+_AXES = schema.rotation("Axes of the ellipsoid to those of the platform", "axes_", default="parallel")
+PLATFORM = Keys(
+    "platform of anchors",
+    "The anchors of a Stewart platform: `ocptip rate`.",
+    {
+        "name": schema.text("Title.", otherwise="name of the file"),
+        "unit": schema.choice("Unit of all lengths in the file.", _UNITS, default="m"),
+        "base": schema.array("Anchors on the base, one for each leg.", "`unit`", (None, 3)),
+        "platform": schema.array("Anchors on the platform, platform axes.", "`unit`", (None, 3)),
+        "home": schema.table(
+            Keys(
+                "home",
+                "The pose that is meant without another one.",
+                {
+                    "position": schema.vector("Origin of the platform.", "`unit`", 3, default=[0, 0, 0]),
+                    **_older(_HOME, "rotation_deg"),
+                },
+                at_most_one=[(*_HOME, "rotation_deg")],
+            ),
+            default=None,
+        ),
+        "operation_ellipsoid": schema.table(
+            Keys(
+                "operation ellipsoid",
+                "The operation ellipsoid, platform axes.",
+                {
+                    "center": schema.vector("Centre.", "`unit`", 3, default=[0, 0, 0]),
+                    "half_axes": schema.vector("Half axes.", "`unit`", 3),
+                    **_older(_AXES, "axes_deg"),
+                },
+                at_most_one=[(*_AXES, "axes_deg")],
+            ),
+            default=None,
+        ),
+    },
+)
 
 
 def read_platform(source: Source, name: str = "platform") -> PlatformFile:
@@ -41,21 +73,21 @@ def read_platform(source: Source, name: str = "platform") -> PlatformFile:
     Raises:
         InputError: the file cannot be read or describes no platform; one line that names file and key.
     """
-    with Table.read(source, name) as data:
+    with Table.read(source, PLATFORM, name) as data:
         require_kind(data, "rate")
-        data.close("name", "unit", "base", "platform", "home", "operation_ellipsoid")
-        scale, zero = _UNITS[data.choice("unit", _UNITS, "m")], np.zeros(3)
-        anchors = [data.array(key, (None, 3)) * scale for key in ("base", "platform")]
-        platform = data.make(StewartPlatform, *anchors, data.text("name", data.file))
-        home = data.table("home", optional=True)
-        position = home.vector("position", 3, zero, scale=scale)
-        rotation = home.rotation(default=np.eye(3), also="rotation_deg")
+        data.close(early=True)
+        scale = _UNITS[data["unit"]]
+        anchors = [data[key] * scale for key in ("base", "platform")]
+        platform = data.make(StewartPlatform, *anchors, data.get("name", data.file))
+        home = data.table("home")
+        position = scale * home["position"]
+        rotation = home.rotation(default=np.eye(3))
         ellipsoid = None
         if "operation_ellipsoid" in data:
             table = data.table("operation_ellipsoid")
-            center = table.vector("center", 3, zero, scale=scale)
-            half_axes = table.vector("half_axes", 3, scale=scale)
-            axes = table.rotation("axes_", np.eye(3), also="axes_deg")
+            center = scale * table["center"]
+            half_axes = scale * table["half_axes"]
+            axes = table.rotation("axes_", np.eye(3))
             ellipsoid = table.make(OperationEllipsoid, center, axes, half_axes)
         return PlatformFile(platform, position, rotation, ellipsoid)
 

@@ -7,11 +7,17 @@ Contacts and loads are counted from 1 in every message, as in the printed table.
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, fields
+import re
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, fields, replace
+from functools import cache
+from inspect import getdoc
 from typing import Any
 
 import numpy as np
 
+from ocptip.basics import schema
+from ocptip.basics.schema import REQUIRED, Key, Keys
 from ocptip.basics.toml import Source, Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
@@ -19,13 +25,123 @@ from ocptip.contact.support import Load, Support, refuse_impossible_inertia
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.doubts import doubt_units
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.tolerance import tolerance_of
-
-SCENE = ("gravity", "base", "contact")
-"""What :func:`read_support` reads of a file."""
+from ocptip.task_files.tolerance import TOLERANCE, tolerance_of
 
 _DAMPING = ("damping_ratio", "damping")
 _COMMON = ("friction", "stiffness", "tangential_stiffness", *_DAMPING)  # of all contacts without their own
+_TYPES = {"bool": "boolean", "str": "string", "Sequence": "array", "int": "integer"}  # else number
+_TYPE_WORDS = {
+    "boolean": "true or false",
+    "string": "text",
+    "array": "list of numbers",
+    "integer": "whole number",
+    "number": "number",
+}
+
+
+@cache
+def contact_keys(model: type[Binding]) -> dict[str, Key]:
+    """Keys of a contact, which are the fields of its contact model; their meanings stand in its docstring."""
+    meanings: dict[str, str] = {}
+    for cls in reversed(model.__mro__):
+        _, _, attributes = (getdoc(cls) or "").partition("Attributes:\n")
+        for names, meaning in re.findall(r"^    ([a-z_, ]+): ((?:.|\n     )+)", attributes, re.MULTILINE):
+            meanings |= dict.fromkeys(names.split(", "), re.split(r"[.;] ", " ".join(meaning.split()))[0])
+    return {
+        own.name: _contact_key(own, meanings.get(own.name, own.name)) for own in fields(model) if own.init
+    }
+
+
+def _contact_key(own: Field[Any], meaning: str) -> Key:
+    kind = next((kind for word, kind in _TYPES.items() if word in str(own.type)), "number")
+    needed = own.default is MISSING and own.default_factory is MISSING
+    default = REQUIRED if needed and own.name not in _COMMON else None
+    otherwise = "" if needed or own.default in (None, MISSING) else f"{own.default}".strip("()")
+    meaning = f"{meaning[0].upper()}{meaning[1:].rstrip('.')}."
+    form: dict[str, Any] = {"type": kind, "items": {"type": "number"}} if kind == "array" else {"type": kind}
+    if kind in ("boolean", "string"):
+        return schema.anything(meaning, _TYPE_WORDS[kind], form, default=default, otherwise=otherwise)
+    key = schema.numbers(meaning, words=_TYPE_WORDS[kind], default=default, otherwise=otherwise)
+    return replace(key, schema=form)
+
+
+def _contact_kinds() -> Mapping[str, Keys]:
+    """Keys by contact model; third-party models register while a program runs."""
+    kind = {"kind": schema.choice("The contact model.", sorted(Binding.registry), default="unilateral")}
+    return {
+        name: Keys(
+            f"contact {name}", (getdoc(model) or name).splitlines()[0], {**kind, **contact_keys(model)}
+        )
+        for name, model in sorted(Binding.registry.items())
+    }
+
+
+GRAVITY = schema.vector(
+    "Acceleration of gravity, base axes; a slope is a tilted gravity.",
+    "m/s^2",
+    default=None,
+    otherwise="9.81 against the last axis",
+)
+BASE = Keys(
+    "base of a scene",
+    "What stands on the contacts; its origin is free, z points upwards.",
+    {
+        "mass": schema.number("Mass of the base, without the robot.", "kg", bound="> 0"),
+        "center_of_mass": schema.vector("Centre of mass; two numbers make a planar scene.", "m"),
+        "inertia": schema.numbers(
+            "About the centre of mass: principal values, xx xy xz yy yz zz, or matrix.",
+            "kg m^2",
+            default=None,
+            otherwise="estimated",
+        ),
+        "feet": schema.numbers(
+            "Positions of ordinary contacts, before those of [[contact]].",
+            "m",
+            words="list of positions",
+            default=None,
+            otherwise="[[contact]]",
+        ),
+        **{
+            key: replace(contact_keys(UnilateralContact)[key], otherwise="of each contact") for key in _COMMON
+        },
+    },
+)
+CONTACT = Keys(
+    "contact",
+    "A contact of the base with the ground.",
+    by="kind",
+    variants=_contact_kinds,
+    usual="unilateral",
+)
+_PLANAR_MOMENT = schema.number("Moment, planar.", "N m")
+_SPATIAL_MOMENT = schema.vector("Moment; planar: a number, positive from x to y.", "N m", 3, default=None)
+LOAD = Keys(
+    "load",
+    "A load on the base besides its weight.",
+    {
+        "force": schema.vector("Force, base axes.", "N", otherwise="none"),
+        "point": schema.vector("Point where the force acts, base axes.", "m", default=None),
+        "moment": replace(
+            _SPATIAL_MOMENT,
+            words="list of 3 numbers; planar: a number",
+            schema={"anyOf": [_PLANAR_MOMENT.schema, _SPATIAL_MOMENT.schema]},
+            convert=lambda value, d: (_PLANAR_MOMENT if d == 2 else _SPATIAL_MOMENT).convert(value, None),
+            otherwise="none",
+        ),
+    },
+)
+SCENE = Keys(
+    "scene",
+    "A base on its contacts with the loads on it: `ocptip stand`.",
+    {
+        "name": schema.text("Title.", otherwise="name of the file"),
+        "gravity": GRAVITY,
+        "base": schema.table(BASE),
+        "contact": schema.tables(CONTACT),
+        "load": schema.tables(LOAD),
+        "tolerance": schema.table(TOLERANCE, default=None),
+    },
+)
 
 
 @dataclass(frozen=True)
@@ -62,41 +178,41 @@ def read_scene(source: Source, name: str = "scene") -> Scene:
     Raises:
         InputError: the file cannot be read or describes no scene; one line that names file and key.
     """
-    with Table.read(source, name) as data:
+    with Table.read(source, SCENE, name) as data:
         require_kind(data, "stand")
         doubt_units(data)
-        data.close("name", *SCENE, "load", "tolerance")
-        name, support = data.text("name", data.file), read_support(data)
+        data.close(early=True)
+        name, support = data.get("name", data.file), read_support(data)
         loads = tuple(_load(table, support.dimension) for table in data.tables("load"))
         tolerance = tolerance_of(data)
         return Scene(name, support, loads, support.wrench(loads), tolerance)
 
 
 def read_support(data: Table) -> Support:
-    """The support of a file, out of `SCENE`.
+    """The support of a file: `gravity`, `[base]` and `[[contact]]`.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
     base = data.table("base")
-    common = {name: base.raw_numbers(name, None) for name in _COMMON}
+    common = {name: base[name] for name in _COMMON}
     contacts: list[Binding] = _feet(base, common) if "feet" in base else []
     tables = data.tables("contact")
     if not contacts and not tables:
         for key in ("mass", "center_of_mass"):
-            base.value(key)
+            base.get(key)
         base.require("feet", "where it stands, m; or [[contact]]")
-        base.close("inertia")
+        base.close(early=True)
     for table in tables:
         contacts.append(_contact(table, common, contacts[0].dimension if contacts else None))
     d = contacts[0].dimension
     support = base.make(
         Support,
         contacts,
-        mass=base.number("mass", bound="> 0"),
-        center_of_mass=base.vector("center_of_mass", d),
-        inertia=base.raw_numbers("inertia", None),
-        gravity=data.vector("gravity", d, None),
+        mass=base["mass"],
+        center_of_mass=base.get("center_of_mass", size=d),
+        inertia=base["inertia"],
+        gravity=data.get("gravity", size=d),
     )
     with base.at():
         refuse_impossible_inertia(support)
@@ -106,7 +222,7 @@ def read_support(data: Table) -> Support:
 def _feet(base: Table, common: dict[str, Any]) -> list[Binding]:
     """Ordinary contacts at the positions `feet` of `[base]`."""
     base.require("friction", "of the feet")
-    feet = base.raw_numbers("feet")
+    feet = base["feet"]
     if not isinstance(feet, list) or not feet or not all(isinstance(position, list) for position in feet):
         raise base.error(f"expected a list of positions, got {feet!r}", "feet")
     given = {"friction": 1.0, **_given(common)}  # missing: refused when the table is closed
@@ -129,7 +245,7 @@ def _contact(table: Table, common: dict[str, Any], dimension: int | None) -> Bin
         common: parameters of contacts that have none of their own, by key.
         dimension: that of the contacts before it, None for the first.
     """
-    kind = table.choice("kind", sorted(Binding.registry), "unilateral")
+    kind = table["kind"]
     cls = Binding.registry[kind]
     own = {key: None for key in _DAMPING if any(other in table for other in _DAMPING)}
     parameters = {field.name: {**common, **own}.get(field.name) for field in fields(cls)}
@@ -138,9 +254,7 @@ def _contact(table: Table, common: dict[str, Any], dimension: int | None) -> Bin
         if field.init and needed and parameters.get(field.name) is None:
             table.require(field.name, f"needed by {kind}")
         if field.init:
-            words = {"bool", "str"} & set(str(field.type).replace("|", " ").split())
-            read = table.value if words else table.raw_numbers
-            parameters[field.name] = read(field.name, parameters.get(field.name))
+            parameters[field.name] = table.get(field.name, parameters.get(field.name))
     table.close()
     parameters = _given(parameters)
     position = parameters["position"]
@@ -158,7 +272,6 @@ def _load(table: Table, d: int) -> Load:
     if "force" in table:
         table.require("point", "where the force acts, m")
     zero = np.zeros(d)
-    moment = table.vector("moment", 3, np.zeros(3)) if d == 3 else table.number("moment", 0.0)
-    return table.make(
-        Load, force=table.vector("force", d, zero), moment=moment, point=table.vector("point", d, zero)
-    )
+    moment = table.get("moment", np.zeros(3) if d == 3 else 0.0, size=d)
+    force, point = (table.get(key, zero, size=d) for key in ("force", "point"))
+    return table.make(Load, force=force, moment=moment, point=point)

@@ -1,40 +1,128 @@
-"""Solids in task files: obstacles, shapes of the base and of the payload; format: docs/collision.md."""
+"""Solids in task files: obstacles, shapes of base and payload, what may touch; format: docs/collision.md."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ocptip.basics import schema
+from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
+from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.collision.shapes import Ball, BodyShape, Box, Cylinder, Shape
 from ocptip.robots.collision.urdf import read_mesh
-from ocptip.robots.geometry import Obstacle, Pillar, Solid, Wall, floor
+from ocptip.robots.geometry import (
+    FLOOR,
+    Obstacle,
+    Pillar,
+    Solid,
+    Wall,
+    floor,
+    never_part,
+    spheres_along_links,
+)
+from ocptip.robots.model import ArmModel
+
+_RADIUS = {"radius": schema.number("Radius.", "m", bound="> 0")}
+_NAME = {"name": schema.text("Name in messages and results.", otherwise="the kind")}
+_POSE = {
+    **_NAME,
+    "position": schema.vector("Origin of the solid.", "m", 3, default=[0, 0, 0]),
+    **schema.rotation("Axes of the solid to the parent frame", default="parallel"),
+}
+_SOLIDS = {
+    "box": Keys("box", "A box about its centre.", {"size": schema.vector("Edges.", "m", 3)}),
+    "cylinder": Keys(
+        "cylinder",
+        "A cylinder along z about its centre.",
+        {**_RADIUS, "length": schema.number("Length.", "m", bound="> 0")},
+    ),
+    "sphere": Keys("sphere", "A sphere about its centre.", _RADIUS),
+    "mesh": Keys(
+        "mesh",
+        "The convex solids of a mesh.",
+        {
+            "file": schema.file("STL, OBJ or DAE, relative to this file."),
+            "scale": schema.vector("Factors along x, y, z.", "", 3, default=[1, 1, 1]),
+        },
+    ),
+}
+_ENDLESS = {
+    "floor": Keys("floor", "A horizontal half space.", {"height": schema.number("Height.", "m")}),
+    "wall": Keys(
+        "wall",
+        "A half space.",
+        {
+            **_NAME,
+            "normal": schema.direction("Direction into the wall, of any length."),
+            "distance": schema.number("Distance of the plane from the origin, along the normal.", "m"),
+        },
+    ),
+    "pillar": Keys(
+        "pillar",
+        "An endless cylinder.",
+        {
+            **_NAME,
+            "point": schema.vector("A point on the axis.", "m", 3),
+            **_RADIUS,
+            "axis": schema.direction("Direction of the axis, of any length.", default=[0, 0, 1]),
+        },
+    ),
+}
+SHAPE = Keys(
+    "solid",
+    "A solid fixed to the base or to the gripper.",
+    {"kind": schema.choice("The kind of solid.", _SOLIDS), **_POSE},
+    by="kind",
+    variants=_SOLIDS,
+)
+OBSTACLE = Keys(
+    "obstacle",
+    "A solid or a half space that the robot must not touch.",
+    {"kind": schema.choice("The kind of obstacle.", (*_ENDLESS, *_SOLIDS))},
+    by="kind",
+    variants={
+        **_ENDLESS,
+        **{kind: replace(own, keys={**_POSE, **own.keys}) for kind, own in _SOLIDS.items()},
+    },
+)
 
 
-def _box(table: Table) -> list[Shape]:
-    return [table.make(Box, table.vector("size", 3))]
+def shape_key(meaning: str) -> Key:
+    """The key `shape`, a table or tables in double brackets."""
+    form = {"anyOf": [SHAPE.ref, {"type": "array", "items": SHAPE.ref}]}
+    return replace(schema.tables(SHAPE, meaning), words="table or tables", schema=form)
 
 
-def _cylinder(table: Table) -> list[Shape]:
-    return [table.make(Cylinder, table.number("radius", bound="> 0"), table.number("length", bound="> 0"))]
-
-
-def _sphere(table: Table) -> list[Shape]:
-    return [table.make(Ball, table.number("radius", bound="> 0"))]
+SPHERES = {
+    "sphere_radius": schema.per_joint(
+        "Radius of spheres along the links, which may not collide; 0: none.",
+        "m",
+        bound=">= 0",
+        otherwise="collision geometry of the URDF",
+    ),
+    "excluded_links": schema.anything(
+        "Pairs of links that may touch; a link and `floor`; with `sphere_radius` numbers of links.",
+        "list of pairs",
+        {"type": "array"},
+        default=[],
+    ),
+}
 
 
 def _mesh(table: Table) -> list[Shape]:
-    file, scale = table.path_of("file"), table.vector("scale", 3, np.ones(3))
+    file, scale = table["file"], table["scale"]
     table.close()
     with table.at("file"):
         return read_mesh(file, scale)
 
 
-SOLIDS: dict[str, Callable[[Table], list[Shape]]] = {
-    "box": _box,
-    "cylinder": _cylinder,
-    "sphere": _sphere,
+_READERS: dict[str, Callable[[Table], list[Shape]]] = {
+    "box": lambda table: [table.make(Box, table["size"])],
+    "cylinder": lambda table: [table.make(Cylinder, table["radius"], table["length"])],
+    "sphere": lambda table: [table.make(Ball, table["radius"])],
     "mesh": _mesh,
 }
 
@@ -45,9 +133,8 @@ def read_shape(table: Table) -> list[Shape]:
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    kind = table.choice("kind", SOLIDS)
-    position, rotation = table.vector("position", 3, np.zeros(3)), table.rotation(default=np.eye(3))
-    return [shape.placed(rotation, position) for shape in SOLIDS[kind](table)]
+    kind, position, rotation = table["kind"], table["position"], table.rotation(default=np.eye(3))
+    return [shape.placed(rotation, position) for shape in _READERS[kind](table)]
 
 
 def read_shapes(owner: Table, default: str, *, carried: bool = False) -> list[BodyShape]:
@@ -61,11 +148,11 @@ def read_shapes(owner: Table, default: str, *, carried: bool = False) -> list[Bo
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    single = isinstance(owner.value("shape", None), dict)
+    single = isinstance(owner.value("shape"), dict)
     tables = [owner.table("shape")] if single else owner.tables("shape")
     found = []
     for number, table in enumerate(tables, 1):
-        name = table.text("name", f"{default} {number}" if len(tables) > 1 else default)
+        name = table.get("name", f"{default} {number}" if len(tables) > 1 else default)
         found += [BodyShape(name, 0, shape, carried) for shape in read_shape(table)]
     return found
 
@@ -87,7 +174,7 @@ def read_base_shapes(data: Table) -> list[BodyShape]:
 
 def stands_on_floor(data: Table) -> bool:
     """Whether what the contacts of `[base]` stand on is an obstacle."""
-    return data.table("base").flag("floor", True)
+    return data.table("base")["floor"]
 
 
 def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool = False) -> list[Obstacle]:
@@ -105,21 +192,90 @@ def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool
     tables = data.tables(key)
     found: list[Obstacle] = []
     for number, table in enumerate(tables, 1):
-        kind = table.choice("kind", ("floor", "wall", "pillar", *SOLIDS))
+        kind = table["kind"]
         name = f"{kind} {number}" if numbered and len(tables) > 1 else kind
         if kind == "floor" and world:
             hint = "give it as [[base_obstacle]], or a wall with its normal"
             raise table.error(f"a floor belongs to the base: {hint}", "kind")
         if kind == "floor":
-            found.append(table.make(floor, table.number("height")))
+            found.append(table.make(floor, table["height"]))
         elif kind == "wall":
-            normal, distance = table.direction("normal"), table.number("distance")
-            found.append(table.make(Wall, normal, distance, table.text("name", name)))
+            normal, distance = table["normal"], table["distance"]
+            found.append(table.make(Wall, normal, distance, table.get("name", name)))
         elif kind == "pillar":
-            point, radius = table.vector("point", 3), table.number("radius", bound="> 0")
-            axis = table.direction("axis", np.array([0.0, 0.0, 1.0]))
-            found.append(table.make(Pillar, point, radius, axis, table.text("name", name)))
+            pillar = table["point"], table["radius"], table["axis"]
+            found.append(table.make(Pillar, *pillar, table.get("name", name)))
         else:
-            name = table.text("name", name)
+            name = table.get("name", name)
             found += [Solid(shape, name) for shape in read_shape(table)]
     return found
+
+
+def without_excluded(arm: ArmModel, table: Table) -> ArmModel:
+    """The arm of solids without the pairs of `excluded_links`, which are names of links."""
+    key = "excluded_links"
+    excluded = table.value(key, [])
+    if arm.geometry is None:
+        if excluded and not arm.sphere_sets:
+            raise table.error("there is nothing to exclude: neither collision geometry nor spheres", key)
+        return arm
+    known = list(dict.fromkeys(shape.name for shape in arm.geometry.shapes))
+    for pair in excluded if isinstance(excluded, list) else [excluded]:
+        named = isinstance(pair, list) and len(pair) == 2 and pair.count(FLOOR) < 2
+        if not named or not all(name in (*known, FLOOR) for name in pair):
+            expected = f"expected two of the links {', '.join(known)}, or one and {FLOOR!r}"
+            raise table.error(f"{expected}, got {pair!r}", key)
+    apart = {frozenset(pair): "excluded" for pair in excluded} | arm.geometry.apart
+    return replace(arm, geometry=replace(arm.geometry, apart=apart))
+
+
+def carrying(arm: ArmModel, shapes: Sequence[BodyShape]) -> ArmModel:
+    """The arm with solids that its gripper holds, given in the axes of the gripper."""
+    if not shapes:
+        return arm
+    own = arm.geometry or geometry_of_spheres(arm)
+    tool = arm.tool_rotation, arm.offsets[-1]
+    held = [replace(s, body=arm.links, shape=s.shape.placed(*tool)) for s in shapes]
+    return replace(arm, geometry=replace(own, shapes=(*own.shapes, *held)))
+
+
+def require_geometry(data: Table, arm: ArmModel, given: Mapping[str, Sequence], *, hint: str = "") -> None:
+    """Refuse what only counts for an arm whose collisions can be checked.
+
+    Args:
+        data: the file.
+        arm: its arm.
+        given: tables by the place where they stand.
+        hint: ends the message.
+
+    Raises:
+        InputError: the arm has neither collision geometry nor spheres, and one of them is there.
+    """
+    for place in (place for place, tables in given.items() if tables and not arm.may_collide):
+        missing = "the arm has no collision geometry to check"
+        raise data.error(f"{missing}; give arm.sphere_radius, or a URDF that has some{hint}", place)
+
+
+def with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> ArmModel:
+    """The arm with spheres along its links, (n,) names; `excluded_links` may name links without spheres."""
+    where, excluded = "excluded_links", table.value("excluded_links", [])
+    radii = table.get("sphere_radius", size=arm.links)
+    if radii is None:
+        return arm
+    lengths = np.linalg.norm(arm.offsets, axis=1)
+    links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
+    with table.at(radius="sphere_radius"):
+        sets = [
+            replace(spheres, name=link_names[i - 1])
+            for i in links
+            for spheres in spheres_along_links(arm, radii[i - 1], links=[i])
+        ]
+    names = {spheres.link: spheres.name for spheres in sets}
+    if not isinstance(excluded, list):
+        raise table.error(f"expected pairs of links, got {excluded!r}", where)
+    for pair in excluded:
+        if not isinstance(pair, list) or len(pair) != 2 or not all(i in list(names) for i in pair):
+            raise table.error(f"expected two of the links {', '.join(map(str, names))}, got {pair!r}", where)
+    given = [(names[a], names[b]) for a, b in excluded]
+    arm = arm.with_spheres(sets, excluded_pairs=given)
+    return arm.with_spheres(sets, excluded_pairs=[*given, *never_part(arm)])

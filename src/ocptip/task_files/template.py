@@ -88,6 +88,7 @@ def task_template(
     )
     sections = (_base(foot), of_arm, _limits(arm), _motion(arm, example), _near(example))
     head = [
+        "#:schema ./task.schema.json",
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
         f"# The lines that begin with {MARK} are examples: put your numbers there and take the mark away.",
         "# SI units; keys in degrees say so. All keys: docs/motion-planner.md.",

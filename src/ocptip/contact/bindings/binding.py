@@ -86,11 +86,13 @@ class Binding(ABC):
     used in scene files) and implement the abstract methods. Their forces must never do positive work
     on the contact's acceleration (`stability` relies on it).
 
+    The first sentence on each attribute is the meaning of the key in scene files.
+
     Attributes:
         position: contact point in base axes, m; shape (3,), or (2,) for a planar support.
-        normal: from the environment into the base, same shape; normalised on construction.
-        facets: number S of faces of the friction pyramid (>= 3; no meaning in the plane).
-        tangent: optional direction of t1 in base axes, projected into the tangent plane; the first face
+        normal: direction from the environment into the base; same shape, normalised on construction.
+        facets: number of faces of the friction pyramid, at least 3; no meaning in the plane.
+        tangent: direction of t1 in base axes, projected into the tangent plane; optional; the first face
             of the pyramid points there. Default: the base axis x, or y where x is close to the normal.
     """
 

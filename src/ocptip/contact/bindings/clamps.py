@@ -29,7 +29,12 @@ from ocptip.contact.bindings.unilateral import following, preceding, stick_tripl
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Clamp(Binding):
-    """Shared parameters of all clamps: one friction coefficient per jaw."""
+    """Shared parameters of all clamps: one friction coefficient per jaw.
+
+    Attributes:
+        friction_upper: friction coefficient of the jaw that pushes along the normal.
+        friction_lower: friction coefficient of the opposite jaw.
+    """
 
     friction_upper: float
     friction_lower: float
@@ -227,7 +232,8 @@ class _TwoSidedClamp(_PreloadedClamp):
     """Both jaws on one source of force through a lever.
 
     Attributes:
-        lever_ratio: i = ds_o / ds_u > 0; the jaws press with F_u = (1 + i) F and F_o = (1 + 1/i) F.
+        lever_ratio: travel of the upper over the lower jaw, i = ds_o / ds_u > 0; the jaws press with
+            F_u = (1 + i) F and F_o = (1 + 1/i) F.
     """
 
     lever_ratio: float = 1.0

@@ -40,15 +40,16 @@ class UnilateralContact(Binding):
     """Ordinary unilateral contact (3.1).
 
     Attributes:
-        friction: Coulomb coefficient mu, 1e-6 to 1000, or 0: no friction (a castor, a ball). Without friction
-            the pyramid is one edge, the normal, and the contact slides or separates.
-        stiffness: of the foot and what it stands on, along the normal, N/m; None: rigid.
-        tangential_stiffness: across the normal, N/m; default `TANGENTIAL_SHARE` of the normal one; without
-            friction none.
-        damping_ratio: 0 to 1; the damping of the lowest mode of base and mechanism, at the start of a motion,
-            if all feet have this ratio. The foot's damper is proportional to its spring. Default
+        friction: Coulomb coefficient, 1e-6 to 1000, or 0, a castor. Without friction the pyramid is one edge,
+            the normal, and the contact slides or separates.
+        stiffness: stiffness of the foot and what it stands on, along the normal, N/m; None: rigid.
+        tangential_stiffness: stiffness across the normal, N/m; default `TANGENTIAL_SHARE` of the normal one;
+            without friction none.
+        damping_ratio: damping ratio of the lowest mode of base and mechanism, 0 to 1; at the start of a
+            motion, if all feet have this ratio. The foot's damper is proportional to its spring. Default
             `DAMPING_RATIO`.
-        damping: N s/m along the normal, instead of the ratio; across it in proportion to the stiffness.
+        damping: damping along the normal, N s/m, instead of the ratio; across it in proportion to the
+            stiffness.
     """
 
     kind: ClassVar[str] = "unilateral"

@@ -1,0 +1,193 @@
+"""What all motions of a file have in common: the robot on its base, what stands around it, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from ocptip.basics import schema
+from ocptip.basics.schema import Key, Keys
+from ocptip.basics.toml import Table
+from ocptip.contact.support import Support
+from ocptip.motion.source import LIMITS
+from ocptip.robots.model import ArmModel
+from ocptip.standing.arm import Robot
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.task_files.arm import ARM, LOCKED, read_arm
+from ocptip.task_files.doubts import require_base_mass
+from ocptip.task_files.motors import MOTORS, PLATFORM_MOTORS, arm_and_motors, gear_damping_ratio
+from ocptip.task_files.payload import PAYLOAD, PROCESS
+from ocptip.task_files.platform import PLATFORM_ROBOT, read_platform_robot
+from ocptip.task_files.scene import BASE, SCENE, read_support
+from ocptip.task_files.sensor import SENSOR, read_sensor
+from ocptip.task_files.shapes import (
+    OBSTACLE,
+    read_base_shapes,
+    read_obstacles,
+    require_geometry,
+    shape_key,
+    stands_on_floor,
+)
+from ocptip.task_files.tolerance import tolerance_of
+
+ROBOT_BASE = Keys(
+    "base",
+    BASE.meaning,
+    {
+        **BASE.keys,
+        "accept_mass": schema.flag(
+            "The base may be lighter than the fixed links of the URDF.", default=False
+        ),
+        "floor": schema.flag("What the contacts stand on is an obstacle.", default=True),
+        "shape": shape_key("Solids of the base, base axes."),
+    },
+)
+
+
+def _limit(meaning: str, unit: str, otherwise: str) -> Key:
+    return schema.number(meaning, unit, otherwise=otherwise)
+
+
+SEGMENT_LIMITS = {
+    "GN": _limit("Largest tip-over index.", "", "0.9"),
+    "GT": _limit("Largest slip index.", "", "0.9"),
+    "torque_ratio": _limit("Largest torque over its limit, of any joint.", "", "1"),
+    "clearance": _limit("Minimum distance of what must not touch.", "m", "0.01, or less if links are nearer"),
+    "foot_lift": _limit("Largest height of a compliant foot above the ground.", "m", "0"),
+    "foot_force": _limit("Minimum force on compliant feet.", "N", "0"),
+    "jump_foot_force": _limit("Minimum force on compliant feet after acceleration steps.", "N", "0"),
+}
+COMMON_LIMITS = {
+    **SEGMENT_LIMITS,
+    "reference_moment": schema.number(
+        "Reference moment of the tip-over index.",
+        "N m",
+        bound="> 0",
+        otherwise="a tenth of the margin at rest",
+    ),
+    "angle_margin_deg": schema.number(
+        "Minimum distance from the limits of turning joints.", "deg", bound=">= 0", default=0.0
+    ),
+}
+_ROBOTS = {
+    "arm": {
+        "arm": schema.table(ARM),
+        "motors": schema.table(MOTORS, default=None),
+        "obstacle": schema.tables(OBSTACLE, "Obstacles, base axes."),
+    },
+    "robot": {"robot": schema.table(PLATFORM_ROBOT), "motors": schema.table(PLATFORM_MOTORS)},
+}
+_SCENE_KEYS = {
+    "name": SCENE.keys["name"],
+    "gravity": SCENE.keys["gravity"],
+    "base": schema.table(ROBOT_BASE),
+    "contact": SCENE.keys["contact"],
+    "payload": PAYLOAD,
+    "process": PROCESS,
+    "sensor": schema.table(SENSOR, default=None),
+    "tolerance": SCENE.keys["tolerance"],
+}
+
+
+def task_keys(
+    name: str, meaning: str, common: Mapping[str, Key], further: Mapping[str, Mapping[str, Key]]
+) -> Keys:
+    """Keys of a file with a robot on its base.
+
+    Args:
+        name: of the kind of file.
+        meaning: of it.
+        common: further keys.
+        further: the same by kind of robot, "arm" or "robot".
+    """
+    return Keys(
+        name,
+        meaning,
+        {**_SCENE_KEYS, **common},
+        by=("robot", "arm"),
+        variants={
+            robot: Keys(f"{name} with {robot}", f"{meaning} With [{robot}].", {**_ROBOTS[robot], **keys})
+            for robot, keys in further.items()
+        },
+        usual="arm",
+    )
+
+
+class TaskScene:
+    """What all motions of a file have in common: where the robot stands, what stands around it, limits.
+
+    Args:
+        data: the file.
+        otherwise: the tolerance of an arm if the file has none.
+
+    Attributes:
+        limits: of `[limits]`.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+
+    def __init__(self, data: Table, otherwise: Tolerance = NONE) -> None:
+        self._data, self._arms = data, dict[str, ArmModel]()
+        self._shapes, self._floor = read_base_shapes(data), stands_on_floor(data)
+        self._accept_mass = data.table("base")["accept_mass"]
+        self._support = read_support(data)
+        table = data.table("limits")
+        self._moment = table["reference_moment"]
+        margin = table["angle_margin_deg"]
+        self._usual_clearance = "clearance" not in table
+        numbers = limits_of(table, self._support, None if "robot" in data else data.table("motors"))
+        if "segment" not in data:  # segments of cycles are planned as ramps
+            table.one_of("rise_time")
+        limits = table.make(MotionLimits, angle_margin=margin, **numbers)
+        parallel = "robot" in data
+        tolerance = tolerance_of(data, NONE if parallel else otherwise)
+        if parallel and tolerance.given == ("damping",):
+            self.limits = replace(
+                limits, damping=tolerance.damping
+            )  # nothing else is looked at: no worst case
+        else:
+            self.limits = replace(limits, tolerance=tolerance)
+
+    def robot(self, segment: Table | None = None) -> StandingMechanism:
+        """The robot on its support, with what it holds in a segment of a cycle."""
+        data = self._data
+        if "robot" in data:
+            return read_platform_robot(data, self._support, self._moment, segment)
+        gripper = "" if segment is None else repr([segment.content.get(key) for key in LOCKED])
+        if gripper not in self._arms:
+            self._arms[gripper] = read_arm(data.table("arm"), segment)
+        arm, motors = arm_and_motors(data, segment, self._arms[gripper])
+        require_base_mass(data, arm, self._support.mass, accepted=self._accept_mass)
+        require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
+        obstacles = read_obstacles(data, "obstacle")
+        robot = Robot(
+            arm,
+            self._support,
+            motors,
+            obstacles=obstacles,
+            shapes=self._shapes,
+            floor=self._floor,
+            reference_moment=self._moment,
+            sensor=read_sensor(data, arm.mount_position),
+        )
+        if self._usual_clearance:  # of a cycle the smallest of all segments
+            self.limits = replace(self.limits, clearance=min(self.limits.clearance, robot.usual_clearance))
+        return robot
+
+
+def limits_of(table: Table, support: Support, motors: Table | None) -> dict[str, float]:
+    """Of [limits]; jumps count with the least damping ratio of feet and gears that give."""
+    ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
+    if motors is not None and "gear_stiffness" in motors:
+        ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]
+    return {"damping": min(ratios, default=1.0), **limit_numbers(table)}
+
+
+def limit_numbers(table: Table) -> dict[str, float]:
+    """Numbers of a table [limits] as they are."""
+    if "damping" in table:
+        raise table.error("is now damping in [tolerance], for all robots", "damping")
+    return table.given(*LIMITS)
