@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ocptip.api.compare import compare
     from ocptip.api.export import export
+    from ocptip.api.identify import identify
     from ocptip.api.place import place
     from ocptip.api.rate import rate, rate_along, rate_workspace
     from ocptip.api.simulate import simulate
@@ -65,6 +66,7 @@ _HOME = {
     "compare": "ocptip.api.compare",
     "export": "ocptip.api.export",
     "simulate": "ocptip.api.simulate",
+    "identify": "ocptip.api.identify",
     "place": "ocptip.api.place",
     "plot_scene": "ocptip.pictures.scene",
     "rate": "ocptip.api.rate",
@@ -96,6 +98,7 @@ __all__ = [
     "__version__",
     "compare",
     "export",
+    "identify",
     "place",
     "plot_scene",
     "rate",

@@ -2,7 +2,6 @@
 
 import inspect
 import re
-import shutil
 import textwrap
 
 import numpy as np
@@ -11,11 +10,14 @@ import pytest
 import ocptip
 from ocptip.motion.output import write_plan
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.payload import Payload
+from tests.cli.test_cli_compare import write
+from tests.measured.machines import predictor, recorded
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
 from tests.standing.simulation.test_replay import plan_of as committed
 
-VERBS = ["compare", "export", "place", "rate", "simulate", "stand"]
+VERBS = ["compare", "export", "identify", "place", "rate", "simulate", "stand"]
 """Those whose example takes seconds; plans have tests of their own."""
 
 
@@ -29,11 +31,13 @@ def example(function):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Where users are: beside the examples, a plan of A and a recording of it."""
+    """Where users are: beside the examples, a plan of A and a recording of it with a payload."""
     path = tmp_path_factory.mktemp("user")
     (path / "examples").symlink_to(EXAMPLES)
     write_plan(path / "ocptip-plan-A", plan_of(experiment_task("A"), committed("A-effective")[1]))
-    shutil.copy(path / "ocptip-plan-A" / "motion.csv", path / "recording.csv")
+    robot = predictor().robot
+    held = robot.varied(arm=robot.arm.with_payload(Payload(2.0)))
+    write(path / "recording.csv", recorded(0, robot=held))
     return path
 
 
