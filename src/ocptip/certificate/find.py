@@ -29,7 +29,7 @@ from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, In
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.limit import Worst
-from ocptip.standing.limits import NEARLY_LOST, MotionLimits
+from ocptip.standing.limits import NEARLY_LOST, SLIP_WITHIN, TIP_WITHIN, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
@@ -47,8 +47,8 @@ _LEAST_LOSS, _LOSS_LATE = 1e-4, 1e-3  # m; of late joints
 _HIGHER = 3  # times GT within a tolerance is claimed higher
 _LOST = 1.01  # of sampled reserves within a tolerance: beyond proof; those of GN may be a little too high
 _CLAIMED_WITHIN = {
-    "GN_worst_case": "tip-over within tolerance",
-    "GT_worst_case": "contacts within tolerance",
+    TIP_WITHIN: "tip-over within tolerance",
+    SLIP_WITHIN: "contacts within tolerance",
 }
 _ON_TIME = {"delay": 0.0, "overshoot": 0.0}
 _OF_DRIVES = ("torque_ratio", TORQUES)
@@ -267,11 +267,10 @@ class _Search:
         """
         if self.checker.contacts.flat:
             return [(goals, 1.0)]
-        GN = goals["GN_worst_case"]
+        GN = goals[TIP_WITHIN]
         half = min(GN / (0.5 + 0.5 * GN), HIGHEST)  # half of what is left
         return [
-            ({**goals, "GN_worst_case": most}, some)
-            for most, some in ((GN, 0.2), (half, 0.5), (HIGHEST, 1.0))
+            ({**goals, TIP_WITHIN: most}, some) for most, some in ((GN, 0.2), (half, 0.5), (HIGHEST, 1.0))
         ]
 
     def _judged(
@@ -345,8 +344,8 @@ class _Search:
         for _ in range(_HIGHER if self._cover_within and not self._open else 0):
             if verdict.holds:
                 break
-            higher = self.bounds["GT_worst_case"] * (1 + 2 * LOSS)
-            data["bounds"] = self.bounds = {**self.bounds, "GT_worst_case": min(higher, HIGHEST)}
+            higher = self.bounds[SLIP_WITHIN] * (1 + 2 * LOSS)
+            data["bounds"] = self.bounds = {**self.bounds, SLIP_WITHIN: min(higher, HIGHEST)}
             verdict = check_certificate(data)
         return data, verdict
 

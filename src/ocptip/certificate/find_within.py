@@ -18,6 +18,7 @@ from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.sharing import Rule, Sharing
 from ocptip.certificate.trusted.within import Terms
 from ocptip.standing.arm import Robot
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
@@ -40,7 +41,7 @@ class Found:
     """A part of a certificate.
 
     Attributes:
-        bounds: GN_worst_case and GT_worst_case; the goals where something is short.
+        bounds: of `TIP_WITHIN` and `SLIP_WITHIN`; the goals where something is short.
         cover: of its intervals; empty where something is short.
         short: of intervals that are not proved: start, end, claim, and by how much.
     """
@@ -186,7 +187,7 @@ class SearchWithin:
         forces = self._forces(terms)
         weights, capacity = self._weights(terms, forces)
         room, beyond = np.full(len(rows.interval), -np.inf), np.zeros(len(rows.interval), dtype=bool)
-        for share in (self._goals["GT_worst_case"], HIGHEST):
+        for share in (self._goals[SLIP_WITHIN], HIGHEST):
             short = np.flatnonzero(~(room >= 0))
             if not len(short):
                 break
@@ -266,9 +267,9 @@ class SearchWithin:
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
         slip = self._robot.slip.evaluate(
-            self._robot.contact_states(every), derivatives=False, least=0.5 * self._goals["GT_worst_case"]
+            self._robot.contact_states(every), derivatives=False, least=0.5 * self._goals[SLIP_WITHIN]
         )
-        share = np.where(np.arange(len(every)) < len(wrenches), self._goals["GT_worst_case"], 1.0)
+        share = np.where(np.arange(len(every)) < len(wrenches), self._goals[SLIP_WITHIN], 1.0)
         forces = self._interior.between(slip.forces, every, share)
         forces[:, :, 1:] = 0.0  # the rule shares what is tangential
         shaped = forces.reshape(-1, 2, count, *forces.shape[1:])  # rules, ends, R, contacts, 3
@@ -309,13 +310,13 @@ class SearchWithin:
             unit = self._sharing.contacts.unit
             least = min(float(np.min(part.moments, initial=np.inf)) for part in self._parts)
             value = unit / (unit + least) if least > 0 else HIGHEST
-            bounds["GN_worst_case"] = min(value * (1 + 1e-9), HIGHEST)
-        bounds["GT_worst_case"] = self._proved_share()
+            bounds[TIP_WITHIN] = min(value * (1 + 1e-9), HIGHEST)
+        bounds[SLIP_WITHIN] = self._proved_share()
         return Found(bounds, self._cover(), [])
 
     def _proved_share(self) -> float:
         """The least share of friction that is found to be enough for all rows."""
-        low, high = self._goals["GT_worst_case"], HIGHEST
+        low, high = self._goals[SLIP_WITHIN], HIGHEST
         some = [_some(part, part.beyond & part.holds) for part in self._parts]
         if not any(len(part.interval) for part in some):
             return low

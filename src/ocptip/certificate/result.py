@@ -10,6 +10,7 @@ import numpy as np
 
 from ocptip.certificate.trusted.checker import Verdict
 from ocptip.certificate.trusted.described import CLEARANCE
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 
 AT_LIMIT = 1e-6
 """Relative (of distances m): what is claimed where a limit is used up."""
@@ -19,7 +20,7 @@ LATE = "joints that are late", "jumps that overshoot"
 
 _WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
 _LEAST = ("clearance", CLEARANCE)  # bounds from below
-_WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT", "torque_ratio_worst_case": "torque / limit"}
+_WITHIN = {TIP_WITHIN: "GN", SLIP_WITHIN: "GT", TORQUE_WITHIN: "torque / limit"}
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask
+from ocptip.standing.limits import TIP_WITHIN
 from ocptip.trajectories.fit import FittedMotion
 from ocptip.trajectories.read import CERTIFICATE, load_motions
 
@@ -128,7 +129,7 @@ class VerdictReport(Report):
         words = "none: the world as described" if tolerance is None else tolerance_words(tolerance)
         rows = [("proof", own)]
         if left := self.verdict.moments:
-            more = f", within the tolerance {left['GN_worst_case']:.4g} N m" if len(left) > 1 else ""
+            more = f", within the tolerance {left[TIP_WITHIN]:.4g} N m" if len(left) > 1 else ""
             rows.append(("left", f"at least {left['GN']:.4g} N m about every tipping axis{more}"))
         rows.append(("tolerance", words))
         if "clearance" in self.verdict.bounds:

@@ -51,7 +51,7 @@ from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.drives import with_rise
-from ocptip.standing.limits import TORQUE_WITHIN
+from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -66,16 +66,16 @@ _ROWS = {
     "GT": "slip GT",
     "jump_GN": "GN at jumps, overshoot",
     "jump_GT": "GT at jumps, overshoot",
-    "GN_worst_case": "tip-over GN at worst",
-    "GT_worst_case": "slip GT at worst",
+    TIP_WITHIN: "tip-over GN at worst",
+    SLIP_WITHIN: "slip GT at worst",
     "GN_stop": "GN in stops on the path",
     "GT_stop": "GT in stops on the path",
     "GN_brakes": "GN in stops by brakes",
     "GT_brakes": "GT in stops by brakes",
     "torque_ratio": "torque / limit",
-    "torque_ratio_worst_case": "torque / limit at worst",
+    TORQUE_WITHIN: "torque / limit at worst",
     "clearance_m": "clearance",
-    "clearance_worst_case_m": "clearance, joints late",
+    f"{CLEARANCE_WITHIN}_m": "clearance, joints late",
     "foot_force_N": "force on a foot that gives",
     "jump_foot_force_N": "the same at jumps, overshoot",
     "foot_lift_m": "lift of a foot that gives",
@@ -89,10 +89,10 @@ _ROWS = {
     "motor_speed": "motor speed",
 }
 _MARGINS = ("angle_margin_deg", "position_margin_m")
-_AT_WORST = ("GN_worst_case", "GT_worst_case")
+_AT_WORST = (TIP_WITHIN, SLIP_WITHIN)
 _UNITS = {
     "clearance_m": ("mm", 1e3),
-    "clearance_worst_case_m": ("mm", 1e3),
+    f"{CLEARANCE_WITHIN}_m": ("mm", 1e3),
     "foot_lift_m": ("mm", 1e3),
     "foot_force_N": ("N", 1.0),
     "jump_foot_force_N": ("N", 1.0),
@@ -100,7 +100,7 @@ _UNITS = {
     "position_margin_m": ("mm", 1e3),
 }
 _LEAST = (
-    *("clearance_m", "clearance_worst_case_m"),
+    *("clearance_m", f"{CLEARANCE_WITHIN}_m"),
     *("foot_force_N", "jump_foot_force_N"),
     *(*_MARGINS, "singularity"),
 )

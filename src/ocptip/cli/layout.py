@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
+from ocptip.standing.limits import WITHIN_OF
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
@@ -155,7 +156,7 @@ def use_of_reserves(checked: MotionCheck) -> str:
     """The larger use of tip-over and slip reserve: "slip GT 0.708 of 0.9 allowed (1: slips) at 0.081 s"."""
     titles = {"GN": ("tip-over", "tips"), "GT": ("slip", "slips")}
     if checked.within:
-        at_worst = {f"{name}_worst_case": (f"at worst {word}", loss) for name, (word, loss) in titles.items()}
+        at_worst = {WITHIN_OF[name]: (f"at worst {word}", loss) for name, (word, loss) in titles.items()}
         titles = {name: words for name, words in at_worst.items() if name in checked.worst}
     name = max(titles, key=lambda n: checked.worst[n].value / checked.worst[n].limit)
     worst, (title, loss) = checked.worst[name], titles[name]

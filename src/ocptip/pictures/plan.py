@@ -31,6 +31,7 @@ from ocptip.pictures.frame import (
 )
 from ocptip.pictures.gears import gears_figure
 from ocptip.pictures.plan_curves import PlanCurves
+from ocptip.standing.limits import WITHIN_OF
 from ocptip.standing.mechanism import MotionSamples
 
 if TYPE_CHECKING:
@@ -327,7 +328,7 @@ def _reserves(ax: Any, curves: PlanCurves, names: tuple[str, ...]) -> None:
     most = {name: curves.plan.check.worst[name] for name in names}
     words = {"GN": "Tip-over GN", "GT": "slip GT"}
     title = ", ".join(f"{words[n]} at most {w.value:.3f} at {w.time:.3f} s" for n, w in most.items())
-    worst_case = {name: curves.plan.check.worst.get(f"{name}_worst_case") for name in names}
+    worst_case = {name: curves.plan.check.worst.get(WITHIN_OF[name]) for name in names}
     if within := [f"{name} {worst.value:.3f}" for name, worst in worst_case.items() if worst is not None]:
         title += f";\nat the worst of the tolerance {', '.join(within)}"
     _finish(ax, curves, title[:1].upper() + title[1:], f"{', '.join(names)} (1: contact lost)")

@@ -19,6 +19,9 @@ TIP_WITHIN, SLIP_WITHIN = "GN_worst_case", "GT_worst_case"
 TORQUE_WITHIN, CLEARANCE_WITHIN = "torque_ratio_worst_case", "clearance_worst_case"
 """Limits within an uncertainty, and results of it: the result of the clearance has the unit, "_m", behind."""
 
+WITHIN_OF = {"GN": TIP_WITHIN, "GT": SLIP_WITHIN}
+"""Results of the contacts within an uncertainty, by those of the nominal motion."""
+
 
 @dataclass(frozen=True)
 class MotionLimits:
