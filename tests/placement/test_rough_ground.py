@@ -10,7 +10,7 @@ from ocptip.placement import place
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.ground import Bump, HeightField, Wave
-from ocptip.placement.limits.placed import Worst, addable
+from ocptip.placement.limits.placed import LeastMoments, addable
 from ocptip.placement.problem import Weights
 from ocptip.placement.quick import NOT_HELD, edge_moments, friction_shares
 from ocptip.placement.search.physics import PatchPhysics
@@ -120,7 +120,7 @@ def test_moments_off_a_plane_depend_on_the_place_as_the_lagrangian_says():
         p, wrench, step = parameters[k], found.wrenches[k, 1], 1e-5
         at = addable(stand.footing(p).support, pairs, wrench[None])
         corner = np.tile(np.eye(6), (len(pairs), 1, 1))
-        worst = Worst(at.moments[0], at.slopes[0], corner, at.forces[0])
+        worst = LeastMoments(at.moments[0], at.slopes[0], corner, at.forces[0])
         slope = placed.slope(p, wrench, worst)
         ends = [
             [addable(stand.footing(p + s * e).support, pairs, wrench[None]).moments[0] for s in (step, -step)]

@@ -19,7 +19,7 @@ from ocptip.placement.least_slip import LeastSlip
 from ocptip.placement.limits.arm import Clearance
 from ocptip.placement.limits.base import Ground
 from ocptip.placement.limits.contact import TipOver
-from ocptip.placement.limits.judged import Rows, Standing, TaskEvaluation
+from ocptip.placement.limits.judged import ConstraintRows, Standing, TaskEvaluation
 from ocptip.placement.limits.kinds import BASE_LIMITS, TASK_LIMITS
 from ocptip.placement.limits.limit import Limit
 from ocptip.placement.problem import CRITERIA, PlacementProblem
@@ -76,7 +76,7 @@ class Evaluator:
         back = base.transpose(0, 2, 1)
         return (back @ (wanted.position - origin)[:, :, None])[:, :, 0], back @ turn
 
-    def ground(self, patch: int, parameters: np.ndarray) -> tuple[Rows, ...]:
+    def ground(self, patch: int, parameters: np.ndarray) -> tuple[ConstraintRows, ...]:
         """Constraints on the base alone: bounds, contacts inside the patch, obstacles and keep-out zones."""
         parameters = np.atleast_2d(parameters)
         stood = self.problem.stands[patch].at(parameters)

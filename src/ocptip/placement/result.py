@@ -12,7 +12,7 @@ from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import plain
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.limits.judged import Rows, TaskEvaluation
+from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.kinds import KINDS
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.reserves.friction_needed import friction_needed
@@ -381,7 +381,9 @@ def _in_friction(
     return replace(margin, value=share, relative=(margin.limit - share) / margin.limit)
 
 
-def _margins(rows: tuple[Rows, ...], task: int, worst: dict[str, list[str]] | None = None) -> list[Margin]:
+def _margins(
+    rows: tuple[ConstraintRows, ...], task: int, worst: dict[str, list[str]] | None = None
+) -> list[Margin]:
     result, worst = [], worst or {}
     for r in rows:
         shown = range(len(r.labels))

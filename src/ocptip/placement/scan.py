@@ -10,7 +10,7 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.contact import SlipReserve
-from ocptip.placement.limits.judged import Rows
+from ocptip.placement.limits.judged import ConstraintRows
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import FEASIBLE
 from ocptip.placement.search.starts import solutions
@@ -235,7 +235,7 @@ class _Scanner:
         )
 
 
-def worst(rows: tuple[Rows, ...], count: int) -> tuple[np.ndarray, np.ndarray]:
+def worst(rows: tuple[ConstraintRows, ...], count: int) -> tuple[np.ndarray, np.ndarray]:
     """Smallest margin (N,) and the kind of its constraint where that is broken, else ""."""
     margin, kind = np.full(count, np.inf), np.full(count, _NO_CAUSE, dtype=object)
     for r in rows:

@@ -27,7 +27,7 @@ from ocptip.numerics.ipopt import Solution, solve
 from ocptip.numerics.point import PointFunction
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.limit import Limit
-from ocptip.standing.limit_kinds.rows import RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 
 POWER = NodeColumns.power
 
@@ -161,7 +161,7 @@ class Evaluation:
     nodes: ProgramNodes
     durations: np.ndarray
     of_structure: np.ndarray
-    rows: list[Rows]
+    rows: list[NodeRows]
     values: tuple[float, np.ndarray]
 
 
@@ -313,7 +313,7 @@ class MotionProgram:
         """Hessian of sigma * objective + multipliers . rows."""
         at = self._evaluate(x)
         nodes, of_energy = at.nodes, sigma * self.objective.energy_weight / self.objective.size
-        first, parts = len(self.structure.lower), list[tuple[Limit, Rows, np.ndarray]]()
+        first, parts = len(self.structure.lower), list[tuple[Limit, NodeRows, np.ndarray]]()
         on_g = multipliers[:first]
         for limit, rows in zip(self._used, at.rows, strict=True):
             last = first + len(rows.values)

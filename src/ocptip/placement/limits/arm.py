@@ -7,7 +7,7 @@ import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.vectors import perpendicular
-from ocptip.placement.limits.judged import Rows, TaskEvaluation
+from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point
 from ocptip.placement.limits.limit import (
     ANGLE_UNIT,
@@ -41,7 +41,7 @@ class Reach(Limit):
     kind = "reach"
     has_room = False
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         wanted, base = self.problem.tasks[found.task], found.base
         at, turned = gripper_pose(self.problem.robot.arm, found.q)
         missed = np.linalg.norm(found.origin + (base @ at[:, :, None])[:, :, 0] - wanted.position, axis=1)
@@ -96,7 +96,7 @@ class JointAngles(Limit):
     together = True
     counted_once = True
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         arm, rows = self.problem.robot.arm, []
         own, units = arm.limits, np.array(arm.units)
         for limit, upper, word in ((own.angle_min, False, "lower"), (own.angle_max, True, "upper")):
@@ -118,7 +118,7 @@ class Torque(Limit):
         self.joints = problem.limited_joints
         self.most = problem.most_torque[self.joints]
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         kept, at = found.constrained, self.joints
         labels = [f"joint {j + 1} ({found.cases[c].name})" for c in kept for j in at]
         values = np.abs(found.torques[:, kept][:, :, at]).reshape(len(found.q), len(kept) * len(at))
@@ -177,7 +177,7 @@ class Clearance(Limit):
                 at += 1
         return np.array(index, dtype=int), np.array(radii), labels
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         rows = []
 
         def add(labels: list[str], gaps: np.ndarray, least: np.ndarray | float = self._least) -> None:
@@ -233,14 +233,14 @@ class Manipulability(Limit):
         limits = problem.limits
         self._logs = LogMeasures(problem.robot.arm, limits) if limited(limits) else None
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         arm, limits, rows = self.problem.robot.arm, self.problem.limits, []
 
         def add(name: str, values: np.ndarray, bound: float, sign: float) -> None:
             margins = sign * (np.log(values) - np.log(bound)) / LOG_UNIT
             unit = _INDEX_UNITS.get(name, "")
             label, bound = (name.replace("_", " "),), np.array([bound])
-            rows.append(Rows(self.kind, label, values, bound, sign < 0, unit, margins))
+            rows.append(ConstraintRows(self.kind, label, values, bound, sign < 0, unit, margins))
 
         for k, name in enumerate(MEASURES):
             if (most := getattr(limits, name)) is not None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
-from ocptip.placement.limits.judged import Rows, Standing
+from ocptip.placement.limits.judged import ConstraintRows, Standing
 from ocptip.placement.limits.layout import Layout
 from ocptip.placement.limits.limit import ANGLE_UNIT, LENGTH_UNIT, Block, Limit, RowLabel, Symbols
 from ocptip.placement.limits.solids import needs_solids
@@ -21,7 +21,7 @@ from ocptip.robots.geometry import Floor, in_closed_form
 class BaseLimit(Limit):
     """A limit that no arm has a part in."""
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         """How far it is kept at N candidates."""
         raise NotImplementedError
 
@@ -35,7 +35,7 @@ class Bounds(BaseLimit):
 
     kind = "bounds"
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         terrain, rows = found.terrain, []
         for bound, upper, word in ((terrain.lower, False, "lower"), (terrain.upper, True, "upper")):
             for i in np.flatnonzero(np.isfinite(bound)):
@@ -50,7 +50,7 @@ class ContactArea(BaseLimit):
 
     kind = "contact area"
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         area, rows = found.terrain.contact_area, []
         if area is None:
             return rows
@@ -103,7 +103,7 @@ class BaseClearance(BaseLimit):
         self._centres = np.array([*contacts[bare], *(s.shape.position for s in balls)]).reshape(-1, 3)
         self._radii = np.array([*np.zeros(len(bare)), *(s.shape.thickness for s in balls)])
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         least, rows = self.problem.limits.base_clearance, []
         world = found.world(self._centres)
         for obstacle in self._around:
@@ -125,7 +125,7 @@ class Strokes(BaseLimit):
 
     kind = "stroke"
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         if not found.strokes.shape[1]:
             return []
         labels = [f"leg {k + 1}" for k in range(found.strokes.shape[1])]
@@ -149,7 +149,7 @@ class OnGround(BaseLimit):
     kind = "feet"
     has_room = False
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         if found.terrain.conforming is None:
             return []
         labels = ["distance from the ground"]
@@ -161,7 +161,7 @@ class TerrainLimit(BaseLimit):
 
     kind = "terrain"
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         names = found.terrain.constraint_names
         if not names:
             return []
@@ -186,7 +186,7 @@ class Ground(Limit):
         super().__init__(problem)
         self.parts = tuple(kind(problem) for kind in kinds)
 
-    def margins(self, found: Standing) -> list[Rows]:
+    def margins(self, found: Standing) -> list[ConstraintRows]:
         """How far all of them are kept at N candidates."""
         return [rows for part in self.parts for rows in part.margins(found)]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.contact.resting import solve_resting
-from ocptip.placement.limits.judged import Rows, TaskEvaluation
+from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point, corner_maps
 from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
-from ocptip.placement.limits.placed import PlacedMoments, Worst, addable, least
+from ocptip.placement.limits.placed import LeastMoments, PlacedMoments, addable, least
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.stand import Footing
@@ -50,7 +50,7 @@ class TipOver(Limit):
         smallest = np.maximum(np.min(moments, axis=-1), 0.0)
         return tip.reference_moment / (tip.reference_moment + smallest)
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         if not self.moments.count:
             return []
         smallest = np.min(found.moments[:, found.constrained], axis=(2, 3))
@@ -103,10 +103,10 @@ class TipOver(Limit):
                 along = np.vstack([np.eye(k, len(y)), at.slopes[block.of][n:]])
                 sums.add(y, along.T @ own @ along)
 
-    def _at(self, at: Point) -> list[Worst]:
+    def _at(self, at: Point) -> list[LeastMoments]:
         """Per load case the moments about the axes, each at the corner of the tolerance where it is least."""
 
-        def evaluate() -> list[Worst]:
+        def evaluate() -> list[LeastMoments]:
             corners, forces = at.layout.corners, None
             if at.layout.stand.conforms:
                 found = addable(at.footing.support, self.pairs, at.wrenches)
@@ -267,7 +267,7 @@ class TipOverReserve(Limit):
     kind = "GN"
     by_solver = True
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         most = getattr(self.problem.limits, self.kind)
         if found.standing is None or most is None:
             return []
@@ -289,7 +289,7 @@ class Persistence(Limit):
     by_solver = True
     verdicts = ("does not stand", "stands")
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         if found.standing is None:
             return []
         standing = found.standing[:, found.constrained].astype(float)

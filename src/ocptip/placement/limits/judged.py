@@ -14,7 +14,7 @@ from ocptip.placement.terrain import Patch
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ConstraintRows:
     """Constraints of one kind at N candidates.
 
     Attributes:
@@ -91,7 +91,7 @@ class TaskEvaluation(Standing):
     worst: dict[str, np.ndarray]
     standing: np.ndarray | None
     states: ContactStates | None
-    rows: tuple[Rows, ...] = ()
+    rows: tuple[ConstraintRows, ...] = ()
 
     @cached_property
     def counting(self) -> list[int]:
@@ -113,7 +113,7 @@ class TaskEvaluation(Standing):
         return smallest_margin(self.rows, len(self.q))
 
 
-def smallest_margin(rows: tuple[Rows, ...], count: int) -> np.ndarray:
+def smallest_margin(rows: tuple[ConstraintRows, ...], count: int) -> np.ndarray:
     """(N,) smallest margin of all rows; minus infinity where one is NaN."""
     result = np.full(count, np.inf)
     for r in rows:

@@ -15,7 +15,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.placement.limits.forces import Piece
-from ocptip.placement.limits.judged import Rows, TaskEvaluation
+from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point
 from ocptip.placement.limits.twice import Local, Twice
 from ocptip.placement.problem import PlacementProblem
@@ -137,13 +137,13 @@ class Limit:
         upper: bool,
         unit: str | tuple[str, ...],
         scale: np.ndarray | float,
-    ) -> Rows:
+    ) -> ConstraintRows:
         """Rows with margins in units of `scale`; `limits` (m,) or one for all."""
         limits = np.broadcast_to(limits, values.shape[1:])
         margins = (limits - values if upper else values - limits) / scale
-        return Rows(self.kind, tuple(labels), values, limits, upper, unit, margins)
+        return ConstraintRows(self.kind, tuple(labels), values, limits, upper, unit, margins)
 
-    def margins(self, found: TaskEvaluation) -> list[Rows]:
+    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         """How far it is kept at N candidates; none: it is a matter of the program alone."""
         return []
 

@@ -36,7 +36,7 @@ def _wrench(at: Symbols, forces: cs.SX) -> cs.SX:
 
 
 @dataclass(frozen=True, eq=False)
-class Worst:
+class LeastMoments:
     """Moments about the axes in one load case, each at the corner of the tolerance where it is least.
 
     Attributes:
@@ -90,11 +90,13 @@ class PlacedMoments:
         variables, numbers = cs.vertcat(at.p, loads), [multipliers, forces, moments, affine, corners]
         self._function = Twice.of(variables, numbers, cs.vertcat(*rows), local=at.local)
 
-    def slope(self, p: np.ndarray, loads: np.ndarray, worst: Worst) -> np.ndarray:
+    def slope(self, p: np.ndarray, loads: np.ndarray, worst: LeastMoments) -> np.ndarray:
         """Derivatives (axes, k) of the moments by the place; loads (9,)."""
         return self._function.jacobian(np.concatenate([p, loads]), *worst.numbers)[1][:, : len(p)]
 
-    def hessian(self, p: np.ndarray, loads: np.ndarray, worst: Worst, multipliers: np.ndarray) -> np.ndarray:
+    def hessian(
+        self, p: np.ndarray, loads: np.ndarray, worst: LeastMoments, multipliers: np.ndarray
+    ) -> np.ndarray:
         """Second derivatives (k + 9, k + 9) of multipliers . moments by place and loads."""
         return self._function.hessian(np.concatenate([p, loads]), *worst.numbers, multipliers)
 
@@ -110,7 +112,7 @@ def addable(support: Support, pairs: np.ndarray, wrenches: np.ndarray) -> Addabl
 
 def least(
     moments: np.ndarray, slopes: np.ndarray, forces: np.ndarray | None, corners: np.ndarray
-) -> list[Worst]:
+) -> list[LeastMoments]:
     """Per load case, of moments (cases K, axes) at K corners (K, 6, 9), those at the worst corners."""
     count, axes = len(corners), np.arange(moments.shape[1])
     result = []
@@ -118,5 +120,5 @@ def least(
         worst = np.argmin(moments[first : first + count], axis=0)
         at = first + worst, axes
         own = None if forces is None else forces[at]
-        result.append(Worst(moments[at], slopes[at], corners[worst], own))
+        result.append(LeastMoments(moments[at], slopes[at], corners[worst], own))
     return result

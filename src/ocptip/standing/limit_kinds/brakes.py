@@ -23,7 +23,7 @@ from ocptip.robots.braking import Terms
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import WHOLE, MomentLimit, Sampled, StateLimit, TableLimit, Worst
-from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, stops_of_motion
@@ -32,7 +32,7 @@ FAR = 0.5  # use of the slip limit where half spaces tell that it is kept
 
 
 @dataclass(frozen=True, eq=False)
-class BrakeRows(Rows):
+class BrakeRows(NodeRows):
     """Rows of stops: torques on the joints (rows, n), and weights of the wrench (rows, 6)."""
 
     torques: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -82,7 +82,7 @@ class BrakeLimit(StateLimit, TableLimit):
         """Values (rows,) of rows `places` and slopes (rows, 6) over the wrench."""
         raise NotImplementedError
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         q, qd, _ = at.motion_states
         if self._fixed is not None:
@@ -95,7 +95,7 @@ class BrakeLimit(StateLimit, TableLimit):
         slopes = closing.gradient(q[i], qd[i], torques, weights)
         return BrakeRows(at, i, k, values, slopes, torques=torques, weights=weights)
 
-    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, BrakeRows)
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
         q, qd, _ = (part[rows.nodes[some]] for part in rows.at.motion_states)

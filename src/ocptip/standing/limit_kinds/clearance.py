@@ -11,7 +11,7 @@ from ocptip.robots.collision.gaps import GapLabel
 from ocptip.robots.geometry import FLOOR
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import LATE, AskedLimit, Look, StateLimit, Worst
-from ocptip.standing.limit_kinds.rows import Curvature, RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limit_kinds.worst_case import WithinLimit
 from ocptip.standing.limits import CLEARANCE_WITHIN, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -98,16 +98,16 @@ class ClearanceLimit(AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         gaps, slopes = self.robot.collision.slopes(at.angles, i, k)
-        return Rows(at, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
+        return NodeRows(at, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
+    def jacobian(self, rows: NodeRows) -> np.ndarray:
         size = rows.at.s.shape[1]
         return rows.at.by_states(rows.nodes, np.pad(rows.slopes, ((0, 0), (0, size - self.robot.n))))
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+    def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         scaled, every = GAP_SCALE * on, np.arange(len(rows.at.s))
         H.add(every, self.robot.collision.curvature(rows.at.angles, rows.nodes, rows.places, scaled))
         np.add.at(on_s[:, : self.robot.n], rows.nodes, on[:, None] * rows.slopes)
@@ -122,7 +122,7 @@ def _of_meshes(apart: float | None) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _LateRows(Rows):
+class _LateRows(NodeRows):
     """Rows with the angles (rows, n) of late joints, and their slopes (rows, 3, n) over the state's parts."""
 
     late: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -198,7 +198,7 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         """Distances (r,) and slopes (r, n) of pairs (r,) at angles (r, n)."""
         return self.robot.collision.slopes(q, np.arange(len(q)), pairs, once=once)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         late = np.zeros((len(i), self.robot.n)) if self._is_late is None else 1.0 * self._is_late[i, k]
         parts = self._steps[:, None] * late[:, None]
@@ -209,7 +209,7 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         slopes[:, : 3 * self.robot.n] = (GAP_SCALE * own[:, None] * parts).reshape(len(i), -1)
         return _LateRows(at, i, k, GAP_SCALE * gaps, slopes, late=q, parts=parts)
 
-    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, _LateRows)
         count, n = rows.late.shape
         own = self.robot.collision.curvature(rows.late, np.arange(count), rows.places, GAP_SCALE * on)

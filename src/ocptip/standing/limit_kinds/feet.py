@@ -10,7 +10,7 @@ from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.jumps import AtJumps, Jumps
 from ocptip.standing.limit_kinds.limit import AskedLimit, Look, Sampled, WholeMotionLimit, Worst, WrenchLimit
-from ocptip.standing.limit_kinds.rows import RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -70,10 +70,10 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number / self.unit), np.full(self.width, np.inf)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         forces = at.y[:, at.columns.wrench] @ self._map.T
-        return Rows(at, i, k, forces[i, k] / self.unit, self._map[k])
+        return NodeRows(at, i, k, forces[i, k] / self.unit, self._map[k])
 
     def inner(self, asked: MotionLimits) -> MotionLimits:
         return self._raised(asked, 1e-4)

@@ -29,7 +29,7 @@ from ocptip.standing.limit_kinds.limit import (
     WrenchLimit,
 )
 from ocptip.standing.limit_kinds.path_stops import StopSlipLimit, StopTipLimit
-from ocptip.standing.limit_kinds.rows import Curvature, RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limit_kinds.worst_case import (
     WithinLimit,
     WorstSlipLimit,
@@ -77,10 +77,10 @@ class TipOverLimit(WrenchLimit, MomentLimit):
         needed = self.least_moment * (1 + PATH_MARGIN)
         return (needed - np.min(self.moments(at))) / self.robot.tip_over.reference_moment
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         moments, slopes = self._map.some(at.y[:, at.columns.wrench], i, k)
-        return Rows(at, i, k, moments / self.unit, slopes)
+        return NodeRows(at, i, k, moments / self.unit, slopes)
 
 
 class SlipLimit(WrenchLimit, AskedLimit):
@@ -138,10 +138,10 @@ class SlipLimit(WrenchLimit, AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         values, slopes, bends = self._map(at.y[i, at.columns.wrench])
-        return Rows(at, i, k, values, slopes, bends=bends)
+        return NodeRows(at, i, k, values, slopes, bends=bends)
 
 
 class TorqueLimit(QuantityLimit, AskedLimit):
@@ -276,14 +276,14 @@ class AngleLimit(Limit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low, self._high
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        return Rows(at, i, k, at.s[i, k])
+        return NodeRows(at, i, k, at.s[i, k])
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
+    def jacobian(self, rows: NodeRows) -> np.ndarray:
         return rows.at.by_states(rows.nodes, np.eye(rows.at.s.shape[1])[rows.places])
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+    def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         on_s[rows.nodes, rows.places] += on
 
 

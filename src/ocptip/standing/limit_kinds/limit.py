@@ -21,7 +21,7 @@ import numpy as np
 
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit_kinds.rows import Curvature, RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
@@ -182,18 +182,18 @@ class Limit:
         """Lower and upper bounds of the rows of a node, (width,) each."""
         return np.empty(0), np.empty(0)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         """The rows that take part: where mask (N, width) is True, node by node."""
         raise NotImplementedError(f"{self.name}: no rows")
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
+    def jacobian(self, rows: NodeRows) -> np.ndarray:
         """Slopes (rows, nx) of the rows over x."""
         raise NotImplementedError(f"{self.name}: no rows")
 
-    def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
+    def add_to_quantities(self, rows: NodeRows, on: np.ndarray, on_y: np.ndarray) -> None:
         """Add the slopes of on . rows over the quantities y to on_y (N, ny)."""
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+    def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         """Add second derivatives of on . rows to H, and slopes that do not go by way of y to on_s (N, S)."""
 
 
@@ -202,14 +202,14 @@ class WrenchLimit(Limit):
 
     unit = 1.0
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
+    def jacobian(self, rows: NodeRows) -> np.ndarray:
         return rows.at.by_quantities(rows.nodes, rows.at.columns.wrench.start, rows.slopes / self.unit)
 
-    def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
+    def add_to_quantities(self, rows: NodeRows, on: np.ndarray, on_y: np.ndarray) -> None:
         slopes = on[:, None] * rows.slopes / self.unit
         np.add.at(on_y[:, rows.at.columns.wrench], rows.nodes, slopes)
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+    def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         if rows.bends.size:
             bends = (on / self.unit)[:, None, None] * rows.bends
             H.add_over_quantities(rows.nodes, rows.at.columns.wrench.start, bends)
@@ -224,30 +224,30 @@ class QuantityLimit(Limit):
         """The first of the columns."""
         raise NotImplementedError
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        return Rows(at, i, k, at.y[i, self.first(at.columns) + k] / self.units[k])
+        return NodeRows(at, i, k, at.y[i, self.first(at.columns) + k] / self.units[k])
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
+    def jacobian(self, rows: NodeRows) -> np.ndarray:
         columns = self.first(rows.at.columns) + rows.places
         return rows.at.by_quantities(rows.nodes, columns, 1 / self.units[rows.places, None])
 
-    def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
+    def add_to_quantities(self, rows: NodeRows, on: np.ndarray, on_y: np.ndarray) -> None:
         on_y[rows.nodes, self.first(rows.at.columns) + rows.places] += on / self.units[rows.places]
 
 
 class StateLimit(Limit):
-    """Rows that are functions of the states; `Rows.slopes` are (rows, S)."""
+    """Rows that are functions of the states; `NodeRows.slopes` are (rows, S)."""
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
+    def jacobian(self, rows: NodeRows) -> np.ndarray:
         return rows.at.by_states(rows.nodes, rows.slopes)
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+    def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
         some, bends = self.curvature(rows, on)
         H.add(rows.nodes[some], bends)
 
-    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which rows bend (k,), and the second derivatives (k, S, S) of on . rows over the states."""
         raise NotImplementedError(f"{self.name}: no rows")
 

@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING, Look, MomentLimit, StateLimit, TableLimit
-from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_slopes
@@ -23,7 +23,7 @@ STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their
 
 
 @dataclass(frozen=True, eq=False)
-class StopRows(Rows):
+class StopRows(NodeRows):
     """Rows of stops: where, and slopes over the wrench there, (rows, 6)."""
 
     points: StopPoints | None = None
@@ -87,7 +87,7 @@ class StopLimit(StateLimit, TableLimit):
         """Values (P, width) of rows, the greatest the worst, and slopes (P, width, 6) over the wrench."""
         raise NotImplementedError
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         nodes, place = np.unique(i, return_inverse=True)
         q, qd, qdd = at.motion_states
@@ -99,7 +99,7 @@ class StopLimit(StateLimit, TableLimit):
         gradient = self._slopes.gradient(at.s[i], self.asked.torque_ratio, chosen, on_wrench)
         return StopRows(at, i, k, values[which, k], gradient, chosen, on_wrench)
 
-    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, StopRows)
         assert rows.points is not None
         assert rows.on_wrench is not None

@@ -89,7 +89,7 @@ NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hes
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class NodeRows:
     """The rows of one limit that take part in a program, at one x.
 
     Attributes:

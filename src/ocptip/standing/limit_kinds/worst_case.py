@@ -22,14 +22,13 @@ from ocptip.standing.limit_kinds.limit import (
     StateLimit,
     Worst,
 )
-from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, RowNodes, Rows
+from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.in_motion import WithinTolerance, WorstInstant, worst_of_sampled
 from ocptip.standing.within.tolerable import AT_REST, why_not
-from ocptip.standing.within.worst_case import Worst as Found
-from ocptip.standing.within.worst_case import WorstCase, worst_case_of
+from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
 
 ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
 MOVING = 0.1  # share of the friction that a tolerance takes besides, about
@@ -37,7 +36,7 @@ PATH_MARGIN = 0.05  # share of M0 that a path at rest keeps
 
 
 @dataclass(frozen=True, eq=False)
-class WorstRows(Rows):
+class WorstRows(NodeRows):
     """Rows with the deviations and the slopes over the wrench at which they are evaluated.
 
     Attributes:
@@ -112,7 +111,7 @@ class WorstCaseLimit(StateLimit, WithinLimit):
         """(N, width, size)."""
         raise NotImplementedError
 
-    def _rows(self, at: RowNodes, nodes: np.ndarray, places: np.ndarray, found: Found) -> WorstRows:
+    def _rows(self, at: RowNodes, nodes: np.ndarray, places: np.ndarray, found: WorstDeviations) -> WorstRows:
         weights = found.slopes / self.unit
         slopes = self.cases.deviations.state_slopes(at.s[nodes], found.theta, weights)[0]
         bends = np.empty(0) if found.bends is None else found.bends / self.unit
@@ -120,7 +119,7 @@ class WorstCaseLimit(StateLimit, WithinLimit):
             *(at, nodes, places, found.values / self.unit, slopes, found.theta, weights), bends=bends
         )
 
-    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, WorstRows)
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
         at, weights = rows.at.s[rows.nodes[some]], on[some, None] * rows.weights[some]
@@ -202,7 +201,7 @@ class WorstTipOverLimit(WorstCaseLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         theta = None if self._theta is None else self._theta[i, k]
         return self._rows(at, i, k, self.cases.moments(at.s[i], k, theta))
@@ -247,7 +246,7 @@ class WorstSlipLimit(WorstCaseLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self._most])
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         theta = None if self._theta is None else self._theta[i, k]
         return self._rows(at, i, k, self._smooth.slip(at.s[i], theta=theta))

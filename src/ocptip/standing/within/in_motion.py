@@ -22,7 +22,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.late_joints import Looked, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
-from ocptip.standing.within.worst_case import Worst, WorstCase, worst_case_of
+from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
@@ -312,7 +312,7 @@ def _worst_slip(cases: WorstCase, at: Looked) -> WorstInstant:
     return WorstInstant(float(found.values[k]), float(at.times[k]), how, left, None)
 
 
-def _how(cases: WorstCase, found: Worst, k: int, words: str) -> str:
+def _how(cases: WorstCase, found: WorstDeviations, k: int, words: str) -> str:
     return ", ".join(part for part in (cases.deviations.words(found.theta[k]), words) if part)
 
 

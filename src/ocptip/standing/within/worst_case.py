@@ -31,7 +31,7 @@ _CHUNK = 10_000  # wrenches that half spaces are multiplied with at once
 
 
 @dataclass(frozen=True, eq=False)
-class Worst:
+class WorstDeviations:
     """The worst of N states.
 
     Attributes:
@@ -46,10 +46,10 @@ class Worst:
     slopes: np.ndarray
     bends: np.ndarray | None = None
 
-    def worse(self, other: Worst, sign: float) -> Worst:
+    def worse(self, other: WorstDeviations, sign: float) -> WorstDeviations:
         """State by state the one with the larger sign * value; without second derivatives."""
         better = sign * other.values > sign * self.values
-        return Worst(
+        return WorstDeviations(
             np.where(better, other.values, self.values),
             np.where(better[:, None], other.theta, self.theta),
             np.where(better[:, None], other.slopes, self.slopes),
@@ -57,7 +57,7 @@ class Worst:
 
 
 class WorstCase:
-    """Worst moments and slip reserves of an arm on its base within a tolerance.
+    """WorstDeviations moments and slip reserves of an arm on its base within a tolerance.
 
     Args:
         robot: on its base.
@@ -106,7 +106,7 @@ class WorstCase:
         axis: np.ndarray,
         theta: np.ndarray | None = None,
         room: np.ndarray | None = None,
-    ) -> Worst:
+    ) -> WorstDeviations:
         """Least moments about tipping axes.
 
         Args:
@@ -118,13 +118,13 @@ class WorstCase:
         rows = np.arange(len(s))
         if theta is not None:
             values, slopes = self._map(self.deviations.wrench(s, theta)[0])
-            return Worst(values[rows, axis], theta, slopes[rows, axis])
+            return WorstDeviations(values[rows, axis], theta, slopes[rows, axis])
 
-        def at(theta: np.ndarray) -> tuple[Worst, np.ndarray]:
+        def at(theta: np.ndarray) -> tuple[WorstDeviations, np.ndarray]:
             wrenches, over = self.deviations.wrench_and_slopes(s, theta)
             values, slopes = self._map(wrenches)
             own = slopes[rows, axis]
-            return Worst(values[rows, axis], theta, own), np.einsum("nw,nwt->nt", own, over)
+            return WorstDeviations(values[rows, axis], theta, own), np.einsum("nw,nwt->nt", own, over)
 
         found, slopes = at(np.zeros((len(s), self.deviations.size)))
         for _ in range(ROUNDS):
@@ -154,7 +154,7 @@ class WorstCase:
         starts: int = 1,
         theta: np.ndarray | None = None,
         room: np.ndarray | None = None,
-    ) -> Worst:
+    ) -> WorstDeviations:
         """Greatest slip reserves that are found.
 
         Args:
@@ -166,7 +166,7 @@ class WorstCase:
         """
         if theta is not None:
             return self._slip_under(self.deviations.wrench(s, theta)[0], theta)
-        found: Worst | None = None
+        found: WorstDeviations | None = None
         for theta in self._starts(s, starts, room):
             new, slopes = self._slip_at(s, theta)
             found = new if found is None else found.worse(new, 1.0)
@@ -207,7 +207,7 @@ class WorstCase:
 
         return self._where_large(s, room, values).values
 
-    def large_slips(self, s: np.ndarray, room: np.ndarray) -> Worst:
+    def large_slips(self, s: np.ndarray, room: np.ndarray) -> WorstDeviations:
         """The same as :meth:`slip` where they are large; elsewhere by half spaces.
 
         What is at most 95 % of the maximum, and of 1, has a bound as its value, the deviations that are
@@ -224,7 +224,7 @@ class WorstCase:
             return found.values
 
         near = self._where_large(s, room, values)
-        return Worst(
+        return WorstDeviations(
             near.values,
             np.where(exact[:, None], theta, near.theta),
             np.where(exact[:, None], slopes, near.slopes),
@@ -232,7 +232,7 @@ class WorstCase:
 
     def _where_large(
         self, s: np.ndarray, room: np.ndarray | None, values: Callable[[np.ndarray], np.ndarray]
-    ) -> Worst:
+    ) -> WorstDeviations:
         """Values of the states at indices where the slip reserve is large, elsewhere those of half spaces.
 
         The half spaces are those of a level just below the maximum: at a higher one the nearest may be that
@@ -240,7 +240,10 @@ class WorstCase:
         """
         slip, found = self.robot.slip, np.zeros(len(s))
         wrenches, over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
-        near, left = Worst(found, np.zeros((len(s), over.shape[2])), np.zeros((len(s), 6))), np.arange(len(s))
+        near, left = (
+            WorstDeviations(found, np.zeros((len(s), over.shape[2])), np.zeros((len(s), 6))),
+            np.arange(len(s)),
+        )
         maximum = np.max(known(slip.greatest(wrenches)), initial=0.0)
         for most in (_FIRST, len(s)):
             level = slip.level_below(float(maximum))
@@ -252,11 +255,11 @@ class WorstCase:
             found[todo], left = values(todo), np.setdiff1d(left, todo)
             found[left] = level
             maximum = max(maximum, np.max(known(found), initial=0.0))
-        return Worst(found, near.theta, near.slopes)
+        return WorstDeviations(found, near.theta, near.slopes)
 
     def _nearest(
         self, rows: np.ndarray, wrenches: np.ndarray, over: np.ndarray, room: np.ndarray | None
-    ) -> Worst:
+    ) -> WorstDeviations:
         """How far wrenches are beyond half spaces with the deviations that are worst for the nearest one."""
         parts = np.array_split(wrenches, 1 + len(wrenches) // _CHUNK)
         nearest = rows[np.concatenate([np.argmax(part @ rows.T, axis=1) for part in parts])]
@@ -264,7 +267,7 @@ class WorstCase:
         worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
         parts = np.array_split(worst, 1 + len(worst) // _CHUNK)
         beyond = np.concatenate([np.max(part @ rows.T, axis=1) for part in parts])
-        return Worst(np.maximum(beyond, np.einsum("nw,nw->n", nearest, wrenches)), theta, nearest)
+        return WorstDeviations(np.maximum(beyond, np.einsum("nw,nw->n", nearest, wrenches)), theta, nearest)
 
     def function(self, s: np.ndarray, which: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What is worst where it is greatest, (N,), and its slopes (N, 3 n) over the states.
@@ -298,19 +301,19 @@ class WorstCase:
                 sign = 1.0 if k % 2 else -1.0
                 yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]], room)
 
-    def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[Worst, np.ndarray]:
+    def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[WorstDeviations, np.ndarray]:
         """GT at deviations, large where it is not known, and its slopes over the deviations."""
         wrenches, over = self.deviations.wrench_and_slopes(s, theta)
         found = self._slip_under(wrenches, theta)
         return found, np.einsum("nw,nwt->nt", found.slopes, over)
 
-    def _slip_under(self, wrenches: np.ndarray, theta: np.ndarray) -> Worst:
+    def _slip_under(self, wrenches: np.ndarray, theta: np.ndarray) -> WorstDeviations:
         if self._slip_map is not None:
             values, slopes, bends = self._slip_map(wrenches)
-            return Worst(values, theta, slopes, bends)
+            return WorstDeviations(values, theta, slopes, bends)
         reserve = self.robot.slip.evaluate(self.robot.contact_states(wrenches))
         values, slopes = reserve.for_program()
-        return Worst(values, theta, slopes)
+        return WorstDeviations(values, theta, slopes)
 
     def tip_ratio(self, moments: np.ndarray) -> np.ndarray:
         """GN of least moments, N m, see `TipOver.ratio`."""
