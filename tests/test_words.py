@@ -25,8 +25,8 @@ def test_page_is_in_plain_words(name):
 
 
 def test_pages_are_easy_to_read():
-    """All but the bibliography, whose titles are what they are."""
-    finished = set(PAGES) - UNFINISHED - {"docs/bibliography.md"}
+    """All but the two of titles and captions, which have few sentences."""
+    finished = set(PAGES) - UNFINISHED - {"docs/bibliography.md", "docs/gallery.md"}
     hard = {name: PAGES[name].ease for name in finished if PAGES[name].sentences and PAGES[name].ease <= EASE}
     assert hard == {}
 

@@ -147,9 +147,8 @@ def _length(text: str) -> int:
 
 
 def _syllables(word: str) -> int:
-    groups = len(re.findall(r"[aeiouy]+", word.lower()))
-    silent = word.lower().endswith("e") and not word.lower().endswith(("le", "ee")) and groups > 1
-    return max(groups - silent - (groups > 1 and word.lower().endswith(("ed", "es")) and not silent), 1)
+    word = re.sub(r"(?<![td])ed$|(?<!c)(?<!s)(?<!x)(?<!z)(?<!g)(?<!h)es$|(?<!l)e$", "", word.lower())
+    return max(len(re.findall(r"[aeiouy]+", word)), 1)
 
 
 def pages() -> list[Page]:
