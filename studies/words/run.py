@@ -7,6 +7,7 @@ Paragraphs and list items do. Table cells are measured by themselves. `tests/tes
 from __future__ import annotations
 
 import argparse
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -55,13 +56,18 @@ BANNED = {
 
 @dataclass(frozen=True)
 class Page:
-    """One Markdown file."""
+    """One Markdown file or notebook."""
 
     path: Path
 
     @cached_property
     def text(self) -> str:
-        return self.path.read_text(encoding="utf-8")
+        """Of a notebook: its cells of text."""
+        text = self.path.read_text(encoding="utf-8")
+        if self.path.suffix != ".ipynb":
+            return text
+        cells = (c for c in json.loads(text)["cells"] if c["cell_type"] == "markdown")
+        return "\n\n".join("".join(cell["source"]) for cell in cells)
 
     @cached_property
     def words(self) -> int:
@@ -152,10 +158,12 @@ def _syllables(word: str) -> int:
 
 
 def pages() -> list[Page]:
-    """README and all pages of docs, not those that the site's builder makes."""
+    """README, pages and notebooks of docs, not those that the site's builder makes."""
     docs = ROOT / "docs"
     made = {docs / "results", docs / "_build"}
-    files = [p for p in sorted(docs.rglob("*.md")) if not made & set(p.parents)]
+    files = [
+        p for p in sorted([*docs.rglob("*.md"), *docs.glob("notebooks/*.ipynb")]) if not made & set(p.parents)
+    ]
     return [Page(path) for path in (ROOT / "README.md", *files)]
 
 
