@@ -249,8 +249,8 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
     else:
         name = table["name"]
         table.close(early=True)
-        for key in (key for key in LOCKED if gripper is not None and key in gripper):
-            raise gripper.error("only joints of a URDF can be locked", key)
+        if gripper is not None and (given := [key for key in LOCKED if key in gripper]):
+            raise gripper.error("only joints of a URDF can be locked", given[0])
         with table.at(arm="name"):
             arm = load_arm(name)
     arm = _with_links(arm, table.table("links"))
@@ -347,7 +347,8 @@ def _ranges(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict[s
     limits, found = table.value("limits", {}), dict[str, tuple[float, float]]()  # read by `_with_limits`
     for keys in (("angle_min_deg", "angle_max_deg"), ("position_min_m", "position_max_m")):
         ends = [limits.get(key) for key in keys] if isinstance(limits, dict) else []
-        if not all(isinstance(end, dict) for end in ends):
+        ends = [end for end in ends if isinstance(end, dict)]
+        if len(ends) < len(keys):
             continue
         for name in set(file.joints).intersection(*ends) - set(locked):
             values = [end[name] for end in ends]

@@ -30,9 +30,8 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.cycle import CYCLE, cycle_keys, read_cycle
-from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
 from ocptip.task_files.ends import POSE, given_angles, read_target
-from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.placement import OF_PLACES, PLACE_LIMITS, PLACEMENT, read_problem
 from ocptip.task_files.shapes import OBSTACLE
 from ocptip.task_files.source import task_source
@@ -187,11 +186,11 @@ def _end(
     robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
 ) -> tuple[np.ndarray, PoseTarget | None]:
     """As `read_end`, without the postures of poses, which depend on the place."""
-    target = read_target(robot.arm, table, key) if isinstance(robot, Robot) else None
+    if not isinstance(robot, Robot):
+        return np.zeros((1, robot.n)), None
+    target = read_target(robot.arm, table, key)
     if target is None:
-        return (
-            given_angles(robot.arm, table, key) if isinstance(robot, Robot) else np.zeros((1, robot.n))
-        ), None
+        return given_angles(robot.arm, table, key), None
     arm = robot.arm.limits
     return np.clip(np.zeros(robot.n), arm.angle_min, arm.angle_max)[None], target
 

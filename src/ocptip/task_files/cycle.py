@@ -22,22 +22,22 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import LOCKED, LOCKED_KEYS
-from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
 from ocptip.task_files.ends import end_keys, read_end
-from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motion import (
     AIM,
     COURSE,
     DURATION,
+    STOPS,
     TASK,
     coordinates,
     load_task,
     motion_keys,
     ramp_task,
+    with_stops,
 )
 from ocptip.task_files.payload import OF_SEGMENT
 from ocptip.task_files.source import task_source
-from ocptip.task_files.stops import STOPS, with_stops
 from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limit_numbers, task_keys
 
 _SHARED = (*COURSE, *AIM)  # of [motion], unless a segment has its own
@@ -61,9 +61,7 @@ def _segment_keys(name: str, goal: Mapping[str, Key]) -> Keys:
         {
             "name": schema.text("Title.", otherwise="its number"),
             "goal": replace(
-                _GOAL,
-                words="`start`, or list of numbers",
-                schema={"anyOf": [{"const": _BACK}, _GOAL.schema]},
+                _GOAL, words="`start`, or list of numbers", schema={"anyOf": [{"const": _BACK}, _GOAL.schema]}
             ),
             **goal,
             **OF_SEGMENT,
@@ -227,7 +225,10 @@ def _segment(
     """One segment; `before` is a posture that it may start in, `start` what the first one may."""
     name, dwell = table.get("name", f"{number}"), table["dwell"]
     own = table.table("limits")
-    limits = own.make(replace, scene.limits, **limit_numbers(own))
+    numbers = limit_numbers(own)
+    own.close()
+    with own.at():
+        limits = replace(scene.limits, **numbers)
     if "goal" in table and isinstance(table.value("goal"), str):
         goals, pose = start
         if table.value("goal") != _BACK or not last:

@@ -12,13 +12,7 @@ from ocptip.basics.toml import Table
 from ocptip.robots.model import ArmModel
 
 
-def joint_values(
-    table: Table,
-    key: str,
-    arm: ArmModel,
-    *,
-    slides: bool,
-) -> np.ndarray | None:
+def joint_values(table: Table, key: str, arm: ArmModel, *, slides: bool) -> np.ndarray | None:
     """Values of the turning or of the sliding joints, in their order.
 
     Args:

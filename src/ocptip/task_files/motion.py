@@ -10,6 +10,7 @@ import os
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.objective import objective_of
 from ocptip.motion.postures import posture_pairs
+from ocptip.motion.stop_rules import Kinds, StopRules
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
@@ -26,18 +28,76 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
+from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_kind
 from ocptip.task_files.ends import end_keys, read_end
-from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import GEARS, read_gears
-from ocptip.task_files.payload import PROCESS, read_process
+from ocptip.task_files.payload import PROCESS, SENSOR, read_process, read_sensor
 from ocptip.task_files.scene import SCENE
-from ocptip.task_files.sensor import SENSOR, read_sensor
 from ocptip.task_files.source import task_source
-from ocptip.task_files.stops import STOPS, with_stops
 from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limits_of, task_keys
 from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.arm_motion import checked_rise_times
+
+_KIND = schema.choice("Stops.", get_args(Kinds))
+_TORQUE = "torque of each brake; sliding joints: N."
+STOPS = Keys(
+    "stops",
+    "How the robot is stopped.",
+    {
+        "safe": schema.anything(
+            "Stops that plans and checks keep; true: along the path, with torques also by brakes.",
+            "`path`, `brakes`, `both`, or true",
+            {"enum": [True, False, *get_args(Kinds)]},
+            default=False,
+        ),
+        "GN": schema.number("Largest tip-over index during stops.", otherwise="of [limits]"),
+        "GT": schema.number("Largest slip index during stops.", otherwise="of [limits]"),
+        "time": schema.number(
+            "Shortest time of a stop along the path.", "s", otherwise="what the drives can"
+        ),
+        "brake_torque_min_Nm": schema.per_joint(
+            f"Minimum {_TORQUE}", "N m", bound="> 0", otherwise="no brakes"
+        ),
+        "brake_torque_max_Nm": schema.per_joint(
+            f"Maximum {_TORQUE}", "N m", bound="> 0", otherwise="no brakes"
+        ),
+        "brake_delay": schema.vector("Minimum and maximum delay of the brakes.", "s", 2, default=[0, 0]),
+    },
+)
+
+
+def _safe(table: Table) -> Kinds | Literal[""] | None:
+    """Stops that plans have to keep: of which kinds, "" where that is left open; None: of none."""
+    value = table.value("safe", False)
+    if isinstance(value, bool):
+        return "" if value else None
+    with table.at("safe"):
+        return cast(Kinds, _KIND.convert(value, None))
+
+
+def with_stops(data: Table, task: MotionTask) -> MotionTask:
+    """The task with the file's rules of stops; where they say `safe`, stops along the path are its limits.
+
+    Raises:
+        InputError: a value is unknown or cannot be used; names its place.
+    """
+    if "stops" not in data:
+        return task
+    table = data.table("stops")
+    n = task.robot.n
+    ends = [table.get(f"brake_torque_{end}_Nm", size=n) for end in ("min", "max")]
+    delay = tuple(table["brake_delay"].tolist())
+    rules = table.given("GN", "GT", "time")
+    safe = _safe(table)
+    table.close()
+    names = {"brake_min": "brake_torque_min_Nm", "brake_max": "brake_torque_max_Nm", "delay": "brake_delay"}
+    with table.at(**names):
+        found = StopRules(**rules, brake_min=ends[0], brake_max=ends[1], delay=delay)
+        if any(end is not None for end in ends):
+            found.brakes(task.robot)
+        limits = found.safe(task.limits, task.robot, safe or None) if safe is not None else task.limits
+    return replace(task, stops=found, limits=limits)
+
 
 _OF_CASES = ("sensor", "process", "motors")
 """Tables of a printed case."""
@@ -269,7 +329,7 @@ def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | N
         return checked_rise_times(found, robot.n)
 
 
-def _joints(item: object, names: tuple[str, ...]) -> list[int]:
+def _joints(item: Any, names: tuple[str, ...]) -> list[int]:
     """Numbers of joints, from 0, given by name, by pattern ("joint_*") or by number from 1."""
     if is_whole(item) and 1 <= item <= len(names):
         return [item - 1]

@@ -22,13 +22,7 @@ from ocptip.basics.text import of_known
 from ocptip.basics.toml import Source, Table
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
-from ocptip.parallel.description.entries import (
-    Entry,
-    Parameter,
-    elementary_rotations,
-    product_of,
-    value_of,
-)
+from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of, value_of
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import (
     COORDINATES,
@@ -40,7 +34,7 @@ from ocptip.parallel.description.robot_description import (
     RobotDescription,
     SerialLeg,
 )
-from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.doubts import require_kind
 
 _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
 _ENTRIES = ("gamma", "b", "alpha", "d", "theta", "r")
@@ -85,9 +79,7 @@ _ROW = Keys(
     {
         "joint": schema.choice("The kind of joint.", _JOINTS),
         "after": schema.whole(
-            "Row whose frame this one starts from; 0: the base frame.",
-            least=0,
-            otherwise="the row before",
+            "Row whose frame this one starts from; 0: the base frame.", least=0, otherwise="the row before"
         ),
         **{key: _entry(f"Parameter {key}.", "m" if key in "bdr" else "rad") for key in _ENTRIES},
         "range": schema.anything(
@@ -355,10 +347,7 @@ class _Reader:
 
 def _body(table: Table) -> BodyInertia:
     return table.make(
-        BodyInertia.about_center,
-        table["mass"],
-        table["center"],
-        table.get("inertia", np.zeros(3)),
+        BodyInertia.about_center, table["mass"], table["center"], table.get("inertia", np.zeros(3))
     )
 
 

@@ -21,8 +21,8 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
+from ocptip.task_files.doubts import require_kind
 from ocptip.task_files.ends import end_keys, read_end
-from ocptip.task_files.kinds import require_kind
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -179,22 +179,22 @@ def _waypoints(path: Path, task: MotionTask | CycleTask, tolerance: float | None
 def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float | None) -> FittedPath:
     """The path of one motion; `before` is where the robot is."""
     between = table["between"]
-    given = table["path_tolerance"]
-    tolerance = given if tolerance is None else tolerance
+    given: float = table["path_tolerance"]
+    within = given if tolerance is None else tolerance
     points = table.tables("waypoint")
     ends = [read_end(task.robot, point, "at", task.limits) for point in points]
     for point in points:
         point.close()
     with table.at("waypoint", points="waypoint", poses="waypoint"):
         if between == "tool lines":
-            return _tool_path(table, task, ends, before, tolerance)
+            return _tool_path(table, task, ends, before, within)
         postures = []
         for branches, _ in ends:
             near = postures[-1] if postures else before
             postures.append(_nearest(task, branches, near)[0])
         if between == "spline":
-            return spline_through(np.array(postures), joint_tolerance(task, tolerance))
-        return blended_lines(np.array(postures), joint_tolerance(task, tolerance))
+            return spline_through(np.array(postures), joint_tolerance(task, within))
+        return blended_lines(np.array(postures), joint_tolerance(task, within))
 
 
 def _nearest(task: MotionTask, branches: np.ndarray, near: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
-"""What the robot holds, `[payload]`, and what acts on its gripper, `[process]`: see docs/motion-planner.md.
+"""What the robot holds and feels, see docs/motion-planner.md: `[payload]`, `[process]` and `[sensor]`.
 
-Each is one for the file, or one of several by segment of a cycle.
+Payload and process are one for the file, or one of several by segment of a cycle.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import Table
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import AXES, PATH, SHARE, TIME, ProcessWrench
+from ocptip.standing.sensor import WrenchSensor
 from ocptip.task_files.shapes import shape_key
 from ocptip.trajectories.read_csv import csv_table
 
@@ -58,11 +59,7 @@ _PROCESS = Keys(
 def _of_file(keys: Keys) -> Key:
     """A load, or loads by names, of which segments choose."""
     several = Keys(
-        f"named {keys.name}",
-        keys.meaning,
-        keys.keys,
-        others=schema.table(keys),
-        at_most_one=keys.at_most_one,
+        f"named {keys.name}", keys.meaning, keys.keys, others=schema.table(keys), at_most_one=keys.at_most_one
     )
     form = {"anyOf": [keys.ref, {"type": "object", "additionalProperties": keys.ref}]}
     words = "table, or tables by name, of which segments choose"
@@ -174,3 +171,37 @@ def _varying(text: str, axes: str) -> ProcessWrench:
     own = {name: rows[:, k] for k, name in enumerate(header)}
     load = np.stack([own.get(name, np.zeros(len(rows))) for name in _COLUMNS], axis=1)
     return ProcessWrench(load[:, :3], load[:, 3:], axes, _OVER[first[0]], own[first[0]])
+
+
+SENSOR = Keys(
+    "sensor",
+    "A force-torque sensor in the base, whose readings are columns of motion.csv.",
+    {
+        "name": schema.text("Begin of the names of its columns.", default="sensor"),
+        "position": schema.vector("Origin, base axes.", "m", 3, otherwise="where the robot is mounted"),
+        **schema.rotation("Axes of the sensor to those of the base", default="parallel to the base"),
+        "mass": schema.number(
+            "Mass of what of the base rests on the sensor.", "kg", bound=">= 0", default=0.0
+        ),
+        "center_of_mass": schema.vector("Where that mass is, base axes.", "m", 3, otherwise="at the sensor"),
+    },
+)
+
+
+def read_sensor(data: Table, mount: np.ndarray) -> WrenchSensor | None:
+    """The sensor of a file, if it has one; by default where the mechanism is mounted, (3,), m.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+    if "sensor" not in data:
+        return None
+    table = data.table("sensor")
+    return table.make(
+        WrenchSensor,
+        table.get("position", mount),
+        name=table["name"],
+        rotation=table.rotation("", np.eye(3)),
+        mass=table["mass"],
+        center_of_mass=table["center_of_mass"],
+    )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -35,8 +35,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import ARM
-from ocptip.task_files.doubts import doubt_masses, doubt_units, require_base_mass
-from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.doubts import doubt_masses, doubt_units, require_base_mass, require_kind
 from ocptip.task_files.motors import MOTORS, arm_and_motors
 from ocptip.task_files.payload import PAYLOAD
 from ocptip.task_files.scene import SCENE, read_support
@@ -286,18 +285,15 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
     deck = read_obstacles(data, "base_obstacle", numbered=True)
     obstacles = read_obstacles(data, "obstacle", numbered=True, world=True)
     robot = Robot(
-        arm,
-        support,
-        motors,
-        obstacles=deck,
-        shapes=shapes,
-        floor=on_floor,
-        reference_moment=moment,
+        arm, support, motors, obstacles=deck, shapes=shapes, floor=on_floor, reference_moment=moment
     )
     if "clearance" not in table:
         limits = replace(limits, clearance=robot.usual_clearance)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task"), 1)]
     references = data.table("references")
+    given: dict[str, Any] = {} if ground is None else {"ground_frame": (ground, np.eye(3))}
+    if (energy := _energy(data.table("energy"), arm)) is not None:
+        given["energy"] = energy
     with base.at(None, ground_frame="ground"):
         return PlacementProblem(
             robot,
@@ -308,10 +304,9 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
             obstacles=obstacles,
             keep_out=read_obstacles(data, "keep_out", numbered=True, world=True),
             unloaded=data["unloaded"],
-            energy=_energy(data.table("energy"), arm),
             references=references.make(dict, **references.given(*CRITERIA)),
-            ground_frame=None if ground is None else (ground, np.eye(3)),
             tolerance=tolerance,
+            **given,
         )
 
 

@@ -12,8 +12,7 @@ from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
 from ocptip.task_files.arm import MOUNT
 from ocptip.task_files.motors import dc_motors
-from ocptip.task_files.payload import load_table, read_payload, read_process
-from ocptip.task_files.sensor import read_sensor
+from ocptip.task_files.payload import load_table, read_payload, read_process, read_sensor
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot

@@ -13,7 +13,7 @@ from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Source, Table
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
-from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.doubts import require_kind
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
 

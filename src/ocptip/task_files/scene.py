@@ -23,8 +23,7 @@ from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
 from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.task_files.doubts import doubt_units
-from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.doubts import doubt_units, require_kind
 from ocptip.task_files.tolerance import TOLERANCE, tolerance_of
 
 _DAMPING = ("damping_ratio", "damping")

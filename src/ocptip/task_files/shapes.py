@@ -263,7 +263,7 @@ def with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> ArmM
     if radii is None:
         return arm
     lengths = np.linalg.norm(arm.offsets, axis=1)
-    links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
+    links = [int(i) + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
     with table.at(radius="sphere_radius"):
         sets = [
             replace(spheres, name=link_names[i - 1])

@@ -18,10 +18,9 @@ from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import ARM, LOCKED, read_arm
 from ocptip.task_files.doubts import require_base_mass
 from ocptip.task_files.motors import MOTORS, PLATFORM_MOTORS, arm_and_motors, gear_damping_ratio
-from ocptip.task_files.payload import PAYLOAD, PROCESS
+from ocptip.task_files.payload import PAYLOAD, PROCESS, SENSOR, read_sensor
 from ocptip.task_files.platform import PLATFORM_ROBOT, read_platform_robot
 from ocptip.task_files.scene import BASE, SCENE, read_support
-from ocptip.task_files.sensor import SENSOR, read_sensor
 from ocptip.task_files.shapes import (
     OBSTACLE,
     read_base_shapes,

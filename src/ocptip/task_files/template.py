@@ -19,8 +19,7 @@ from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
-from ocptip.task_files.example_base import ExampleBase, example_base
-from ocptip.task_files.example_motion import ExampleMotion, example_motion
+from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
 
 _WIDTH = 44  # columns before a comment
 

@@ -119,7 +119,7 @@ def _patch(table: Table, name: str) -> Patch:
         parts.append(wave.make(Wave, wave["amplitude"], wave["length"], *angles))
     if "grid" in table:
         parts.append(_grid(table.table("grid")))
-    field = HeightField(*parts, height=height, slope=slope)
+    field = HeightField(*parts, height=height, slope=slope.tolist())
     return table.make(rough_ground, field, **options)
 
 
@@ -153,5 +153,6 @@ def _grid(table: Table) -> HeightGrid:
     else:
         heights = table["heights"]
     rows, columns = heights.shape
-    x, y = (np.linspace(*end, count) for end, count in zip(ends, (columns, rows), strict=True))
+    (x_first, x_last), (y_first, y_last) = ends
+    x, y = np.linspace(x_first, x_last, columns), np.linspace(y_first, y_last, rows)
     return table.make(HeightGrid, x, y, heights)
