@@ -31,7 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 RULES = ("textbook", "lexicographic", "largest-pivot")
 STATUSES = ("solved", "ray", "pivot limit", "inaccurate")

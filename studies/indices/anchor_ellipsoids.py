@@ -44,11 +44,11 @@ from ocptip.basics.write import versions, write_json, write_text
 from ocptip.indices.metric import OperationEllipsoid, point_metric
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.isotropy import platform_conditioning
-from ocptip.indices.platforms.planar import LARGEST_R
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.numerics.vectors import skew
 from studies.common import ended, software, table
 from studies.indices.designs.optimal_domains import main_roots, special_limit
+from studies.indices.designs.optimal_planar import LARGEST_R
 from studies.indices.designs.optimal_platforms import (
     OptimalPlatform,
     ctn_optimal_main,

@@ -31,13 +31,13 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from ocptip.indices.platforms.isotropy import platform_conditioning
-from ocptip.indices.platforms.planar import LARGEST_R, PlanarPlatformPose, optimal_planar_pose
+from ocptip.indices.platforms.planar import PlanarPlatformPose
 from ocptip.indices.platforms.platform import PlatformFile, PlatformPose, StewartPlatform
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
 from ocptip.indices.workspace_maps import index_maps
 from studies.common import ended, software, table
+from studies.indices.designs.flight_simulator import FlightSimulator
 from studies.indices.designs.isotropic_families import isotropic_u1, isotropic_u2
 from studies.indices.designs.optimal_domains import (
     TOUCHING_POINT,
@@ -47,6 +47,7 @@ from studies.indices.designs.optimal_domains import (
     real_root_counts,
     special_limit,
 )
+from studies.indices.designs.optimal_planar import LARGEST_R, optimal_planar_pose
 from studies.indices.designs.optimal_platforms import (
     ctn_optimal_main,
     ctn_optimal_special,

@@ -39,8 +39,8 @@ ELSEWHERE = {
     "cli/examples.py": {"read_bytes"},  # of the package
     "cli/many.py": {"loads"},  # what this process made
     "motion/plan.py": {"loads"},  # likewise
-    "numerics/native.py": {"load"},  # an instruction
-    "numerics/private.py": {"open", "fdopen"},  # machine code, with rules of its own
+    "numerics/jit/native.py": {"load"},  # an instruction
+    "numerics/jit/private.py": {"open", "fdopen"},  # machine code, with rules of its own
     "parallel/code/codegen.py": {"read_bytes"},  # what this process made
     "pictures/frame.py": {"loads"},  # likewise
     "published/arms.py": {"loads", "read_text"},  # of the package

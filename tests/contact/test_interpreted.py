@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.contact.solver import solve_many
-from ocptip.numerics.compiled import Kernel, interpreted
+from ocptip.numerics.jit.compiled import Kernel, interpreted
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from studies.contact.random_supports import random_support, random_wrenches

@@ -7,7 +7,8 @@ import os
 import casadi as cs
 import pytest
 
-from ocptip.numerics.process_state import environment, expressions_as_written
+from ocptip.numerics.fork_server import environment
+from ocptip.parallel.code.tidy import expressions_as_written
 
 
 def failing(context):

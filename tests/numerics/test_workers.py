@@ -90,12 +90,11 @@ def test_prepared_processes_have_the_modules():
         "    has = pool.submit(eval, \"'colorsys' in __import__('sys').modules\").result()\n"
         "    threads = pool.submit(eval, \"__import__('os').environ['OMP_NUM_THREADS']\").result()\n"
         "    warm = pool.submit(eval, \"'numba.np.arraymath' in __import__('sys').modules\").result()\n"
-        "    rarely = pool.submit(eval, \"__import__('gc').get_threshold()[0] > 10_000\").result()\n"
-        "print(has, warm, threads, rarely, ready.__name__)\n"
+        "print(has, warm, threads, ready.__name__)\n"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     prepared = f"{sys.platform.startswith('linux')}"
-    assert said.stdout.split() == ["False", prepared, prepared, "1", "True", "ready"], said.stderr
+    assert said.stdout.split() == ["False", prepared, prepared, "1", "ready"], said.stderr
     assert said.stderr == ""
 
 

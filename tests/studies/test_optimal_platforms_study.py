@@ -8,8 +8,8 @@ import math
 import pytest
 
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from studies.indices import optimal_platforms
+from studies.indices.designs.flight_simulator import FlightSimulator
 
 
 @pytest.fixture(scope="module")

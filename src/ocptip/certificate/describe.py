@@ -12,7 +12,7 @@ from numpy.polynomial import chebyshev
 
 from ocptip.certificate.trusted.arm import PROCESS, TIMES
 from ocptip.contact.support import Support
-from ocptip.numerics.tape import instruction_name
+from ocptip.numerics.jit.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import HalfSpace, Shape

@@ -174,8 +174,6 @@ class Command:
                 self.prepare(options)
             latest.quiet = options.quiet
             module = import_module(f"ocptip.cli.{self.name}")
-            if own_process:
-                import_module("ocptip.numerics.few_cycles").loaded()
             from ocptip.numerics.threads import one_thread  # of the libraries that are loaded by now
 
             lines = lines_while(sys.stderr, f"ocptip {self.name}") if own_process else nullcontext()

@@ -12,7 +12,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any, NoReturn
 
 from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, GROUPS, INTERRUPTED, explained, say, stops
@@ -106,7 +105,6 @@ def _main(arguments: Sequence[str] | None) -> int:
     if arguments is None:  # a process of its own
         # OpenBLAS takes memory for each thread, and raises SIGINT at itself where it gets none.
         os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-        import_module("ocptip.numerics.few_cycles")
         _stop_on_signals()
     return command.execute(options, own_process=arguments is None)
 

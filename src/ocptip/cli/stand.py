@@ -20,7 +20,7 @@ from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
-from ocptip.numerics.compiled import interpreted
+from ocptip.numerics.jit.compiled import interpreted
 from ocptip.reserves.friction_needed import needed_text
 from ocptip.task_files.scene import read_scene
 from ocptip.task_files.tolerance import load_tolerance

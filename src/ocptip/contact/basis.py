@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled, compiled_inline
+from ocptip.numerics.jit.compiled import compiled, compiled_inline
 
 _REFINED = 1e-14
 _SINGULAR_TOLERANCE = 1e-11

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.contact.basis import apply_inverse
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 ZERO = 1e-13  # a variable that is less negative is zero
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from ocptip.contact.bindings import laws
 from ocptip.contact.support import ContactSystem
-from ocptip.numerics.cone_program import INFEASIBLE, USABLE, Columns, quiet_settings, solve_cones
+from ocptip.numerics.cone_program import INFEASIBLE, USABLE, ConeColumns, quiet_settings, solve_cones
 
 MOTION_TOLERANCE = 3e-9
 """Share of the free base's power that counts as motion: roughly, accelerations above 5e-5 of the free one."""
@@ -247,7 +247,7 @@ class _MotionSearch(_SolutionSearch):
         keep = data.ravel() != 0.0  # explicit zeros would cost time in every factorisation
         starts = np.concatenate([[0], np.cumsum(keep)])[starts]
         shape = (rows + count + 1 + size, count)
-        return Columns(data.ravel()[keep], index.ravel()[keep], starts, shape)
+        return ConeColumns(data.ravel()[keep], index.ravel()[keep], starts, shape)
 
     def _positive(self, k: int, x: np.ndarray) -> np.ndarray:
         first = self.system.first_column[k]

@@ -28,7 +28,7 @@ from ocptip.contact.basis import (
 )
 from ocptip.contact.known_bases import recall, remember
 from ocptip.contact.tables import right_hand_sides, unpacked
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 
 def packed(system: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as cs
 import numpy as np
 
-from ocptip.numerics.tape import Tape
+from ocptip.numerics.jit.tape import Tape
 
 
 class BatchFunction:
@@ -14,10 +16,8 @@ class BatchFunction:
     Args:
         function: the single-state function; it stays available as attribute `function`.
 
-    Sparse outputs are made dense. Safe to share between threads.
-
-    Raises:
-        NotImplementedError: the function has operations that `Tape` does not know.
+    Sparse outputs are made dense. Safe to share between threads. Instructions that `Tape` does not know are
+    left to CasADi's own machine, which takes one state at a time.
     """
 
     def __init__(self, function: cs.Function) -> None:
@@ -27,7 +27,10 @@ class BatchFunction:
         dense = [cs.densify(out) for out in function.call(symbols)]
         names = function.name_in(), function.name_out()
         self.function = cs.Function(function.name(), symbols, dense, *names)
-        self._tape = Tape(self.function)
+        try:
+            self._run: Callable[[np.ndarray], np.ndarray] = Tape(self.function)
+        except NotImplementedError:
+            self._run = _by_casadi(self.function)
         self._in = [function.numel_in(i) for i in range(function.n_in())]
         self._out = [function.size_out(i) for i in range(function.n_out())]
 
@@ -59,4 +62,15 @@ class BatchFunction:
 
     def in_columns(self, inputs: np.ndarray) -> np.ndarray:
         """All outputs, one below the other and column by column, (rows, N), at such inputs (rows, N)."""
-        return self._tape(inputs)
+        return self._run(inputs)
+
+
+def _by_casadi(function: cs.Function) -> Callable[[np.ndarray], np.ndarray]:
+    """What gives all results (results, N) of all arguments (arguments, N)."""
+    sizes = [function.numel_in(i) for i in range(function.n_in())]
+    arguments = cs.SX.sym("arguments", sum(sizes))
+    parts = cs.vertsplit(arguments, [0, *np.cumsum(sizes).tolist()])
+    shaped = [cs.reshape(part, *function.size_in(i)) for i, part in enumerate(parts)]
+    flat = cs.Function("flat", [arguments], [cs.vertcat(*map(cs.vec, function.call(shaped)))])
+    nothing = np.empty((flat.numel_out(), 0))
+    return lambda inputs: flat(inputs).full() if inputs.size else nothing

@@ -16,7 +16,7 @@ INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class ConeColumns:
     """A matrix of non-zero entries, column by column.
 
     Attributes:
@@ -34,16 +34,18 @@ class Columns:
 
 
 def columns_of(matrix: np.ndarray) -> Any:
-    """The non-zero entries of a dense matrix, as `Columns`; Clarabel's types ask for SciPy's class."""
+    """The non-zero entries of a dense matrix, as `ConeColumns`; Clarabel's types ask for SciPy's class."""
     column, row = np.nonzero(matrix.T)
     counts = np.bincount(column, minlength=matrix.shape[1])
     starts = np.concatenate([[0], np.cumsum(counts)])
-    return Columns(np.asarray(matrix[row, column], dtype=float), row, starts, matrix.shape)
+    return ConeColumns(np.asarray(matrix[row, column], dtype=float), row, starts, matrix.shape)
 
 
 def no_columns(size: int) -> Any:
-    """A square matrix of zeros, as `Columns`: the quadratic cost of a linear program."""
-    return Columns(np.empty(0), np.empty(0, dtype=np.int64), np.zeros(size + 1, dtype=np.int64), (size, size))
+    """A square matrix of zeros, as `ConeColumns`: the quadratic cost of a linear program."""
+    return ConeColumns(
+        np.empty(0), np.empty(0, dtype=np.int64), np.zeros(size + 1, dtype=np.int64), (size, size)
+    )
 
 
 def triangle(matrix: np.ndarray) -> np.ndarray:

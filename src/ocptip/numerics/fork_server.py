@@ -10,15 +10,14 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing import forkserver
 
-from ocptip.numerics.process_state import environment
-
 THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-_FIRST, _LAST = "ocptip.numerics.few_cycles", "ocptip.numerics.warm"
+_WARM = "ocptip.numerics.warm"
 _start_method = ["spawn"]
+_environment = threading.Lock()
 
 
 def prepare_workers(modules: Sequence[str]) -> None:
@@ -32,7 +31,7 @@ def prepare_workers(modules: Sequence[str]) -> None:
     """
     if not sys.platform.startswith("linux"):
         return
-    multiprocessing.get_context("forkserver").set_forkserver_preload([_FIRST, *modules, _LAST])
+    multiprocessing.get_context("forkserver").set_forkserver_preload([*modules, _WARM])
     with interrupts_held(), environment(THREADS):
         forkserver.ensure_running()
     _start_method[0] = "forkserver"
@@ -81,3 +80,19 @@ def interrupts_held() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def environment(values: Mapping[str, str]) -> Iterator[None]:
+    """The environment has these values, for a process that is started inside."""
+    with _environment:
+        before = {name: os.environ.get(name) for name in values}
+        os.environ.update(values)
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    os.environ.pop(name, None)
+                else:
+                    os.environ[name] = value

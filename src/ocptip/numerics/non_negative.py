@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 _SLOPE, _ZERO = 1e-15, 1e-15  # of columns and a right-hand side of length 1
 _DEPENDENT = 1e-13  # of a column of length 1: what others leave of it is rounding

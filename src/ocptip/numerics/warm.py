@@ -6,8 +6,7 @@ to, see `ocptip.numerics.fork_server`.
 
 from __future__ import annotations
 
-from ocptip.numerics.compiled import compiled
-from ocptip.numerics.few_cycles import loaded
+from ocptip.numerics.jit.compiled import compiled
 
 
 @compiled
@@ -16,4 +15,3 @@ def _same(x: float) -> float:
 
 
 _same(0.0)
-loaded()  # nothing of that becomes garbage in the processes forked from here

@@ -9,13 +9,11 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from importlib import import_module
 from typing import Any
 
 from ocptip.basics.errors import InputError, OcptipError
 from ocptip.basics.version import version
-from ocptip.numerics.fork_server import THREADS, cores, interrupts_held, start_method
-from ocptip.numerics.process_state import environment
+from ocptip.numerics.fork_server import THREADS, cores, environment, interrupts_held, start_method
 
 _DEATHS = 2  # of processes, after which a call is given up
 _PATIENCE = 10.0  # s, until a cluster has answered and has a worker
@@ -197,8 +195,6 @@ def _alone(function: Callable[..., Any], /, *arguments: Any, **named: Any) -> An
 def _serve() -> None:
     """In a worker: leave interrupts to the parent, and do not outlive it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    import_module("ocptip.numerics.few_cycles").loaded()
-
     parent = multiprocessing.parent_process()
     assert parent is not None
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
-from ocptip.numerics.tape import Tape
+from ocptip.numerics.jit.tape import Tape
 from ocptip.parallel.code.complete import complete_joints, newton_function
 from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.minimal_form import joints_of_branch, minimal_obstacle

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 _GAP = 1e-10  # relative: between the bounds of a value that is good enough
 _STEPS = 60  # Newton steps

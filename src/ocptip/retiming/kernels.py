@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 MOST = 96
 """Edges of a polygon, at most."""

@@ -15,7 +15,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 from ocptip.robots.dynamics import dynamics_batch, inverse_dynamics
 from ocptip.robots.inverse.joint_angles import search_box
 from ocptip.robots.kinematics import chain

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ocptip.basics.errors import InputError, number_from
-from ocptip.indices.platforms.planar import LARGEST_R
+from studies.indices.designs.optimal_planar import LARGEST_R
 
 TOUCHING_POINT = (0.54775168735, 1.98271818060)
 """N = (t, r1): the curves S = 0 and S_1 S_2 = 0 touch (and at the mirror images)."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.indices.platforms.planar import ANCHOR_RADIUS, exchanged_legs
 from ocptip.indices.platforms.platform import PlatformPose
+from studies.indices.designs.optimal_planar import ANCHOR_RADIUS, exchanged_legs
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from ocptip.indices.platforms.isotropy import platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
 from ocptip.indices.platforms.reviewed import best_complex, manipulability
+from studies.indices.designs.flight_simulator import FlightSimulator
 from tests.indices.sample_platforms import (
     LEGS,
     SEEDS,

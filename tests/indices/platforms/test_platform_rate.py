@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from ocptip.indices.platforms.isotropy import platform_conditioning
 from ocptip.indices.platforms.platform import StewartPlatform
 from ocptip.indices.platforms.rate import rate_platform
+from studies.indices.designs.flight_simulator import FlightSimulator
 from tests.indices.sample_platforms import flat_pose, random_pose
 
 NAMES = [

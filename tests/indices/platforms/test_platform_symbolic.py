@@ -11,12 +11,13 @@ from ocptip.basics.errors import InputError
 from ocptip.indices.encodings import ratio_constraint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from ocptip.indices.platforms.isotropy import platform_conditioning
-from ocptip.indices.platforms.planar import PlanarPlatformPose, optimal_planar_pose
+from ocptip.indices.platforms.planar import PlanarPlatformPose
 from ocptip.indices.platforms.platform import StewartPlatform
 from ocptip.indices.platforms.reviewed import best_complex, manipulability, rigidity_rate
 from ocptip.indices.platforms.symbolic import SymbolicPlatform, planar_forms, roll_pitch_yaw
+from studies.indices.designs.flight_simulator import FlightSimulator
+from studies.indices.designs.optimal_planar import optimal_planar_pose
 from tests.indices.sample_platforms import SEEDS, random_ellipsoid, random_pose
 
 QUIET = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 600}}

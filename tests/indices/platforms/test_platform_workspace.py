@@ -5,10 +5,10 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.flight_simulator import OPTIMAL_CTN, FlightSimulator
 from ocptip.indices.platforms.platform import StewartPlatform
 from ocptip.indices.platforms.reviewed import manipulability
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
+from studies.indices.designs.flight_simulator import OPTIMAL_CTN, FlightSimulator
 from tests.indices.sample_platforms import LEGS, SEEDS
 
 

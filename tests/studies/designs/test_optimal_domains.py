@@ -6,7 +6,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.platforms.planar import LARGEST_R
 from studies.indices.designs.optimal_domains import (
     TOUCHING_POINT,
     discriminants,
@@ -16,6 +15,7 @@ from studies.indices.designs.optimal_domains import (
     real_root_counts,
     special_limit,
 )
+from studies.indices.designs.optimal_planar import LARGEST_R
 
 SHAPES = st.floats(0.02, 0.98).flatmap(lambda t: st.sampled_from([t, -t]))
 T_N = TOUCHING_POINT[0]

@@ -10,9 +10,9 @@ from ocptip.basics.errors import InputError, SolverError
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.isotropy import platform_conditioning
-from ocptip.indices.platforms.planar import optimal_planar_angle
 from ocptip.indices.platforms.platform import StewartPlatform
 from studies.indices.designs.optimal_domains import main_roots, special_limit
+from studies.indices.designs.optimal_planar import optimal_planar_angle
 from studies.indices.designs.optimal_platforms import (
     ctn_optimal_main,
     ctn_optimal_special,

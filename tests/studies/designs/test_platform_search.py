@@ -3,9 +3,9 @@ import pytest
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.flight_simulator import OPTIMAL_CTN, FlightSimulator
 from ocptip.indices.platforms.platform import StewartPlatform
 from ocptip.indices.platforms.reviewed import manipulability, rigidity_rate
+from studies.indices.designs.flight_simulator import OPTIMAL_CTN, FlightSimulator
 from studies.indices.designs.optimal_platforms import example_main
 from studies.indices.designs.platform_search import best_pose, quality_index
 

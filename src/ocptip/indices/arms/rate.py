@@ -11,7 +11,7 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.distance import SingularityDistance
 from ocptip.indices.arms.operation import OperationIndices
-from ocptip.indices.arms.values import Evaluation, checked_names, six_or_more
+from ocptip.indices.arms.values import ArmEvaluation, checked_names, six_or_more
 from ocptip.indices.meanings import ARM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.robots.model import ArmModel
@@ -83,7 +83,7 @@ def rate_arm(
     """
     angles = finite_array("q", q, (model.n,))
     motion = None if rates is None else finite_array("rates", rates, (model.n,))
-    evaluation = Evaluation(model, arm_pose(six_or_more(model), angles), ellipsoid, motion)
+    evaluation = ArmEvaluation(model, arm_pose(six_or_more(model), angles), ellipsoid, motion)
     names = checked_names(None, motion)
     values = evaluation.values(names)
     entries = tuple(

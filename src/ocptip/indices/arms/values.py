@@ -59,10 +59,10 @@ def index_values(
         InputError: fewer than six axes, unknown name, wrong shape or not finite.
     """
     wanted = checked_names(names, rates)
-    return Evaluation(model, arm_pose(six_or_more(model), q), ellipsoid, rates).values(wanted)
+    return ArmEvaluation(model, arm_pose(six_or_more(model), q), ellipsoid, rates).values(wanted)
 
 
-class Evaluation:
+class ArmEvaluation:
     """The indices of poses, for :func:`index_values` and `rate_arm`.
 
     Arguments as for `index_values`, but the poses as `ArmPose`.
@@ -168,7 +168,7 @@ class Evaluation:
 
 _ALL = slice(None)
 _OF_SIX_AXES = ("dm_inf", "dm_2", "dm_inf_weighted", "dm_2_weighted", "sigma")
-_VALUES: dict[str, Callable[[Evaluation], np.ndarray]] = {
+_VALUES: dict[str, Callable[[ArmEvaluation], np.ndarray]] = {
     "pi_oe": lambda e: e.operation.pi_oe,
     "inv_cdn_oe": lambda e: e.operation.inv_cdn_oe,
     "dm_inf": lambda e: e.distance.dm_inf,
@@ -178,12 +178,12 @@ _VALUES: dict[str, Callable[[Evaluation], np.ndarray]] = {
     ),
     "inv_cdn": lambda e: inv_cdn(e.pose.jacobian),
     "inv_cdn_cl": lambda e: inv_cdn_cl(e.pose.jacobian, e._center, e.ellipsoid.characteristic_length),
-    "inv_cdn_points": Evaluation._inv_cdn_points,
+    "inv_cdn_points": ArmEvaluation._inv_cdn_points,
     "pi_oe_weighted": lambda e: e._weighted(lambda: e._weighted_operation.pi_oe, _ALL),
     "inv_cdn_oe_weighted": lambda e: e._weighted(lambda: e._weighted_operation.inv_cdn_oe, _ALL),
     "dm_inf_weighted": lambda e: e._weighted(lambda: e.distance.energy_inf, INNER),
     "dm_2_weighted": lambda e: e._weighted(lambda: e.distance.energy_2, INNER),
-    "sigma": Evaluation._sigma,
+    "sigma": ArmEvaluation._sigma,
 }
 """What computes each index."""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocptip.motion.planner.profile_kernels import place
 from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.compiled import compiled, compiled_in_any_order
+from ocptip.numerics.jit.compiled import compiled, compiled_in_any_order
 from ocptip.standing.instants import NodeColumns
 from ocptip.standing.mechanism import StandingMechanism
 

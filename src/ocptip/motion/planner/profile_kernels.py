@@ -17,7 +17,7 @@ of these over the last rise time: with exact steps its ends are two events.
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled, compiled_in_any_order, compiled_inline
+from ocptip.numerics.jit.compiled import compiled, compiled_in_any_order, compiled_inline
 
 
 @compiled_inline

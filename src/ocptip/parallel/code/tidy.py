@@ -9,13 +9,15 @@ written back with CasADi's simplification switched off, so that it stays as it i
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import casadi as cs
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.process_state import expressions_as_written
 
 _UNARY = {
     cs.OP_SIN: cs.sin,
@@ -28,6 +30,8 @@ _UNARY = {
 _PASSES = 3  # how often sums are factored
 _ODD = {cs.OP_SIN, cs.OP_TANH, cs.OP_SIGN}
 _EVEN = {cs.OP_COS, cs.OP_FABS}
+
+_expressions = threading.Lock()
 
 Value = tuple[int, int]  # sign (+1, -1), node
 
@@ -336,3 +340,18 @@ def _expression(
         return 1 / values[key[1]]
     sign, argument = key[2]
     return _UNARY[key[1]](values[argument] if sign > 0 else -values[argument])
+
+
+@contextmanager
+def expressions_as_written() -> Iterator[None]:
+    """CasADi keeps expressions as they are written, without simplifying them.
+
+    Expressions that another thread builds meanwhile are not simplified either: longer, of the same value.
+    """
+    with _expressions:
+        before = cs.GlobalOptions.getSimplificationOnTheFly()
+        cs.GlobalOptions.setSimplificationOnTheFly(False)
+        try:
+            yield
+        finally:
+            cs.GlobalOptions.setSimplificationOnTheFly(before)

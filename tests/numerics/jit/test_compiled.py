@@ -7,14 +7,14 @@ import pytest
 
 CALLER = """
 from {callee} import step
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 @compiled
 def twice(x):
     return step(step(x))
 """
 CALLEE = """
-from ocptip.numerics.compiled import compiled, compiled_inline
+from ocptip.numerics.jit.compiled import compiled, compiled_inline
 
 @compiled{inline}
 def step(x):

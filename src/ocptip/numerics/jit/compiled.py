@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ocptip.numerics.private import complaint, trusted
+from ocptip.numerics.jit.private import complaint, trusted
 
 _interpreting = False  # in all of this process, see `interpreted`
 

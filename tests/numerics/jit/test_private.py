@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from ocptip.basics.errors import InputWarning
-from ocptip.numerics import native, private
+from ocptip.numerics.jit import native, private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes of POSIX")
 
@@ -115,7 +115,7 @@ def test_code_planted_with_a_right_digest_is_not_run(cache):
 PROGRAM = """
 import sys, warnings
 warnings.simplefilter("always")
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 
 @compiled
 def twice(x):

@@ -6,10 +6,10 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from ocptip.numerics import native
 from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.native import LANES
-from ocptip.numerics.tape import BLOCK, LOOK, WORTH, Tape
+from ocptip.numerics.jit import native
+from ocptip.numerics.jit.native import LANES
+from ocptip.numerics.jit.tape import BLOCK, LOOK, WORTH, Tape
 
 UNARY = {
     "neg": lambda x: -x,
@@ -83,6 +83,19 @@ def test_an_unknown_operation_is_named():
     x = cs.SX.sym("x")
     with pytest.raises(NotImplementedError, match="CasADi operation"):
         Tape(cs.Function("f", [x], [cs.erf(x)]))
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_unknown_operations_are_left_to_casadi(count):
+    x, M = cs.SX.sym("x", 2), cs.SX.sym("M", 2, 2)
+    function = cs.Function("f", [x, M], [M @ cs.erf(x), cs.erf(M)])
+    at, matrix = np.linspace(-1, 1, 2 * count).reshape(count, 2), np.array([1.0, 2.0, 3.0, 4.0])
+    first, second = BatchFunction(function)(at, np.tile(matrix, (count, 1)))
+    assert (first.shape, second.shape) == ((count, 2), (count, 2, 2))
+    for k in range(count):
+        expected = [np.array(one) for one in function(at[k], matrix.reshape(2, 2, order="F"))]
+        np.testing.assert_array_equal(first[k], expected[0].ravel())
+        np.testing.assert_array_equal(second[k], expected[1])
 
 
 @pytest.mark.parametrize("name", [*UNARY, *BINARY])

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.flight_simulator import LARGEST_ALPHA, OPTIMAL_CTN, FlightSimulator
 from ocptip.indices.platforms.reviewed import best_complex, manipulability, rigidity_rate
+from studies.indices.designs.flight_simulator import LARGEST_ALPHA, OPTIMAL_CTN, FlightSimulator
 
 
 def middle(design):

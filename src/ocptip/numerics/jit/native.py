@@ -22,7 +22,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import config
 
-from ocptip.numerics.private import read_private, trusted, write_private
+from ocptip.numerics.jit.private import read_private, trusted, write_private
 
 LANES = 8
 """States at a time where there are many."""

@@ -15,8 +15,8 @@ from enum import IntEnum
 import casadi as cs
 import numpy as np
 
-from ocptip.numerics.compiled import compiled
-from ocptip.numerics.native import LANES, Instruction, Native, native
+from ocptip.numerics.jit.compiled import compiled
+from ocptip.numerics.jit.native import LANES, Instruction, Native, native
 
 BLOCK = 128
 """States per block: the work vectors of a block should stay in the processor's cache."""

@@ -1,0 +1,1 @@
+"""Machine code: kernels that Numba compiles, and tapes of CasADi functions."""
