@@ -63,6 +63,14 @@ def test_messages_of_troubleshooting_are_those_of_the_code():
     assert [message for message in messages if message not in one_line] == []
 
 
+def test_all_fields_of_a_plan_are_on_their_page():
+    code = (ROOT / "src" / "ocptip" / "motion" / "output.py").read_text(encoding="utf-8")
+    code = code[code.index('"case": plan.task.name') - 9 : code.index("return plain(data)")]
+    fields = re.findall(r'^        (?:\*\*\(\{)?"(\w+)": ', code, flags=re.MULTILINE)
+    assert {"energy_J", "verified", "contacts", "units"} <= set(fields)
+    assert [name for name in fields if f"`{name}`" not in PAGES["docs/plan-json.md"].text] == []
+
+
 def test_code_and_quoted_output_are_no_prose(tmp_path):
     path = tmp_path / "page.md"
     path.write_text(
