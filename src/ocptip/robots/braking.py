@@ -158,8 +158,8 @@ def brake(
         qd[going] = new
         done = going[np.all(new == 0, axis=1) & holding[going, 0]]
         rests[done] = now = now + step
-    states = (np.array(parts) for parts in zip(*history, strict=True))
-    return Braked(np.array(times), *states, rests)
+    q, qd, qdd = (np.array(parts) for parts in zip(*history, strict=True))
+    return Braked(np.array(times), q, qd, qdd, rests)
 
 
 def gravity_torques(model: ArmModel, gravity: np.ndarray) -> np.ndarray:

@@ -110,8 +110,8 @@ def newton_euler(
         f, m = cs.SX.zeros(3), cs.SX.zeros(3)  # about Q_i
         for own, place, tensor in ((mass, centre, inertia), *(carried if index == count - 1 else ())):
             inertial = own * (acceleration + _rotating(omega, domega, place))  # (2.35)
-            spin = tensor @ domega + cs.cross(omega, tensor @ omega)  # (2.42)
-            f, m = f + inertial, m + spin + cs.cross(place, inertial)
+            turning = tensor @ domega + cs.cross(omega, tensor @ omega)  # (2.42)
+            f, m = f + inertial, m + turning + cs.cross(place, inertial)
         inertial_force.append(f)
         inertial_moment.append(m)
         load, load_moment = A.T @ load, A.T @ load_moment  # process load, now in frame i

@@ -110,7 +110,7 @@ class Pillar:
 
     point: np.ndarray
     radius: float
-    axis: np.ndarray = (0.0, 0.0, 1.0)
+    axis: np.ndarray = (0.0, 0.0, 1.0)  # pyright: ignore[reportAssignmentType] # settled as an array
     name: str = "pillar"
 
     def __post_init__(self) -> None:
@@ -267,7 +267,8 @@ class CollisionModel(Collisions):
         if not rows:
             return rows
         gaps = BatchFunction(cs.Function("base", [q], [cs.vertcat(*(gap for *_, gap in rows))]))
-        always = (gaps(random_postures(self.model, POSTURES))[0] < TOUCHING).reshape(POSTURES, -1).all(axis=0)
+        found = gaps(random_postures(self.model, POSTURES))[0].reshape(POSTURES, -1)
+        always = np.max(found, axis=0) < TOUCHING
         names = [frozenset((label.first.split("[")[0], label.second)) for label, _, _ in rows]
         kept = [row for row, never in zip(rows, always, strict=True) if not never]
         left = {pair for pair, never in zip(names, always, strict=True) if not never}
@@ -353,7 +354,7 @@ def never_part(model: ArmModel) -> list[tuple[str, str]]:
     collision = CollisionModel(model)
     gaps = collision.gaps(random_postures(model, POSTURES))
     touching: dict[tuple[str, str], np.ndarray] = {}
-    names = [tuple(name.split("[")[0] for name in (x.first, x.second)) for x in collision.labels]
+    names = [(x.first.split("[")[0], x.second.split("[")[0]) for x in collision.labels]
     for pair, gap in zip(names, gaps.T, strict=True):
         touching[pair] = touching.get(pair, False) | (gap < TOUCHING)
     return [pair for pair, touches in touching.items() if touches.all()]

@@ -68,7 +68,7 @@ class Payload:
         mass, sides = positive_number("mass", mass), bounded_array("box", size, (3,))
         if (sides <= 0).any():
             raise InputError(f"box: dimensions must be > 0, got {sides.tolist()}")
-        return cls(mass, center_of_mass, mass / 12 * (np.sum(sides**2) - sides**2))
+        return cls(mass, np.asarray(center_of_mass), mass / 12 * (np.sum(sides**2) - sides**2))
 
     @property
     def is_point(self) -> bool:

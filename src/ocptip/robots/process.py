@@ -81,7 +81,9 @@ class ProcessWrench:
     def at(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces and moments (N, 3), in its axes, where what it varies with has these values (N,)."""
         force, moment = (
-            np.stack([np.interp(values, self.knots, column) for column in np.transpose(rows)], axis=1)
+            np.stack(
+                [np.interp(values, np.asarray(self.knots), column) for column in np.transpose(rows)], axis=1
+            )
             for rows in (self.force, self.moment)
         )
         return force, moment
@@ -109,7 +111,7 @@ class ProcessWrench:
 
         Between these times it is taken to go straight.
         """
-        own = np.interp(self.knots, values, times)
+        own = np.interp(np.asarray(self.knots), values, times)
         instants = np.unique(np.concatenate([times, own]))
         force, moment = self.at(np.interp(instants, times, values))
         return ProcessWrench(force, moment, self.axes, TIME, instants)
@@ -122,7 +124,7 @@ class ProcessWrench:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        varying = {"over": self.over, "knots": list(self.knots)} if self.varies else {}
+        varying = {"over": self.over, "knots": list(np.asarray(self.knots))} if self.varies else {}
         return {"force_N": self.force, "moment_Nm": self.moment, "axes": self.axes, **varying}
 
     def __str__(self) -> str:
@@ -131,6 +133,6 @@ class ProcessWrench:
         if self.varies:
             peaks = [np.max(np.linalg.norm(rows, axis=1)) for rows in (self.force, self.moment)]
             return f"up to {peaks[0]:.4g} N and {peaks[1]:.4g} N m {on}, over {self.over}"
-        parts = [("N", self.force), ("N m", self.moment)]
+        parts = [("N", np.asarray(self.force)), ("N m", np.asarray(self.moment))]
         words = [f"({', '.join(f'{x:.4g}' for x in v)}) {unit}" for unit, v in parts if np.any(v)]
         return f"{' and '.join(words) or 'nothing'} {on}, all the time"

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ocptip.robots.model import ArmModel
-from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.robots.pinocchio import PinocchioModel, load_pinocchio
 from ocptip.robots.urdf_file import UrdfFile
 from ocptip.robots.urdf_parser import pinocchio_model
 
-if TYPE_CHECKING:
-    import pinocchio as pin
 
-
-def resting_configuration(robot: pin.Model, arm: ArmModel) -> np.ndarray:
+def resting_configuration(robot: PinocchioModel, arm: ArmModel) -> np.ndarray:
     """The neutral configuration (nq,) with joints that rest, and followers of the arm's joints, in place.
 
     Args:

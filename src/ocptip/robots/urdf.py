@@ -6,7 +6,7 @@ import dataclasses
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,10 @@ from ocptip.basics.errors import InputError, finite_array, number_from
 from ocptip.basics.text import did_you_mean
 from ocptip.robots.coupling import Coupling
 from ocptip.robots.model import ArmModel, JointLimits
-from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.robots.pinocchio import PinocchioModel, load_pinocchio
 from ocptip.robots.sanity import doubt_arm, refuse_impossible_links
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
 from ocptip.robots.urdf_parser import pinocchio_model
-
-if TYPE_CHECKING:
-    import pinocchio as pin
 
 _NO_LIMIT = 1e30  # Pinocchio writes the largest float where a URDF gives no limit
 
@@ -95,7 +92,7 @@ def arm_from_urdf(
 
 
 def arm_from_pinocchio(
-    robot: pin.Model,
+    robot: PinocchioModel,
     *,
     base_link: str,
     tool_frame: str,
@@ -114,7 +111,7 @@ def arm_from_pinocchio(
 
 
 def _from_pinocchio(
-    robot: pin.Model,
+    robot: PinocchioModel,
     base_link: str,
     tool_frame: str,
     given: Mapping[str, float],
@@ -146,8 +143,8 @@ def _from_pinocchio(
             )
     loose = [j for j in robot.subtrees[moving[0]] if j not in free and robot.names[j] not in locked]
     at_rest = {robot.names[j]: mimics.resting.get(robot.names[j], _nearest_to_zero(robot, j)) for j in loose}
-    reduced, frames = _reduced(robot, {**stuck, **at_rest, **locked}, moving, (base, tool))
-    arm = _arm(reduced, *frames, mimics.coupled, armature, acceleration)
+    reduced, (base_at, tool_at) = _reduced(robot, {**stuck, **at_rest, **locked}, moving, (base, tool))
+    arm = _arm(reduced, base_at, tool_at, mimics.coupled, armature, acceleration)
     refuse_impossible_links(arm, _links(reduced), accept_inertia)
     reasons = {
         "their limits leave no way (others in [arm.limits], by name, free them)": stuck,
@@ -170,7 +167,9 @@ class _Mimics:
     coupled: dict[str, tuple[str, float, float]] = field(default_factory=dict)
 
 
-def _mimics(file: UrdfFile, robot: pin.Model, locked: Mapping[str, float], way: Sequence[str]) -> _Mimics:
+def _mimics(
+    file: UrdfFile, robot: PinocchioModel, locked: Mapping[str, float], way: Sequence[str]
+) -> _Mimics:
     """What becomes of all joints that mimic others and are not locked; `way`: between base and tool."""
     found = _Mimics()
     for joint in file.joints.values():
@@ -200,7 +199,7 @@ def _mimics(file: UrdfFile, robot: pin.Model, locked: Mapping[str, float], way: 
     return found
 
 
-def _links(robot: pin.Model) -> list[list[str]]:
+def _links(robot: PinocchioModel) -> list[list[str]]:
     """Names of the links that move with each joint, the one behind the joint first."""
     bodies = [f for f in robot.frames if f.type == load_pinocchio().FrameType.BODY]
     return [
@@ -217,7 +216,7 @@ def _locked_note(why: str, values: Mapping[str, float]) -> str:
     return f"locked, {why}: {'; '.join(groups)} (rad, sliding joints m)"
 
 
-def _open(robot: pin.Model, ranges: Mapping[str, tuple[float, float]]) -> None:
+def _open(robot: PinocchioModel, ranges: Mapping[str, tuple[float, float]]) -> None:
     """Give joints other limits."""
     _require_joints(robot, ranges)
     for name, (low, high) in ranges.items():
@@ -228,13 +227,13 @@ def _open(robot: pin.Model, ranges: Mapping[str, tuple[float, float]]) -> None:
             robot.lowerPositionLimit[joint.idx_q], robot.upperPositionLimit[joint.idx_q] = low, high
 
 
-def _stuck(robot: pin.Model, index: int) -> bool:
+def _stuck(robot: PinocchioModel, index: int) -> bool:
     """Whether a joint's limits leave it no way."""
     joint = robot.joints[index]
     return joint.nq == 1 and robot.lowerPositionLimit[joint.idx_q] == robot.upperPositionLimit[joint.idx_q]
 
 
-def _nearest_to_zero(robot: pin.Model, index: int) -> float:
+def _nearest_to_zero(robot: PinocchioModel, index: int) -> float:
     """Zero, or the limit next to it."""
     joint = robot.joints[index]
     if joint.nq != 1:
@@ -244,8 +243,8 @@ def _nearest_to_zero(robot: pin.Model, index: int) -> float:
 
 
 def _reduced(
-    robot: pin.Model, locked: Mapping[str, float], moving: list[int], wanted: Sequence[int]
-) -> tuple[pin.Model, list[pin.SE3]]:
+    robot: PinocchioModel, locked: Mapping[str, float], moving: list[int], wanted: Sequence[int]
+) -> tuple[PinocchioModel, list[Any]]:
     """Lock all joints but `moving`; where no angle is given (ahead of the base) it does not matter.
 
     Returns:
@@ -277,9 +276,9 @@ def _reduced(
 
 
 def _arm(
-    robot: pin.Model,
-    base: pin.SE3,
-    tool: pin.SE3,
+    robot: PinocchioModel,
+    base: Any,
+    tool: Any,
     coupled: Mapping[str, tuple[str, float, float]],
     armature: np.ndarray | None,
     acceleration: np.ndarray | None,
@@ -324,7 +323,7 @@ def _arm(
     )
 
 
-def _limits(robot: pin.Model, coupling: Coupling | None, acceleration: np.ndarray | None) -> JointLimits:
+def _limits(robot: PinocchioModel, coupling: Coupling | None, acceleration: np.ndarray | None) -> JointLimits:
     """Limits of the joints; of those that lead, so that joints that follow keep theirs, but for torques."""
     joints = list(robot.joints)[1:]
     n = len(joints)
@@ -348,16 +347,16 @@ def _limits(robot: pin.Model, coupling: Coupling | None, acceleration: np.ndarra
     return JointLimits(low, high, speed, limit, torque)
 
 
-def _screw(robot: pin.Model, index: int) -> np.ndarray:
+def _screw(robot: PinocchioModel, index: int) -> np.ndarray:
     """(2, 3): along which a joint of one degree of freedom slides, and about which it turns; joint frame."""
     return np.ravel(robot.joints[index].createData().S).reshape(2, 3)
 
 
-def _slides(robot: pin.Model, index: int) -> bool:
+def _slides(robot: PinocchioModel, index: int) -> bool:
     return bool(np.linalg.norm(_screw(robot, index)[0]) > 0.5)
 
 
-def _axis(robot: pin.Model, index: int) -> np.ndarray:
+def _axis(robot: PinocchioModel, index: int) -> np.ndarray:
     """Joint axis (3,) in the joint's frame."""
     axis = _screw(robot, index).sum(axis=0)  # one of the two is zero
     return axis / np.linalg.norm(axis)
@@ -371,7 +370,7 @@ def _z_onto(axis: np.ndarray) -> np.ndarray:
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
-def _frame(robot: pin.Model, argument: str, name: str) -> int:
+def _frame(robot: PinocchioModel, argument: str, name: str) -> int:
     """Number of a frame; a link goes before the joint, sensor or operational frame of the same name."""
     pin = load_pinocchio()
     kinds = pin.FrameType
@@ -383,7 +382,7 @@ def _frame(robot: pin.Model, argument: str, name: str) -> int:
     raise InputError(f"{argument}: no {name!r}; there are {', '.join(known)}{did_you_mean(name, known)}")
 
 
-def _require_joints(robot: pin.Model, names: Iterable[str]) -> None:
+def _require_joints(robot: PinocchioModel, names: Iterable[str]) -> None:
     known = list(robot.names)[1:]
     for name in names:
         if name not in known:

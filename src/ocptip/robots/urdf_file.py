@@ -298,7 +298,7 @@ def xml_of(file: Path) -> tuple[ElementTree.Element, str]:
     """The outermost element and the text, in UTF-8; errors as of :func:`parse_urdf`."""
     text = read_xml_text(file)
     advice = f"a xacro file, not a URDF yet; expand it: xacro {file.name} > robot.urdf"
-    problem = None
+    problem, root = None, ElementTree.Element("")
     try:
         # Parsers of robots know no namespaces and take undeclared prefixes, such as drake:acceleration.
         root = parse_xml(_PREFIX.sub(r"\1\2_", text) if "xmlns" not in text else text)

@@ -12,24 +12,21 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.read import require_readable
 from ocptip.basics.text import some
-from ocptip.robots.pinocchio import load_coal, load_pinocchio
+from ocptip.robots.pinocchio import PinocchioModel, load_coal, load_pinocchio
 from ocptip.robots.urdf_file import require_shallow, xml_of
-
-if TYPE_CHECKING:
-    import pinocchio as pin
 
 _PLACE = re.compile(r"\s+at line \d+ in \S+")
 _MOST = 3  # lines shown
 
 
-def pinocchio_model(file: Path) -> pin.Model:
+def pinocchio_model(file: Path) -> PinocchioModel:
     """The model of a URDF file.
 
     Raises:

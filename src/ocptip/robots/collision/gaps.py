@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -74,10 +72,10 @@ class Collisions:
     labels: tuple[GapLabel, ...] = ()
     source = ""
     floors: tuple[tuple[str, np.ndarray, float], ...] = ()
-    apart: Mapping[frozenset[str], str] = MappingProxyType({})
+    apart: dict[frozenset[str], str]
 
     def __init__(self, n: int) -> None:
-        self.n = n
+        self.n, self.apart = n, {}
 
     def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
         """Signed distances (N, m) or (m,), m, at q (N, n) or (n,), rad, in the order of `labels`.

@@ -66,7 +66,7 @@ class ShapeCollisions(Collisions):
         self.of_arm, self.of_base = len(own), len(fixed)
         self.of_links = sum(not shape.carried for shape in geometry.shapes)
         bodies = [s.body for s in geometry.shapes]
-        self.apart: dict[frozenset[str], str] = {}
+        self.apart = {}
         mounted = [self._links(bodies, 2), range(len(own), len(own) + len(fixed))]
         inner = [*self._self_pairs(geometry), *product(*mounted)]
         self.distances = Distances(
@@ -200,8 +200,8 @@ class ShapeCollisions(Collisions):
 
     def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
         last = self._last
-        known = last is not None and _same(last, q, states, pairs)
-        contact = last[1] if known else self.distances.at(q, states, pairs)[0]
+        known = last if last is not None and _same(last, q, states, pairs) else None
+        contact = known[1] if known else self.distances.at(q, states, pairs)[0]
         return self.distances.curvature(q, contact, on)
 
 

@@ -88,7 +88,7 @@ def _open(
     poses: dict[int, tuple[np.ndarray, np.ndarray]] = {
         p.body: _pose(collision, frames, p.body) for own in both for p in own
     }
-    gaps = {pair: _nearest(*pair, poses) for pair in product(*both)}
+    gaps = {(one, other): _nearest(one, other, poses) for one, other in product(*both)}
     for _ in range(CUTS):
         pair = min(gaps, key=lambda own: gaps[own][0])
         gap, points = gaps[pair]

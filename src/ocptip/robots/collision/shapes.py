@@ -151,13 +151,14 @@ class Cylinder(Shape):
 class Box(Shape):
     """Of edges `size` (3,), m, about the origin."""
 
-    size: Sequence[float]
+    size: Sequence[float] | np.ndarray
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(self, size=finite_array("size", self.size, (3,)))
-        if not (self.size > 0).all():
-            raise InputError(f"size: must be > 0, got {self.size.tolist()}")
+        size = finite_array("size", self.size, (3,))
+        settle(self, size=size)
+        if not (size > 0).all():
+            raise InputError(f"size: must be > 0, got {size.tolist()}")
 
     def solid(self) -> Any:
         return load_coal().Box(*self.size)

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -30,13 +30,10 @@ from ocptip.robots.collision.shapes import (
 )
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
-from ocptip.robots.pinocchio import load_coal, load_pinocchio
+from ocptip.robots.pinocchio import PinocchioModel, load_coal, load_pinocchio
 from ocptip.robots.resting import resting_configuration
 from ocptip.robots.urdf_file import parse_urdf
 from ocptip.robots.urdf_parser import load_mesh, pinocchio_model, printed
-
-if TYPE_CHECKING:
-    import pinocchio as pin
 
 PACKAGE = "package://"
 """Begins names of files in ROS packages."""
@@ -86,6 +83,7 @@ def geometry_from_urdf(
         if mesh is not None:
             require_readable(mesh)
     robot, text = pinocchio_model(file), ET.tostring(tree, encoding="unicode")
+    lines: list[str] = []
     try:
         with printed() as lines:
             geometry = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
@@ -164,7 +162,7 @@ def _folders(file: Path, given: Sequence[str | os.PathLike[str]]) -> list[Path]:
     return [*paths, *file.resolve().parents]
 
 
-def _raw(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[Raw]:
+def _raw(robot: PinocchioModel, geometry: Any, arm: ArmModel) -> Iterator[Raw]:
     """Geometries in the frames of the arm's links; those before the first one in its mount frame."""
     pin = load_pinocchio()
     data = robot.createData()

@@ -127,6 +127,7 @@ def _all_branches(model: ArmModel, positions: np.ndarray, rotations: np.ndarray)
 def _spherical_wrist(axes: _Axes, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
     w, Q = axes.w, axes.Q
     wrist = _meeting_point(axes, 4, 5, 6)
+    assert wrist is not None  # of this family
     goal = R @ wrist + p
     # e_2, e_3 keep the wrist's component along w_2, so e_1 alone must give it.
     t1 = _onto_projection(w[0], goal - Q[0], w[1], w[1] @ (wrist - Q[0]), inverse=True)  # (N, 2)
@@ -184,6 +185,8 @@ def _parallel_axes(
 def _spherical_shoulder(axes: _Axes, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
     w = axes.w
     shoulder, elbow = _meeting_point(axes, 1, 2, 3), _meeting_point(axes, 3, 4, 5)
+    assert shoulder is not None
+    assert elbow is not None  # of this family
     reach, base6 = elbow - shoulder, axes.Q[5]
     seen = _transposed(R, shoulder - p)  # the shoulder as seen from the gripper side
     # e_1 .. e_5 keep the distance from shoulder to elbow, so e_6 alone must give it.
@@ -251,7 +254,12 @@ def _onto_projection(
 
 
 def _at_distance(
-    w: np.ndarray, v: np.ndarray, goal: np.ndarray, distance: np.ndarray, *, inverse: bool = False
+    w: np.ndarray,
+    v: np.ndarray,
+    goal: np.ndarray,
+    distance: np.ndarray | np.floating,
+    *,
+    inverse: bool = False,
 ) -> np.ndarray:
     """Angles (..., 2) with |R(w, angle) v - goal| = distance; with `inverse`, of R(w, -angle) instead."""
     squares = np.sum(v * v, axis=-1) + np.sum(goal * goal, axis=-1)

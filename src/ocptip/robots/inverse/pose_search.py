@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -32,7 +33,7 @@ def search(
     positions: np.ndarray,
     rotations: np.ndarray,
     orientation: Orientation = "full",
-    tool_axis: np.ndarray = (0.0, 0.0, 1.0),
+    tool_axis: np.ndarray | Sequence[float] = (0.0, 0.0, 1.0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nearest approach to many poses by damped Newton steps, each from its own start, within joint limits.
 
@@ -67,7 +68,7 @@ def levenberg_marquardt(
     rotations: np.ndarray,
     *,
     orientation: Orientation = "full",
-    tool_axis: np.ndarray = (0.0, 0.0, 1.0),
+    tool_axis: np.ndarray | Sequence[float] = (0.0, 0.0, 1.0),
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
     iterations: int,
     least_damping: float,
@@ -129,7 +130,7 @@ def pose_errors(
     position: np.ndarray,
     rotation: np.ndarray,
     orientation: Orientation = "full",
-    tool_axis: np.ndarray = (0.0, 0.0, 1.0),
+    tool_axis: np.ndarray | Sequence[float] = (0.0, 0.0, 1.0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose errors (N, 3 or 6), m then rotation vector in rad, base axes, and the Jacobian (N, 3 or 6, n).
 
@@ -180,7 +181,9 @@ def miss_sizes(error: np.ndarray) -> np.ndarray:
 
 
 def effective_axes(
-    model: ArmModel, orientation: Orientation = "full", tool_axis: np.ndarray = (0.0, 0.0, 1.0)
+    model: ArmModel,
+    orientation: Orientation = "full",
+    tool_axis: np.ndarray | Sequence[float] = (0.0, 0.0, 1.0),
 ) -> int:
     """Number of the conditions of a pose that an arm can fulfil independently, at most 6, 5 or 3.
 
