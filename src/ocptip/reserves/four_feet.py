@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from ocptip.contact.support import Support
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.jit.compiled import compiled
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.planar import solve_planar
