@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ocptip.reserves import Slip, TipOver
     from ocptip.standing.arm import Robot
     from ocptip.task_files.scene import Scene, read_scene
+    from ocptip.trajectories.trajectory import Trajectory
 
     __version__: str
 
@@ -62,6 +63,7 @@ _HOME = {
     "Slip": "ocptip.reserves",
     "Support": "ocptip.contact",
     "TipOver": "ocptip.reserves",
+    "Trajectory": "ocptip.trajectories.trajectory",
     "UnilateralContact": "ocptip.contact",
     "compare": "ocptip.api.compare",
     "export": "ocptip.api.export",
@@ -94,6 +96,7 @@ __all__ = [
     "Slip",
     "Support",
     "TipOver",
+    "Trajectory",
     "UnilateralContact",
     "__version__",
     "compare",

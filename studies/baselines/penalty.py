@@ -43,9 +43,9 @@ from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, RampCommand
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
+from ocptip.trajectories.velocity_profiles import VelocityProfiles, earliest_end, passive_command
 
 LEAST_SPEED = 0.001
 """Lower bound of speeds as a share of the joint's limit; the planner lets joints all but rest."""
@@ -128,7 +128,7 @@ class MotionPenalty:
 
     # --- parameters and motions ---------------------------------------------------------------------------
 
-    def motion(self, p: ArrayLike) -> ArmMotion:
+    def motion(self, p: ArrayLike) -> Trajectory:
         """The motion of parameters p, (size,); beyond 0 and 1 they are taken at their bound."""
         task, limit = self.task, self.robot.limits
         p = np.clip(finite_array("p", p, (self.size,)), 0.0, 1.0)
@@ -143,9 +143,9 @@ class MotionPenalty:
             start, goal = float(task.start[j]), float(task.goal[j])
             command = passive_command(start, goal, end, float(limit.speed[j]), float(limit.acceleration[j]))
             joints[j] = JointRamps.from_commands(start, [command])
-        return ArmMotion(tuple(joints))
+        return Trajectory(profiles=VelocityProfiles(tuple(joints)))
 
-    def parameters(self, motion: ArmMotion) -> np.ndarray:
+    def parameters(self, motion: Trajectory) -> np.ndarray:
         """The parameters of a motion's commands, (size,), not cut at the bounds; the inverse of `motion`.
 
         Raises:
@@ -196,7 +196,7 @@ class MotionPenalty:
         """Cost and limits at p, (size,)."""
         return self.of_motion(self.motion(p))
 
-    def of_motion(self, motion: ArmMotion) -> PenaltyValue:
+    def of_motion(self, motion: Trajectory) -> PenaltyValue:
         """Cost and limits of any motion of the task."""
         robot, bound = self.robot, self.task.limits
         nodes, weights = motion.quadrature(_ORDER)

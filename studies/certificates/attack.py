@@ -32,8 +32,8 @@ from ocptip.published.tasks import BASES, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import RESULTS, machine, progress, software, source_state, table
 from tests.certificate.test_mutations import broken
 from tests.certificate.test_within_in_balls import check_random_arms
@@ -51,18 +51,18 @@ _HEAD = ("case", "base", "time x", "claim", "worlds", "GN found", "GN proved", "
 Badness = Callable[[np.ndarray], np.ndarray]
 
 
-def swing(case: str, base: str) -> tuple[Any, ArmMotion]:
+def swing(case: str, base: str) -> tuple[Any, Trajectory]:
     """A robot, and a swing of its joints by two fifths of the way of its task."""
     task = experiment_task(case, base)
     commands = [
         [RampCommand(a + 0.4 * w, 0.25 * v, 0.8)]
         for a, w, v in zip(task.start, task.goal - task.start, task.robot.limits.speed, strict=True)
     ]
-    return task, ArmMotion.from_commands(task.start, commands)
+    return task, Trajectory.from_profiles(task.start, commands)
 
 
 def attack(
-    task: Any, motion: ArmMotion, tolerance: Tolerance, data: Mapping[str, Any], worlds: int, seed: int
+    task: Any, motion: Trajectory, tolerance: Tolerance, data: Mapping[str, Any], worlds: int, seed: int
 ) -> tuple[float, float]:
     """Greatest GN and GT that are found in worlds with late joints."""
     rng, late = np.random.default_rng(seed), LateJoints(data["motion"], data["tolerance"])

@@ -20,9 +20,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import PRESETS
 from ocptip.standing.within.in_motion import worst_within
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.read import load_motion
-from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import RESULTS, progress
 
 BROKEN = "broken on purpose"
@@ -53,21 +52,19 @@ def broken_on_purpose(count: int, seed: int = 5) -> dict[str, Any]:
 
 
 @cache
-def _scene(case: str, name: str) -> tuple[MotionTask, ArmMotion, Any]:
+def _scene(case: str, name: str) -> tuple[MotionTask, Trajectory, Any]:
     task, motion = experiment_task(case), load_motion(RESULTS / "plans" / f"{case}-effective" / "plan.json")
-    assert isinstance(motion, ArmMotion)
     if name != "none":
         motion = motion.time_scaled(_SLOWER)
-        assert isinstance(motion, ArmMotion)
-    task = replace(task, limits=replace(task.limits, tolerance=PRESETS[name]))
+        task = replace(task, limits=replace(task.limits, tolerance=PRESETS[name]))
     checked = check_motion(task.robot, motion, task.limits)
     assert checked.verified, f"{case} {name}: {checked.violations}"
     return task, motion, checked.worst
 
 
 def _broken(
-    task: MotionTask, motion: ArmMotion, rng: np.random.Generator
-) -> tuple[SampledMotion, float, float]:
+    task: MotionTask, motion: Trajectory, rng: np.random.Generator
+) -> tuple[Trajectory, float, float]:
     """With a bump that the limits do not allow, and from when to when that is, s."""
     given = task.limits.tolerance.given
     for _ in range(_TRIES):
@@ -89,7 +86,7 @@ def _broken(
     raise RuntimeError("no bump breaks the motion")
 
 
-def _lost(task: MotionTask, motion: Motion, times: np.ndarray) -> bool:
+def _lost(task: MotionTask, motion: Trajectory, times: np.ndarray) -> bool:
     """Whether a limit is exceeded at instants, as described."""
     robot, limits, states = task.robot, task.limits, motion.states(times)
     assert isinstance(robot, Robot)
@@ -99,7 +96,7 @@ def _lost(task: MotionTask, motion: Motion, times: np.ndarray) -> bool:
     return bool(fast > 1.001 or not np.all(GN <= limits.GN + 1e-3) or not np.all(GT <= limits.GT + 1e-3))
 
 
-def _bumped(motion: ArmMotion, time: float, width: float, height: float) -> SampledMotion:
+def _bumped(motion: Trajectory, time: float, width: float, height: float) -> Trajectory:
     """As samples, with a bump of the first joint's acceleration."""
     inner = np.linspace(time - width / 2, time + width / 2, 9)
     times = np.unique(np.concatenate([motion.event_times, inner]))
@@ -107,4 +104,4 @@ def _bumped(motion: ArmMotion, time: float, width: float, height: float) -> Samp
     inside = (times > inner[0]) & (times < inner[-1])
     qdd = qdd.copy()
     qdd[:, 0] += height * np.where(inside, (1 - 4 * ((times - time) / width) ** 2) ** 3, 0.0)
-    return SampledMotion(times, q, qd, qdd)
+    return Trajectory.from_points(times, q, qd, qdd)

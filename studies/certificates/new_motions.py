@@ -19,11 +19,10 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 CUSTOM = Tolerance(
     tilt=np.radians(1.0),
@@ -56,13 +55,13 @@ def on_base(case: str, contacts: list[Binding], mass: float, center: list[float]
     return replace(task, robot=Robot(task.robot.arm, support, task.robot.motors))
 
 
-def swing(task: MotionTask, way: float = 0.4, speed: float = 0.25, share: float = 0.8) -> ArmMotion:
+def swing(task: MotionTask, way: float = 0.4, speed: float = 0.25, share: float = 0.8) -> Trajectory:
     """Every joint by itself a share of its way."""
     commands = [
         [RampCommand(a + way * w, speed * v, share)]
         for a, w, v in zip(task.start, task.goal - task.start, task.robot.limits.speed, strict=True)
     ]
-    return ArmMotion.from_commands(task.start, commands)
+    return Trajectory.from_profiles(task.start, commands)
 
 
 _SQUARE = [(0.3, 0.25, 0.0), (0.3, -0.25, 0.0), (-0.3, -0.25, 0.0), (-0.3, 0.25, 0.0)]
@@ -102,7 +101,7 @@ def casters(case: str = "B") -> MotionTask:
     return on_base(case, wheels + feet(corners, 0.0), 80.0, [0.05, 0.0, 0.3])
 
 
-def retimed(task: MotionTask, tolerance: Tolerance) -> Motion:
+def retimed(task: MotionTask, tolerance: Tolerance) -> Trajectory:
     """A path of three points at its fastest within a tolerance."""
     middle = task.start + 0.25 * (task.goal - task.start) + 0.1 * np.sin(np.arange(task.robot.n))
     end = task.start + 0.4 * (task.goal - task.start)
@@ -111,7 +110,7 @@ def retimed(task: MotionTask, tolerance: Tolerance) -> Motion:
     return retime(task.robot, path, MotionLimits(tolerance=tolerance)).motion
 
 
-def new_motions() -> Iterator[tuple[str, Robot, Motion, Tolerance]]:
+def new_motions() -> Iterator[tuple[str, Robot, Trajectory, Tolerance]]:
     """Name, robot, motion and tolerance of each."""
     four = on_base("B", feet(_SQUARE, 0.5), 40.0, [0.03, 0.0, 0.25])
     held = four.robot.arm.with_payload(Payload(0.5, [0.02, 0.0, 0.05], [1e-3, 2e-3, 2.5e-3]))

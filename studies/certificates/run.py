@@ -30,11 +30,9 @@ from ocptip.numerics.threads import one_thread
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.read import load_motion
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 from studies.certificates.broken import BROKEN, broken_on_purpose
 from studies.common import (
     RESULTS,
@@ -65,7 +63,7 @@ _RESERVES = ("GN", "GT", "torque_ratio", "GN_worst_case", "GT_worst_case")
 _LATE = "joints that are late"
 
 
-def row_of(name: str, kind: str, task: MotionTask, motion: Motion) -> dict[str, Any]:
+def row_of(name: str, kind: str, task: MotionTask, motion: Trajectory) -> dict[str, Any]:
     """What became of one motion."""
     checked = check_motion(task.robot, motion, task.limits)
     began = time.process_time()
@@ -90,7 +88,7 @@ def row_of(name: str, kind: str, task: MotionTask, motion: Motion) -> dict[str, 
     }
 
 
-def motions(plans: Path, folders: Sequence[Path]) -> Iterator[tuple[str, str, MotionTask, Motion]]:
+def motions(plans: Path, folders: Sequence[Path]) -> Iterator[tuple[str, str, MotionTask, Trajectory]]:
     """Name, kind, task and motion of everything that is looked at."""
     for base in BASES:
         for case in motion_cases():
@@ -98,7 +96,6 @@ def motions(plans: Path, folders: Sequence[Path]) -> Iterator[tuple[str, str, Mo
             if not path.is_file():
                 continue
             task, motion = experiment_task(case, base), load_motion(path)
-            assert isinstance(motion, ArmMotion)
             yield f"{case} {base}", "ramps", task, motion
             yield f"{case} {base}", "cubic points", task, controller_points(motion, "cubic")
             risen = motion.with_rise_times(_RISE)
@@ -116,11 +113,9 @@ def motions(plans: Path, folders: Sequence[Path]) -> Iterator[tuple[str, str, Mo
                 continue
             name = f"{folder.name}/{path.relative_to(folder).as_posix()}"
             if isinstance(plan.task, CycleTask):
-                assert isinstance(plan.motion, MotionSequence)
-                for segment, own in zip(plan.task.segments, plan.motion.motions, strict=True):
+                for segment, own in zip(plan.task.segments, plan.motion.segments, strict=True):
                     yield f"{name}/{segment.name}", "segment", segment.task, own
             else:
-                assert not isinstance(plan.motion, MotionSequence)
                 yield name, "as planned", plan.task, plan.motion
 
 

@@ -37,7 +37,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
 from ocptip.trajectories.read import load_motion
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.certificates.margins import ContactMargins
 from studies.certificates.new_motions import new_motions
 from studies.common import (
@@ -312,7 +312,7 @@ def holds(row: Mapping[str, Any]) -> bool:
 # --- motions ------------------------------------------------------------------------------------------------
 
 
-def committed() -> Iterator[tuple[str, Robot, Motion, Tolerance]]:
+def committed() -> Iterator[tuple[str, Robot, Trajectory, Tolerance]]:
     """The plans of the cases."""
     for case in motion_cases():
         for base in BASES:
@@ -326,7 +326,7 @@ def committed() -> Iterator[tuple[str, Robot, Motion, Tolerance]]:
 
 
 def proved(
-    robot: Robot, motion: Motion, tolerance: Tolerance
+    robot: Robot, motion: Trajectory, tolerance: Tolerance
 ) -> tuple[Mapping[str, Any] | None, float, float, str]:
     """The certificate of a motion within as much as it can have of a tolerance, slower where need be.
 

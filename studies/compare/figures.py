@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, NullLocator
 
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.compare.methods import METHODS
 from studies.compare.runs import Key
 
@@ -85,7 +85,7 @@ def draw_motions(records: dict[Key, dict], path: Path) -> None:
     axes = figure.subplots(2 * bands, columns, squeeze=False)
     for k, (case, record) in enumerate(best.items()):
         band, column = divmod(k, columns)
-        motion = ArmMotion.from_dict(record["motion"])
+        motion = Trajectory.from_dict(record["motion"])
         times = np.union1d(np.linspace(0, motion.end, 400), motion.event_times)
         q, v, _ = motion.states(times)
         upper, lower = axes[2 * band, column], axes[2 * band + 1, column]

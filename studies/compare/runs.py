@@ -20,7 +20,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.baselines.penalty import MotionPenalty
 from studies.common import PLANNING, JsonLines, machine, progress, source_state
 from studies.compare.methods import SEARCHES, Recorder, Settings, TimeIsUpError
@@ -91,7 +91,7 @@ NO_MOTION = {
 }  # fmt: skip
 
 
-def outcome(task: MotionTask, penalty: MotionPenalty, motion: ArmMotion, checked: MotionCheck) -> dict:
+def outcome(task: MotionTask, penalty: MotionPenalty, motion: Trajectory, checked: MotionCheck) -> dict:
     """What a result is worth: energy, checked, and energy of the motion slowed down until it is verified."""
     try:
         p = penalty.parameters(motion)
@@ -110,7 +110,7 @@ def outcome(task: MotionTask, penalty: MotionPenalty, motion: ArmMotion, checked
     }
 
 
-def slowed(task: MotionTask, motion: ArmMotion, checked: MotionCheck) -> dict | None:
+def slowed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> dict | None:
     """Least factor of time (to about `SLOWING`) that makes a motion verified; None if there is none."""
     if checked.verified:
         return {"factor": 1.0, "energy_J": checked.energy}

@@ -30,8 +30,8 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives, with_rise
 from ocptip.standing.elastic.springs import Modes, Ride
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import EXAMPLES, RESULTS, number, percent, software, table
 from studies.elastic_feet.rigid_bodies import FeetSimulation
 
@@ -57,7 +57,7 @@ class Simulated:
     after: float
 
 
-def simulated(robot: Robot, motion: ArmMotion, step: float, after: float) -> Simulated:
+def simulated(robot: Robot, motion: Trajectory, step: float, after: float) -> Simulated:
     """MuJoCo's motion of a robot with gears that give, on its feet if these give, else bolted down."""
     gears, elastic = robot.arm.gears, robot.support.elastic
     assert gears is not None
@@ -81,22 +81,22 @@ def simulated(robot: Robot, motion: ArmMotion, step: float, after: float) -> Sim
     return Simulated(seen.times, vibration, seen.wrenches, sizes[moving].max(), sizes[~moving].max())
 
 
-def planned(case: str) -> tuple[Robot, ArmMotion]:
+def planned(case: str) -> tuple[Robot, Trajectory]:
     """The committed plan of a case."""
     path = RESULTS / f"plans/{case}-effective/plan.json"
-    return experiment_task(case).robot, ArmMotion.from_dict(json.loads(path.read_text()))
+    return experiment_task(case).robot, Trajectory.from_dict(json.loads(path.read_text()))
 
 
-def lifted() -> tuple[Robot, ArmMotion]:
+def lifted() -> tuple[Robot, Trajectory]:
     """A UR5 on its cart, one ramp per joint."""
     task = load_task(EXAMPLES / "tasks/ur5_cart.toml")
     turns = zip(task.start, task.goal, strict=True)
-    motion = ArmMotion.from_commands(task.start, [[RampCommand(b, 1.0, 3.0)] for _, b in turns])
+    motion = Trajectory.from_profiles(task.start, [[RampCommand(b, 1.0, 3.0)] for _, b in turns])
     assert isinstance(task.robot, Robot)
     return task.robot, motion
 
 
-def motions() -> list[tuple[str, Robot, ArmMotion, bool]]:
+def motions() -> list[tuple[str, Robot, Trajectory, bool]]:
     """Name, robot, motion, and whether feet give."""
     (a, of_a), (d, of_d), (g, of_g), (h, of_h) = map(planned, "ADGH")
     return [
@@ -122,7 +122,7 @@ def geared(robot: Robot, stiffness: float, feet: bool) -> Robot:
     return robot.varied(arm=robot.arm.with_gears(Gears(stiffness * SHARES)))
 
 
-def compared(name: str, robot: Robot, motion: ArmMotion, feet: bool, stiffness: float) -> dict[str, Any]:
+def compared(name: str, robot: Robot, motion: Trajectory, feet: bool, stiffness: float) -> dict[str, Any]:
     """One row."""
     robot = geared(robot, stiffness, feet)
     began = time.process_time()
@@ -149,7 +149,7 @@ def compared(name: str, robot: Robot, motion: ArmMotion, feet: bool, stiffness: 
     return row | {"rise": rises(robot, motion, found)}
 
 
-def rises(robot: Robot, motion: ArmMotion, found: DriveMotion) -> dict[str, float] | None:
+def rises(robot: Robot, motion: Trajectory, found: DriveMotion) -> dict[str, float] | None:
     """What the suggested rise time does, by this and by MuJoCo."""
     best = with_rise(robot, motion)
     if best is None or best.rise is None:

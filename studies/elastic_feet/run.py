@@ -29,7 +29,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import RESULTS, number, percent, software, table
 from studies.elastic_feet.rigid_bodies import FeetSimulation
 
@@ -50,7 +50,7 @@ def softened(robot: Robot, stiffness: float, damping: float = DAMPING) -> Robot:
     return robot.varied(support=own.varied(feet))
 
 
-def on_feet(robot: Robot, motion: ArmMotion) -> list[dict[str, float]]:
+def on_feet(robot: Robot, motion: Trajectory) -> list[dict[str, float]]:
     """Heights, and least forces of feet that could pull, by stiffness."""
     found = []
     for stiffness in FEET:
@@ -94,7 +94,7 @@ def planned(case: str, starts: int, seed: int) -> list[dict[str, Any]]:
 def compared(case: str, stiffness: float, damping: float) -> dict[str, Any]:
     """The committed plan of a case on its feet, computed and simulated."""
     path = RESULTS / f"plans/{case}-effective/plan.json"
-    motion = ArmMotion.from_dict(json.loads(path.read_text()))
+    motion = Trajectory.from_dict(json.loads(path.read_text()))
     robot = softened(experiment_task(case).robot, stiffness, damping)
     found, elastic = on_its_feet(robot, motion), robot.support.elastic
     assert found is not None

@@ -32,7 +32,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions, write_text
 from ocptip.robots.collision.gaps import UNSEEN
 from ocptip.task_files.template import MARK, TaskTemplate, task_template
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import PLANNING, digest, ended, json_text, machine, source_state
 from studies.foreign_arms.mesh_check import STEP, MeshCheck
 from studies.foreign_arms.report import report
@@ -195,7 +195,7 @@ def hidden_pairs(data: Mapping[str, Any]) -> list[dict[str, Any]]:
 def looked_at_again(check: MeshCheck, folder: Path) -> dict[str, Any]:
     """Collisions of the plan of a folder on the meshes."""
     data = json.loads((folder / "plan" / "plan.json").read_text(encoding="utf-8"))
-    motion = ArmMotion.from_dict(data)
+    motion = Trajectory.from_dict(data)
     times = np.append(np.arange(0, data["duration_s"], STEP), data["duration_s"])
     found = check.motion(motion.states(times)[0])
     return {**found, "random_colliding": check.colliding, "always": check.always}

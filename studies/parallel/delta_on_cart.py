@@ -31,9 +31,8 @@ from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import EXAMPLES, table
 
 _NAME = "delta_on_cart"
@@ -42,26 +41,26 @@ _SAMPLES = 121
 _RANGE = 0.05, 5.0  # s
 _DIGITS = 1e-4
 
-Motion = ArmMotion | SampledMotion
+Motion = Trajectory
 
 
-def straight_ramps(task: MotionTask, duration: float) -> ArmMotion:
+def straight_ramps(task: MotionTask, duration: float) -> Trajectory:
     """Every coordinate accelerates over half the duration and brakes over the other half."""
     commands = []
     for start, goal in zip(task.start, task.goal, strict=True):
         acceleration = 4 * abs(goal - start) / duration**2 or 1.0
         commands.append([RampCommand(goal, acceleration * duration, acceleration)])
-    return ArmMotion.from_commands(task.start, commands)
+    return Trajectory.from_profiles(task.start, commands)
 
 
-def straight_smooth(task: MotionTask, duration: float) -> SampledMotion:
+def straight_smooth(task: MotionTask, duration: float) -> Trajectory:
     """A step of fifth degree in time on the straight line."""
     tau = np.linspace(0.0, 1.0, _SAMPLES)
     step = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
     way = task.goal - task.start
     speeds = np.outer(step.deriv()(tau), way) / duration
     speeds[[0, -1]] = 0.0
-    return SampledMotion(tau * duration, task.start + np.outer(step(tau), way), speeds)
+    return Trajectory.from_points(tau * duration, task.start + np.outer(step(tau), way), speeds)
 
 
 def shortest(task: MotionTask, motion_of: Callable[[MotionTask, float], Motion]) -> Motion:

@@ -19,7 +19,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import PLANNING, JsonLines, broken_line, source_state
 
 Key = tuple[str, str, int]  # set, case, number of the start
@@ -220,7 +220,7 @@ def best_plan(journal: Journal, set_name: str, case: str, options: Options) -> M
     lines = journal.of(set_name, case, options.starts)
     task = task_of(set_name, case)
     for line in sorted((x for x in lines if x["verified"]), key=lambda x: (x["energy_J"], x["number"])):
-        motion = ArmMotion.from_dict(line["motion"])
+        motion = Trajectory.from_dict(line["motion"])
         checked = check_motion(task.robot, motion, task.limits)
         if checked.verified:
             return MotionPlan(

@@ -19,7 +19,7 @@ from ocptip.motion.planner.program import MotionProgram
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import leave_interrupts_to_parent
 from studies.plan_cases.journal import Journal, Options, best_plan, state
 
@@ -27,7 +27,7 @@ PARTS = ("values", "gradient", "Jacobian", "Hessian")
 CALLS, BUILDINGS = 50, 3
 
 
-def time_case(task: MotionTask, motion: ArmMotion) -> dict:
+def time_case(task: MotionTask, motion: Trajectory) -> dict:
     """Seconds for building the programs of a task and for evaluating the exact one at its solution.
 
     Building: `Search`, a random start, its coarse program, cost, rows and all derivatives for

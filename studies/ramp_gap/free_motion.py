@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def via_motion(
     return FreeMotion.through(duration, q, v / duration)
 
 
-def sampled(motion: ArmMotion, intervals: int) -> FreeMotion:
+def sampled(motion: Trajectory, intervals: int) -> FreeMotion:
     """A ramp motion at the ends of equal intervals."""
     q, v, _ = motion.states(np.linspace(0, motion.end, intervals + 1))
     v[[0, -1]] = 0.0

@@ -13,7 +13,7 @@ from ocptip.contact.solver import solve_many
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.standing.arm import Robot
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import number, percent, table
 from studies.ramp_gap.free_form import LIMIT
 from studies.ramp_gap.free_motion import FreeMotion, motion_from
@@ -69,7 +69,7 @@ NOTES = """\
 - GN, GT: worst values of the best motion, limit 0.9; torque, speed: shares of their limits."""
 
 
-def draw(case_name: str, results: list[dict], plans: dict[str, ArmMotion | None], path: Path) -> None:
+def draw(case_name: str, results: list[dict], plans: dict[str, Trajectory | None], path: Path) -> None:
     """Angles, speeds, power and reserves of the free-form motion and of the ramps; one column per base."""
     case = motion_case(case_name)
     figure = Figure(figsize=(6.4 * len(results), 11), layout="constrained")
@@ -127,7 +127,7 @@ def _free_history(robot: Robot, motion: FreeMotion) -> tuple[np.ndarray, ...]:
     return times, q, v, power, robot.tip_over.evaluate(states).GN, GT
 
 
-def _ramp_history(robot: Robot, motion: ArmMotion) -> tuple[np.ndarray, ...]:
+def _ramp_history(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, ...]:
     margin = 1e-6 * np.diff(motion.intervals, axis=1)  # both sides of every jump, not the jump itself
     times = np.linspace(*motion.intervals.T, 41)[1:-1].ravel()
     times = np.sort(np.concatenate([times, (motion.intervals + margin * [1, -1]).ravel()]))

@@ -33,7 +33,7 @@ import numpy as np
 from ocptip.basics.write import plain, versions, write_json, write_text
 from ocptip.published.cases import motion_case, motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import PLANNING, ended, keep_result, kept_result, machine, say, source_state, state_notes
 from studies.ramp_gap.free_form import CREEP
 from studies.ramp_gap.free_motion import motion_dict
@@ -42,7 +42,7 @@ from studies.ramp_gap.search import DENSE_STEP, SMOOTHING, Options, Search, clim
 
 
 def run_pair(
-    case_name: str, base: str, plan: ArmMotion | None, options: Options, say: Callable[[str], None]
+    case_name: str, base: str, plan: Trajectory | None, options: Options, say: Callable[[str], None]
 ) -> dict:
     """Everything found for one case on one base, as plain data."""
     case = motion_case(case_name)
@@ -92,7 +92,7 @@ def run_pair(
     return result
 
 
-def read_plan(folder: Path | None, case: str, base: str) -> ArmMotion | None:
+def read_plan(folder: Path | None, case: str, base: str) -> Trajectory | None:
     """The ramp plan of a case on a base; None if there is no such file.
 
     Raises:
@@ -102,7 +102,7 @@ def read_plan(folder: Path | None, case: str, base: str) -> ArmMotion | None:
     if path is None or not path.exists():
         return None
     data = json.loads(path.read_text())
-    motion, task = ArmMotion.from_dict(data), motion_case(case)
+    motion, task = Trajectory.from_dict(data), motion_case(case)
     if not (
         np.allclose(motion.start, task.start, atol=1e-4) and np.allclose(motion.goal, task.goal, atol=1e-4)
     ):

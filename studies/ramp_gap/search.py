@@ -19,7 +19,7 @@ import numpy as np
 
 from ocptip.contact.solver import solve_many
 from ocptip.standing.arm import Robot
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.ramp_gap.free_form import LIMIT, NODES, WEIGHTS, FreeForm, tipping_moments
 from studies.ramp_gap.free_motion import FreeMotion, minimum_jerk, sampled, via_motion, with_triangles
 
@@ -229,7 +229,7 @@ class Options:
 
 
 def starts_of(
-    reference: ArmMotion, plan: ArmMotion | None, goal: np.ndarray, options: Options
+    reference: Trajectory, plan: Trajectory | None, goal: np.ndarray, options: Options
 ) -> dict[str, FreeMotion]:
     """Guesses on the coarsest grid by name."""
     N, start, T = options.grids[0], reference.start, reference.end

@@ -33,7 +33,7 @@ from ocptip.measured.recording import WRENCH, Recording
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import EXAMPLES, say, software, table
 from studies.recordings.identify import covered, wrong
 from studies.recordings.machine import sampled, simulated
@@ -81,7 +81,7 @@ def of_arm(name: str, runs: int) -> tuple[list[list[str]], float]:
     )
     task = replace(task, robot=robot)
     found = excite(task)
-    motions: dict[str, Motion] = {"plan": plan, "excitation": found.motion}
+    motions: dict[str, Trajectory] = {"plan": plan, "excitation": found.motion}
     all_runs = {what: _runs(robot, motion, runs) for what, motion in motions.items()}
     rows = []
     for sensor in (False, True):
@@ -104,7 +104,7 @@ def one_described(one: Identified) -> np.ndarray:
     return np.concatenate([one.described, np.zeros(len(one.estimate.values) - len(one.described))])
 
 
-def _runs(robot: Robot, motion: Motion, runs: int) -> dict[bool, list[Run]]:
+def _runs(robot: Robot, motion: Trajectory, runs: int) -> dict[bool, list[Run]]:
     """What is found without and with a sensor."""
     faults, predictor = wrong(robot)[2], Predictor(robot, motion)
     seen, found = simulated(robot, motion, faults), {False: [], True: []}
@@ -144,7 +144,7 @@ def _row(runs: Sequence[Run]) -> list[str]:
     return [f"{numbers} of {len(runs[0][0])}", count, *others]
 
 
-def _against(own: Mapping[str, Sequence[Run]], what: str, motions: Mapping[str, Motion]) -> list[str]:
+def _against(own: Mapping[str, Sequence[Run]], what: str, motions: Mapping[str, Trajectory]) -> list[str]:
     """Median of the standard errors over those of the excitation, and that in the same time."""
     this, best = (
         np.median([one.estimate.errors for _, one, _ in own[k]], axis=0) for k in (what, "excitation")

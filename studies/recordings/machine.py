@@ -16,7 +16,7 @@ from ocptip.robots.bodies import ArmBodies, real_bodies
 from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.mjcf import BASE, joint_offsets, joint_order, to_mjcf
 from ocptip.standing.simulation.replay import library_mujoco, prescribed
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 STEP, PERIOD = 1e-4, 1e-3  # s
 BEFORE, AFTER, SETTLED = 0.15, 0.3, 0.05  # s
@@ -66,7 +66,7 @@ class Faults:
 
 
 def record(
-    robot: Robot, motion: Motion, faults: Faults, rng: np.random.Generator, *, feet: bool = False
+    robot: Robot, motion: Trajectory, faults: Faults, rng: np.random.Generator, *, feet: bool = False
 ) -> Recording:
     """A recording, at 1 kHz, whose clock starts anywhere; bolted down, or on its feet."""
     return sampled(simulated(robot, motion, faults, feet), faults, rng)
@@ -116,7 +116,7 @@ def _kind(name: str) -> tuple[str, int]:
 
 
 def simulated(
-    robot: Robot, motion: Motion, faults: Faults, feet: bool = False
+    robot: Robot, motion: Trajectory, faults: Faults, feet: bool = False
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times, s of the motion, and what sensors would show without noise."""
     mujoco = library_mujoco()
@@ -156,7 +156,7 @@ def _as_built(robot: Robot, faults: Faults) -> Robot:
 
 
 def _model(
-    robot: Robot, motion: Motion, faults: Faults, bodies: ArmBodies, feet: bool
+    robot: Robot, motion: Trajectory, faults: Faults, bodies: ArmBodies, feet: bool
 ) -> tuple[Any, dict[str, tuple[int, float]]]:
     """The model, and by the names of its springs joint and stiffness."""
     mujoco = library_mujoco()
@@ -256,7 +256,7 @@ def _sensors(
     return found
 
 
-def _speeds(motion: Motion, times: np.ndarray, late: np.ndarray) -> np.ndarray:
+def _speeds(motion: Trajectory, times: np.ndarray, late: np.ndarray) -> np.ndarray:
     """(T, n) of the motors, each late by its time."""
     found = np.empty((len(times), len(late)))
     for j, delay in enumerate(late):

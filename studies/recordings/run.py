@@ -33,7 +33,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.mjcf import require_exportable
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import EXAMPLES, RESULTS, percent, say, software, source_state, table
 from studies.recordings.machine import Faults, record
 
@@ -48,7 +48,7 @@ LOADS = ("fx", "fy", "fz", "mx", "my", "mz", "tau1", "tau2", "tau3")
 
 
 @cache
-def machine(name: str) -> tuple[Robot, ArmMotion]:
+def machine(name: str) -> tuple[Robot, Trajectory]:
     """Robot and plan."""
     task = (
         load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
@@ -58,12 +58,12 @@ def machine(name: str) -> tuple[Robot, ArmMotion]:
     robot = require_exportable(task.robot)
     if name == "UR5":
         data = json.loads((RESULTS / "replay_plans" / "UR5_on_a_cart_0_kg_workshop.json").read_text())
-        return robot.varied(arm=robot.arm.with_payload(None)), ArmMotion.from_dict(data["motion"])
+        return robot.varied(arm=robot.arm.with_payload(None)), Trajectory.from_dict(data["motion"])
     data = json.loads((RESULTS / "plans" / f"{name}-effective" / "plan.json").read_text())
-    return robot, ArmMotion.from_dict(data)
+    return robot, Trajectory.from_dict(data)
 
 
-def drawn(kind: str, robot: Robot, motion: ArmMotion, rng: np.random.Generator) -> tuple[Faults, list[str]]:
+def drawn(kind: str, robot: Robot, motion: Trajectory, rng: np.random.Generator) -> tuple[Faults, list[str]]:
     """Faults, and the names by which they should be found."""
     times = np.linspace(0, motion.end, 200)
     q, qd, qdd = motion.states(times)

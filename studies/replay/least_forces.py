@@ -28,7 +28,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.replay import Simulator, compared
 from ocptip.standing.tolerance import WORKSHOP
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import (
     PLANNING,
     RESULTS,
@@ -46,12 +46,12 @@ PLANS = (*(f"{case}-effective" for case in "ABDEGH"), "A-printed", "D-printed")
 KINDS = ("nominal", "workshop")
 
 
-def motion_of(name: str, kind: str, starts: int) -> tuple[MotionTask, ArmMotion]:
+def motion_of(name: str, kind: str, starts: int) -> tuple[MotionTask, Trajectory]:
     """Task and motion; InputError or PlanningError where there is no plan within the tolerance."""
     task = experiment_task(*name.split("-"))
     if kind == "nominal":
         data = json.loads((RESULTS / "plans" / name / "plan.json").read_text())
-        return task, ArmMotion.from_dict(data)
+        return task, Trajectory.from_dict(data)
     task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
     return task, plan_motion(task, starts=starts, jobs=1, prove=certified).motion
 

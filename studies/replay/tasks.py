@@ -19,7 +19,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.standing.tolerance import PRESETS
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import EXAMPLES
 
 BASES = ((3, 10.0, 0.25), (3, 12.0, 0.25), (3, 15.0, 0.25), (4, 8.0, 0.16))
@@ -75,7 +75,7 @@ def tasks() -> dict[str, tuple[Callable[[], MotionTask], str]]:
     return found
 
 
-def planned(name: str, folder: Path, starts: int) -> tuple[MotionTask, ArmMotion] | str:
+def planned(name: str, folder: Path, starts: int) -> tuple[MotionTask, Trajectory] | str:
     """The task within its tolerance and its plan, from the file or made now; or why there is none."""
     make, preset = tasks()[name]
     task = make()
@@ -92,12 +92,12 @@ def planned(name: str, folder: Path, starts: int) -> tuple[MotionTask, ArmMotion
     data = json.loads(path.read_text())
     if "refused" in data or not data["verified"]:
         return data.get("refused", "not verified")
-    return task, ArmMotion.from_dict(data["motion"])
+    return task, Trajectory.from_dict(data["motion"])
 
 
 def all_planned(
     folder: Path, names: Sequence[str], starts: int
-) -> dict[str, tuple[MotionTask, ArmMotion] | str]:
+) -> dict[str, tuple[MotionTask, Trajectory] | str]:
     """The plans of several tasks."""
     folder.mkdir(parents=True, exist_ok=True)
     return {name: planned(name, folder, starts) for name in names}

@@ -10,7 +10,7 @@ from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.late_joints import jump_states, on_time
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 INSTANTS = 400
 EXACT = 60  # instants that are looked at exactly, those with the least estimated moments
@@ -39,7 +39,9 @@ def random_world(robot: Robot, tolerance: Tolerance, rng: np.random.Generator, c
     )
 
 
-def worst_worlds(robot: Robot, motion: Motion, tolerance: Tolerance) -> dict[str, tuple[World, str, float]]:
+def worst_worlds(
+    robot: Robot, motion: Trajectory, tolerance: Tolerance
+) -> dict[str, tuple[World, str, float]]:
     """The worlds of the least moment about a tipping axis, N m, and of the greatest GT; name and value.
 
     Without pushes.
@@ -65,7 +67,7 @@ def worst_worlds(robot: Robot, motion: Motion, tolerance: Tolerance) -> dict[str
     return worlds
 
 
-def _world(own: Deviations, motion: Motion, state: np.ndarray, time: float, theta: np.ndarray) -> World:
+def _world(own: Deviations, motion: Trajectory, state: np.ndarray, time: float, theta: np.ndarray) -> World:
     """Deviations as a world; joints that have not jumped yet at a state near an event are late."""
     robot, tolerance, n = own.robot, own.tolerance, own.robot.n
     before, after = (motion.states(np.array([time + side]))[2][0] for side in (-JUST, JUST))

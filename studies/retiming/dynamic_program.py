@@ -24,7 +24,7 @@ from ocptip.motion.objective import TIME
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
 from ocptip.retiming.retime import least_cost
 from ocptip.retiming.rows import TimingLimits
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import RESULTS, ended, number, progress, software, table
 from studies.retiming.run import random_path, robots
 
@@ -79,7 +79,7 @@ def study(options: argparse.Namespace) -> str:
         path = random_path(np.random.default_rng([0, k // len(known), *name.encode()]), ends)
         timing = TimingLimits(ends.robot, ends.limits)
         grid = Grid(ends.robot, path, timing, spaced(path, NODES))
-        passes = TimedPath(path, grid.s, fastest(grid, ExtraRows.none()).x).end
+        passes = Trajectory.from_path(path, grid.s, fastest(grid, ExtraRows.none()).x).end
         levels = program(grid)
         fine, finest = (least_cost(ends.robot, path, ends.limits, TIME, nodes) for nodes in (NODES, FINEST))
         coarse = least_cost(ends.robot, path, ends.limits, TIME, COARSE)

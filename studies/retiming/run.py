@@ -40,7 +40,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.path_fit import spline_through
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import (
     EXAMPLES,
     PLANNING,
@@ -105,7 +105,7 @@ def random_path(rng: np.random.Generator, ends: Ends) -> JointPath:
         points[1:-1] += travel * rng.uniform(*SPREAD) * rng.normal(size=(3, robot.n))
         points[[0, -1]] += travel * APART * rng.normal(size=(2, robot.n))
         path = spline_through(np.clip(points, robot.limits.angle_min, robot.limits.angle_max)).path
-        slow = TimedPath(path, path.breakpoints, np.r_[0, np.full(path.pieces - 1, 1e-4), 0])
+        slow = Trajectory.from_path(path, path.breakpoints, np.r_[0, np.full(path.pieces - 1, 1e-4), 0])
         try:
             if check_motion(robot, slow, ends.limits, step=0.5).verified:
                 return path
@@ -121,7 +121,7 @@ def row_of(ends: Ends, path: JointPath, nodes: int, rows: bool) -> dict[str, Any
     robot, limits, row = ends.robot, ends.limits, {}
     none = replace(limits, torque_ratio=1e6)
     places = spaced(path, nodes)
-    ways: dict[str, Callable[[], tuple[TimedPath, float]]] = {
+    ways: dict[str, Callable[[], tuple[Trajectory, float]]] = {
         "toppra": lambda: by_toppra(robot, path, places),
         "same": lambda: _ours(heavy(robot), path, none, nodes),
         "rows": lambda: by_toppra(robot, path, places, limits),
@@ -142,7 +142,7 @@ def row_of(ends: Ends, path: JointPath, nodes: int, rows: bool) -> dict[str, Any
 
 def _ours(
     robot: StandingMechanism, path: JointPath, limits: MotionLimits, nodes: int
-) -> tuple[TimedPath, float]:
+) -> tuple[Trajectory, float]:
     found = retime(robot, path, limits, nodes=nodes)
     return found.motion, found.seconds
 

@@ -15,7 +15,7 @@ from ocptip.retiming.rows import Places, TimingLimits
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 
 toppra.setup_logging("ERROR")
 
@@ -68,7 +68,7 @@ class Rows(LinearConstraint):
 
 def by_toppra(
     robot: StandingMechanism, path: JointPath, nodes: np.ndarray, limits: MotionLimits | None = None
-) -> tuple[TimedPath, float]:
+) -> tuple[Trajectory, float]:
     """The timing and the seconds it took, set-up included; with rows of these limits, if there are any.
 
     Speeds of motors that are not at the joints are limited, too.
@@ -87,4 +87,4 @@ def by_toppra(
     seconds = time.perf_counter() - begun
     if rates is None or not np.all(np.isfinite(rates)):
         raise OcptipError("toppra: no timing")
-    return TimedPath(path, nodes, np.maximum(rates, 0.0) ** 2), seconds
+    return Trajectory.from_path(path, nodes, np.maximum(rates, 0.0) ** 2), seconds

@@ -40,7 +40,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import (
     EXAMPLES,
     PLANNING,
@@ -81,7 +81,7 @@ def on_feet(robot: StandingMechanism, stiffness: float) -> StandingMechanism | N
     return robot.varied(support=Support(feet, inertia=own.inertia, **parts))
 
 
-def feet_of(robot: StandingMechanism, motion: ArmMotion) -> list[dict]:
+def feet_of(robot: StandingMechanism, motion: Trajectory) -> list[dict]:
     """Least normal force and lift on all stiffnesses, as far as they are known."""
     found = []
     for stiffness in STIFFNESSES:

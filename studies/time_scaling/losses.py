@@ -11,8 +11,7 @@ import numpy as np
 from ocptip.motion.check import check_motion
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import MotionSamples
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SEARCHED = (0.05, 20.0)  # tau* is sought between these
 CELL = 5e-4  # s
@@ -51,7 +50,7 @@ class Scaled:
     acceleration_ratio: float
 
 
-def cells(motion: ArmMotion) -> tuple[np.ndarray, np.ndarray]:
+def cells(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Middles (N,), s, of cells that fill the motion, with their widths (N,), s.
 
     Both ends of every interval between events are among them, with width 0.
@@ -85,7 +84,7 @@ def moving(samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
     return lifts, ~lifts & (np.max(np.abs(accelerations[:, :, 1:]), axis=2) > rest)
 
 
-def scaled(robot: Robot, motion: ArmMotion, tau: float) -> Scaled:
+def scaled(robot: Robot, motion: Trajectory, tau: float) -> Scaled:
     """Worst values and lost contacts of a motion with all times multiplied by tau."""
     motion = motion.time_scaled(tau)
     worst = check_motion(robot, motion).worst
@@ -109,7 +108,7 @@ def scaled(robot: Robot, motion: ArmMotion, tau: float) -> Scaled:
     )
 
 
-def first_loss(robot: Robot, motion: ArmMotion, found: Scaled) -> dict:
+def first_loss(robot: Robot, motion: Trajectory, found: Scaled) -> dict:
     """Which contacts are the first to be lost, at a scaling that just does not stand."""
     motion = motion.time_scaled(found.tau)
     if found.GN >= 1 or found.GT >= 1:
@@ -161,7 +160,7 @@ def critical(values: dict[float, Scaled], at: Callable[[float], Scaled]) -> tupl
     return low, high
 
 
-def rests_anywhere(robot: Robot, motion: ArmMotion) -> bool:
+def rests_anywhere(robot: Robot, motion: Trajectory) -> bool:
     """Whether the base stands if the arm rests anywhere on the path of the motion."""
     q = motion.states(cells(motion)[0])[0]
     return bool(np.all(robot.contact_states(robot.loads(q, 0 * q, 0 * q)[1]).persistent))

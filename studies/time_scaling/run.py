@@ -36,8 +36,8 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.write import atomic_file, plain, versions
 from ocptip.published.cases import MotionCase, motion_case, motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.read import load_motion, motion_origin
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import RESULTS, ended, json_text, machine, progress
 from studies.time_scaling.losses import CELL, critical, first_loss, rests_anywhere, scaled
 from studies.time_scaling.report import FACETS, FASTEST, KINDS, SLOWEST, draw, markdown
@@ -47,7 +47,7 @@ PLANS = RESULTS / "plans"
 LIFTING_JOINT = {"W1P1P2W2": 3}  # that raises the arm according to the source; otherwise 2
 
 
-def row_of(case: MotionCase, base: str, kind: str, motion: ArmMotion, taus: Sequence[float]) -> dict:
+def row_of(case: MotionCase, base: str, kind: str, motion: Trajectory, taus: Sequence[float]) -> dict:
     """All about one motion: reserves against tau, tau*, first loss, heights."""
     robot = experiment_robot(case, base, facets=FACETS)
     values = {tau: scaled(robot, motion, tau) for tau in taus}
@@ -74,7 +74,7 @@ def row_of(case: MotionCase, base: str, kind: str, motion: ArmMotion, taus: Sequ
     }
 
 
-def read_plan(folder: Path, case: MotionCase, base: str) -> ArmMotion | None:
+def read_plan(folder: Path, case: MotionCase, base: str) -> Trajectory | None:
     """The plan of a case on a base, or None if there is none.
 
     Raises:

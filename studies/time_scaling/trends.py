@@ -8,7 +8,7 @@ import numpy as np
 
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.time_scaling.losses import cells
 
 DURATION_TRENDS = {
@@ -35,7 +35,7 @@ HEIGHT_TRENDS = {
 CHANGED = 0.010  # m, by which the centre of mass has to be raised or lowered
 
 
-def heights(arm: ArmModel, motion: ArmMotion, joint: int) -> dict:
+def heights(arm: ArmModel, motion: Trajectory, joint: int) -> dict:
     """How far a motion raises and lowers the arm, against the straight line of its joint angles.
 
     Compared is the height at the same angle of joint 1, about which the arm turns from start to goal: of the

@@ -37,7 +37,7 @@ from ocptip.contact.support import Support
 from ocptip.motion.task import MotionTask
 from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import PLANNING, RowFile, ended, number, percent, say, software, source_state, table
 from studies.ramp_gap.free_form import NODES, FreeForm
 from studies.ramp_gap.free_motion import FreeMotion, minimum_jerk, sampled
@@ -137,7 +137,7 @@ def least(problem: FreeForm, guess: FreeMotion, smoothing: Sequence[float] = SMO
     return motion if report["success"] else None
 
 
-def floor(task: MotionTask, tolerance: Tolerance, plans: Sequence[ArmMotion], rounds: int) -> dict[str, Any]:
+def floor(task: MotionTask, tolerance: Tolerance, plans: Sequence[Trajectory], rounds: int) -> dict[str, Any]:
     """Least energies found: of all starts in the first worlds, then with more worlds, each from the last."""
     began, cases = time.process_time(), worst_case_of(task.robot, tolerance)
     s = np.hstack([np.array([task.start, task.goal]), np.zeros((2, 2 * task.robot.n))])
@@ -211,7 +211,7 @@ def run(prices: Path, out: Path, names: Sequence[str], rounds: int) -> str:
             continue
         task, preset = tasks()[name]
         static = replace(PRESETS[preset], **{key: getattr(NONE, key) for key in JUMPS})
-        plans = [ArmMotion.from_dict(by[name, part]["motion"]) for part in (NOMINAL, ALL)]
+        plans = [Trajectory.from_dict(by[name, part]["motion"]) for part in (NOMINAL, ALL)]
         say(f"{name}, as described")
         free = floor(task, NONE, plans[:1], 0)
         say(f"{name}, within {preset}")

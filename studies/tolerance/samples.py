@@ -8,7 +8,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 EDGE = 0.5  # share of the deviations that are at an end of their interval
 NEAR = 0.7  # share of the instants that are near an event
@@ -38,7 +38,7 @@ def random_deviations(own: Deviations, rng: np.random.Generator, count: int) -> 
 
 
 def sampled_wrenches(
-    robot: Robot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int
+    robot: Robot, motion: Trajectory, tolerance: Tolerance, rng: np.random.Generator, count: int
 ) -> np.ndarray:
     """Wrenches (count, 6) on the base at random instants of the motion run so."""
     own, n = worst_case_of(robot, tolerance).deviations, robot.n
@@ -59,7 +59,7 @@ def sampled_wrenches(
 
 
 def _states_of_joint(
-    motion: Motion,
+    motion: Trajectory,
     j: int,
     times: np.ndarray,
     late: np.ndarray,
@@ -86,7 +86,7 @@ def _states_of_joint(
     return found
 
 
-def lost(robot: Robot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int) -> int:
+def lost(robot: Robot, motion: Trajectory, tolerance: Tolerance, rng: np.random.Generator, count: int) -> int:
     """How many of so many random instants lose a contact, by the exact contact solver with least friction."""
     weakest = worst_case_of(robot, tolerance).robot
     states = weakest.contact_states(sampled_wrenches(robot, motion, tolerance, rng, count))

@@ -20,11 +20,10 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 from studies.certificates.broken import broken_on_purpose
 
 
@@ -37,7 +36,7 @@ def _swing(case="B", faster=1.0):
         [RampCommand(a + 0.4 * w, 0.25 * faster * v, 0.8 * faster**2)]
         for a, w, v in zip(task.start, way, speeds, strict=True)
     ]
-    return task, ArmMotion.from_commands(task.start, commands)
+    return task, Trajectory.from_profiles(task.start, commands)
 
 
 def _certified(task, motion, limits=None):
@@ -156,7 +155,7 @@ def _way_there(start, way, bend, nodes):
         [0.0, 1.0], np.stack([-2 * bend * way, 3 * bend * way, (1 - bend) * way, start])[:, None]
     )
     s = np.linspace(0.0, 1.0, nodes)
-    return TimedPath(path, s, 0.4 * s * (1 - s))
+    return Trajectory.from_path(path, s, 0.4 * s * (1 - s))
 
 
 def test_paths_in_time_are_certified_in_pieces_that_are_what_they_do(swing):

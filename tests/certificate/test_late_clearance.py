@@ -21,8 +21,8 @@ from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.in_motion import _smallest_gap
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 
 LATE = Tolerance(delay=0.02, speed=0.05)
 
@@ -35,7 +35,7 @@ def swing():
         [RampCommand(a + w, max(abs(w), 0.1), max(4 * abs(w), 0.4))]
         for a, w in zip(task.start, way, strict=True)
     ]
-    motion = ArmMotion.from_commands(task.start, commands)
+    motion = Trajectory.from_profiles(task.start, commands)
     # pillars are less than a millimetre away here: what is judged is late joints, not the distance asked for
     limits = MotionLimits(tolerance=LATE, GN=1.0, GT=1.0, clearance=0.0)
     return _beside_a_pillar(task.robot, motion, 0.02), motion, limits
@@ -208,7 +208,7 @@ def test_nothing_is_late_without_a_delay(swing):
 
 def test_a_motion_that_does_not_move_is_as_near_when_late(swing):
     robot, motion, _ = swing
-    still = ArmMotion.from_commands(motion.start, [[RampCommand(q, 1.0, 1.0)] for q in motion.start])
+    still = Trajectory.from_profiles(motion.start, [[RampCommand(q, 1.0, 1.0)] for q in motion.start])
     gap = _smallest_gap(robot, still, LATE, np.array([0.0]))
     assert gap is not None
     assert gap.value == pytest.approx(float(robot.collision.least(motion.start[None])[0]))

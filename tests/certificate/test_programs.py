@@ -20,8 +20,8 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.payload import Payload
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from tests.standing.test_standing_platform import TURNED, cart, dc_motors, hexapod_limits
 
 flint = pytest.importorskip("flint")
@@ -92,7 +92,7 @@ def _swing(robot):
     home = np.array(robot.robot.description.home)
     way = np.array([0.04, 0.03, -0.02, 0.05, -0.03, 0.04])[: robot.n]
     commands = [[RampCommand(a + w, 0.05, 0.2)] for a, w in zip(home, way, strict=True)]
-    return ArmMotion.from_commands(home, commands)
+    return Trajectory.from_profiles(home, commands)
 
 
 @pytest.fixture(scope="module", params=[_delta, _hexapod], ids=["delta", "hexapod"])

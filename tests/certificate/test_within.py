@@ -20,7 +20,7 @@ from ocptip.motion.check import check_motion
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.certificate.test_by_hand import BASE, MASS, G
 from tests.certificate.test_find import _swing
 from tests.certificate.test_hostile import _certificate, _set
@@ -40,7 +40,7 @@ _PUSHED = Tolerance(
 )
 
 
-def _late_states(motion: ArmMotion, tolerance: Tolerance, late: Late, rng: np.random.Generator, count: int):
+def _late_states(motion: Trajectory, tolerance: Tolerance, late: Late, rng: np.random.Generator, count: int):
     """Times and states (count, 3 n) of joints that are late, some of them as they jump."""
     n, events = motion.n, motion.event_times
     d, more = tolerance.delay * (1 + tolerance.speed), tolerance.overshoot

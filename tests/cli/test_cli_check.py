@@ -12,8 +12,8 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 
 
@@ -157,7 +157,7 @@ def test_a_task_file(capsys, root, tmp_path):
     task = load_task(file)
     limits = task.robot.arm.limits
     ramps = zip(task.goal, limits.speed, limits.acceleration, strict=True)
-    motion = ArmMotion.from_commands(task.start, [[RampCommand(*ramp)] for ramp in ramps])
+    motion = Trajectory.from_profiles(task.start, [[RampCommand(*ramp)] for ramp in ramps])
     path = tmp_path / "fast.json"
     path.write_text(json.dumps(motion.to_dict()))
     code, result = check_json(capsys, path, "--task", file, "--time-scale", 1.5)

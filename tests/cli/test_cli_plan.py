@@ -27,7 +27,7 @@ from ocptip.published import tasks as task
 from ocptip.robots.payload import Payload
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
 from tests.places import EXAMPLES
 
@@ -159,7 +159,7 @@ def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, argument
     assert planner.calls[0][0].robot.support.mass == mass
     data = json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
     assert data["base"] == (arguments or ["effective"])[-1]
-    motion = ArmMotion.from_dict(data)
+    motion = Trajectory.from_dict(data)
     np.testing.assert_allclose(motion.states(0.7)[0], planner.result.motion.states(0.7)[0], atol=1e-12)
 
 

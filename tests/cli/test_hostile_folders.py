@@ -18,7 +18,7 @@ from ocptip.cli.main import main
 from ocptip.motion.output import write_plan
 from ocptip.robots.urdf_parser import printed
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
 
@@ -42,7 +42,7 @@ def written(tmp_path_factory):
     """A plan of an arm of a URDF."""
     task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
     limits, none = task.robot.limits, [None] * task.robot.n
-    motion = ArmMotion.with_passive(
+    motion = Trajectory.ending_together(
         task.start, task.goal, none, 0.5 * limits.speed, 0.2 * limits.acceleration
     )
     folder = tmp_path_factory.mktemp("plans") / "cart"
@@ -253,7 +253,7 @@ def test_a_file_of_a_line_end_in_its_name(plan, capfd, tmp_path):
     (tmp_path / "task.toml").write_text(text.replace('"ur5.urdf"', '"a\\nb.urdf"'))
     task = load_task(tmp_path / "task.toml")
     write_plan(
-        tmp_path / "again", plan_of(task, ArmMotion.from_dict(json.loads((plan / "plan.json").read_text())))
+        tmp_path / "again", plan_of(task, Trajectory.from_dict(json.loads((plan / "plan.json").read_text())))
     )
     assert (tmp_path / "again" / "task" / "a_b.urdf").exists()
     assert main(["export", str(tmp_path / "again"), "--urdf", str(tmp_path / "out.urdf")]) == 0

@@ -11,7 +11,7 @@ from ocptip.measured.prediction import Elasticity, Predictor
 from ocptip.measured.recording import ANGLE, POWER, Recording, Signal, doubt_turns
 from ocptip.measured.signals import clipped
 from ocptip.robots.process import ProcessWrench
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.measured.machines import changed, heavier, predictor, recorded, values_of
 
 
@@ -188,7 +188,7 @@ def test_points_are_no_jumps():
     times = np.append(np.arange(0.0, plan.motion.end, 4e-3), plan.motion.end)
     q, qd, _ = plan.motion.states(times)
     qd[[0, -1]] = 0.0
-    nominal = Predictor(plan.robot, SampledMotion(times, q, qd))
+    nominal = Predictor(plan.robot, Trajectory.from_points(times, q, qd))
     assert len(nominal.motion.event_times) > 100
     assert len(nominal.jumps) < 0.3 * len(nominal.motion.event_times)
     assert compare(recorded(0, nominal=nominal), nominal).agrees

@@ -18,7 +18,7 @@ from ocptip.measured.regression import Block
 from ocptip.robots.motors import DCMotors
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import Robot
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import UR5
 
 SEEDS = 20
@@ -35,7 +35,7 @@ def predictor(heavier=1.0):
     times = np.linspace(0, SPAN, 1001)
     series = 0.8 * np.random.default_rng(3).normal(size=(3, 9))
     q, qd, qdd = _curves(series, times, SPAN)
-    motion = SampledMotion(times, q + START, qd, qdd)
+    motion = Trajectory.from_points(times, q + START, qd, qdd)
     feet = [UnilateralContact(position=[x, y, 0.0], friction=0.6) for x in (-1, 1) for y in (-1, 1)]
     support = Support(feet, mass=200, center_of_mass=[0, 0, 0.1])
     arm = replace(arm, masses=heavier * arm.masses, inertias=heavier * arm.inertias)

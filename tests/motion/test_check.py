@@ -13,8 +13,8 @@ from ocptip.published.cases import motion_case
 from ocptip.published.tasks import PRINTED_LIMITS, experiment_robot, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.rest import posture_refusals
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 
 
 def reference(name, base):
@@ -33,7 +33,7 @@ def test_a_grid_of_too_many_instants_is_refused():
     slow = RampCommand(motion.goal[0], 1.0, 1e-12)
     commands = [(slow,), *(joint.commands for joint in motion.joints[1:])]
     with pytest.raises(InputError, match="an acceleration that is far too small"):
-        check_motion(robot, ArmMotion.from_commands(motion.start, commands))
+        check_motion(robot, Trajectory.from_profiles(motion.start, commands))
 
 
 def test_printed_motions_are_verified_with_the_printed_base():
@@ -138,13 +138,13 @@ def test_joint_limits_are_checked_exactly():
     start = motion.start
     far = [[RampCommand(phi, 0.5, 1.0)] for phi in start]
     far[1] = [RampCommand(3.0, 0.5, 1.0)]
-    beyond = check_motion(robot, ArmMotion.from_commands(start, far))
+    beyond = check_motion(robot, Trajectory.from_profiles(start, far))
     assert any(v.startswith("angle_margin_deg") and "joint 2" in v for v in beyond.violations)
 
 
 def test_an_arm_that_does_not_move_is_checked_too():
     robot, motion = reference("A", "printed")
-    still = ArmMotion.from_commands(motion.start, [[RampCommand(phi, 1.0, 1.0)] for phi in motion.start])
+    still = Trajectory.from_profiles(motion.start, [[RampCommand(phi, 1.0, 1.0)] for phi in motion.start])
     checked = check_motion(robot, still)
     assert checked.verified
     assert checked.energy == 0

@@ -11,7 +11,7 @@ from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 
 
@@ -30,7 +30,7 @@ def test_the_cost_of_the_plainest_motion_is_that_of_single_ramps(task):
     robot, limits = task.robot, task.robot.limits
     costs = [
         robot.energy(
-            ArmMotion.with_passive(
+            Trajectory.ending_together(
                 task.start, task.goal, [None] * robot.n, limits.speed / f, limits.acceleration / f**2
             )
         )

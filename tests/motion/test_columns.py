@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from ocptip.motion.check import check_motion
 from ocptip.motion.output import csv_blocks, sample_motion
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.common import EXAMPLES
 
 STANDBY, REGENERATION = 5.0, 0.0
@@ -23,7 +23,7 @@ def swing():
     task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
     ways = np.array([-1.2, 0.3, -0.4, 0.5, 0.6, -0.7])
     ramps = zip(task.start + ways, np.abs(ways), 5 * np.abs(ways), strict=True)
-    motion = ArmMotion.from_commands(task.start, [[RampCommand(*ramp)] for ramp in ramps])
+    motion = Trajectory.from_profiles(task.start, [[RampCommand(*ramp)] for ramp in ramps])
     samples = sample_motion(task.robot, motion, 0.002)
     return task, motion, samples, dict(csv_blocks(samples))
 

@@ -16,11 +16,11 @@ from ocptip.motion.output import joint_trajectory, write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.read_points import motion_of_points
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import stand_in_plan
 
 
@@ -88,7 +88,7 @@ def test_joints_come_in_any_order(task, executed, tmp_path):
     turned["points"] = [{**p, **{key: p[key][::-1] for key in keys}} for p in data["points"]]
     (tmp_path / "t.json").write_text(json.dumps(turned))
     motion = load_motion(tmp_path / "t.json", task.robot.names)
-    np.testing.assert_array_equal(motion.angles, executed.points.angles)
+    np.testing.assert_array_equal(motion.points.angles, executed.points.angles)
 
 
 def test_efforts_are_the_torques(task, executed):
@@ -97,9 +97,9 @@ def test_efforts_are_the_torques(task, executed):
     times = executed.points.times
     if executed.controller == "linear":  # corners are half a period late, and of the last one there is a rest
         times = times + 0.5 * executed.points.period
-    torques = task.robot.samples(executed.points, times).torques
+    torques = task.robot.samples(executed.motion, times).torques
     np.testing.assert_allclose(efforts[:-1], torques[:-1], rtol=1e-12)
-    held = task.robot.loads(executed.points.goal[None], *np.zeros((2, 1, executed.points.n)))[0][0]
+    held = task.robot.loads(executed.motion.goal[None], *np.zeros((2, 1, executed.motion.n)))[0][0]
     np.testing.assert_allclose(efforts[-1], held, atol=1e-6)
 
 
@@ -109,7 +109,7 @@ def test_files_of_a_plan_are_of_what_the_controller_runs(task, executed, tmp_pat
     assert json.loads(paths[0].read_text())["controller"]["verified"] is True
     for path in paths[1:3]:
         motion = load_motion(path, task.robot.names)
-        assert motion.end == pytest.approx(executed.points.end, abs=executed.points.period or 1e-9)
+        assert motion.end == pytest.approx(executed.motion.end, abs=executed.points.period or 1e-9)
 
 
 def test_the_command_reads_it(task, executed, tmp_path, capsys):
@@ -171,7 +171,7 @@ def test_points_of_drives_keep_limits_in_whole_nanoseconds(task, apart, tmp_path
     for j, way in enumerate(ways):
         ramp = 0.12345678951 + apart * (j == 5)
         commands.append([RampCommand(start[j] + way, most[j] * ramp, most[j])])
-    motion, limits = ArmMotion.from_commands(start, commands), MotionLimits()
+    motion, limits = Trajectory.from_profiles(start, commands), MotionLimits()
     checked = check_motion(robot, motion, limits)
     assert checked.verified
     assert not check_motion(robot, controller_points(motion, "cubic"), limits).verified
@@ -202,14 +202,14 @@ def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
         way = (0.02 if j < 4 else 0.3) * rng.choice([-1, 1])
         low = min(most[j], abs(way) / ramp**2) * (0.05 if j < 4 else 1)
         commands.append([RampCommand(start[j] + way, low * ramp, low)])
-    motion, limits = ArmMotion.from_commands(start, commands), MotionLimits(GN=0.99, GT=0.99)
+    motion, limits = Trajectory.from_profiles(start, commands), MotionLimits(GN=0.99, GT=0.99)
     checked = check_motion(robot, motion, limits)
     assume(checked.verified)
     run = Execution.of_drives(robot, motion, limits, checked)
     assert run.verified
     points = joint_trajectory(robot, run.points)
     again = motion_of_points(json.loads(json.dumps(points)), robot.names)
-    assert np.array_equal(again.times, run.points.times)
+    assert np.array_equal(again.points.times, run.points.times)
     assert check_motion(robot, again, limits).verified
 
 

@@ -18,8 +18,8 @@ from ocptip.retiming.retime import retime
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.scene import read_scene
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.path_fit import path_of_motion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import ROOT
 
 WATTS = 60.0
@@ -37,7 +37,9 @@ def of_case_c(watts=0.0):
 
 
 def plan_c():
-    return ArmMotion.from_dict(json.loads((ROOT / "studies/results/plans/C-effective/plan.json").read_text()))
+    return Trajectory.from_dict(
+        json.loads((ROOT / "studies/results/plans/C-effective/plan.json").read_text())
+    )
 
 
 def test_energy_of_a_motion_has_it_for_as_long_as_it_takes():

@@ -13,9 +13,9 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions
 from ocptip.motion.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv, write_plan
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import stand_in_plan
 
 PER_JOINT = ("q{}_deg", "qd{}_deg_s", "qdd{}_deg_s2", "tau{}_Nm", "power{}_W")
@@ -84,7 +84,7 @@ def test_reference_is_compared():
 
 def test_plan_json_is_read_back_as_the_same_motion(plan, tmp_path):
     write_plan(tmp_path / "out", plan)
-    motion = ArmMotion.from_dict(strict((tmp_path / "out" / "plan.json").read_text(encoding="utf-8")))
+    motion = Trajectory.from_dict(strict((tmp_path / "out" / "plan.json").read_text(encoding="utf-8")))
     times = np.linspace(0, plan.motion.end, 200)
     for mine, original in zip(motion.states(times)[:2], plan.motion.states(times)[:2], strict=True):
         np.testing.assert_allclose(mine, original, atol=1e-12)
@@ -166,7 +166,9 @@ def test_worst_values_of_the_check_are_seen_in_the_samples(plan):
 
 
 def test_a_motion_that_rests_is_one_sample(plan):
-    rest = ArmMotion.from_commands(plan.task.start, [[RampCommand(phi, 1.0, 1.0)] for phi in plan.task.start])
+    rest = Trajectory.from_profiles(
+        plan.task.start, [[RampCommand(phi, 1.0, 1.0)] for phi in plan.task.start]
+    )
     samples = sample_motion(plan.task.robot, rest)
     assert samples.times.tolist() == [0.0]
 
@@ -178,7 +180,7 @@ def test_step_must_be_positive(plan, step):
 
 
 def test_trajectory_has_the_shape_of_the_ros_message(plan):
-    points = controller_points(plan.motion, "cubic")
+    points = controller_points(plan.motion, "cubic").points
     trajectory = strict(json.dumps(joint_trajectory(plan.task.robot, points), allow_nan=False))
     assert trajectory["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     assert trajectory["joint_names"] == list(plan.task.robot.arm.joint_names)
@@ -206,7 +208,7 @@ def test_write_plan_writes_files_with_extra_entries(plan, tmp_path):
     assert sorted(p for p in (tmp_path / "out").rglob("*") if p.is_file()) == sorted(paths)
     data = strict(paths[0].read_text(encoding="utf-8"))
     assert (data["base"], data["worth"]) == ("effective", None)
-    points = controller_points(plan.motion, "cubic")
+    points = controller_points(plan.motion, "cubic").points
     assert strict(paths[2].read_text(encoding="utf-8")) == joint_trajectory(plan.task.robot, points)
     assert paths[0].stat().st_mode & 0o044  # readable by others like any new file
     write_plan(tmp_path / "out", plan)  # replaces

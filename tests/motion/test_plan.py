@@ -29,8 +29,8 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.trajectory import MERGE
+from ocptip.trajectories.pieces import MERGE
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +130,7 @@ def test_every_limit_holds_on_an_independent_dense_grid(task, plan):
 
 def test_the_written_motion_is_verified_too(task, plan):
     """The check from the commands in degrees alone, by a robot that was built anew."""
-    read = ArmMotion.from_dict(plan[0].motion.to_dict())
+    read = Trajectory.from_dict(plan[0].motion.to_dict())
     robot = experiment_task("A", "effective").robot
     for step in (0.01, 0.003):
         checked = check_motion(robot, read, task.limits, step=step)
@@ -639,7 +639,7 @@ def assert_ur5_is_planned(root, starts):
     plan = plan_motion(task, starts=starts, jobs=1)
     assert plan.verified
     assert_keeps_all_limits(task, plan.motion)
-    checked = check_motion(task.robot, ArmMotion.from_dict(plan.motion.to_dict()), task.limits)
+    checked = check_motion(task.robot, Trajectory.from_dict(plan.motion.to_dict()), task.limits)
     assert checked.verified, checked.violations
 
 

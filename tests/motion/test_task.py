@@ -16,8 +16,8 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.motors import DCMotors, PowerMaps
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 
 FEET = """\
 [base]
@@ -141,7 +141,7 @@ def test_printed_cases_are_tasks_that_can_be_planned():
         ({"commands": 0}, "commands: must be a whole number >= 1 and <= 12, got 0"),
         ({"commands": 10**6}, "commands: must be a whole number >= 1 and <= 12, got 1000000"),
         ({"commands": True}, "commands: must be"),
-        ({"reference": ArmMotion.from_commands([0.0], [[RampCommand(1, 1, 1)]])}, "reference: has 1 joints"),
+        ({"reference": Trajectory.from_profiles([0.0], [[RampCommand(1, 1, 1)]])}, "reference: has 1 joints"),
     ],
 )
 def test_tasks_are_checked(change, message):
@@ -437,7 +437,7 @@ def fast_motion(task):
     """One ramp per joint at its full speed and acceleration."""
     limits = task.robot.arm.limits
     ramps = zip(task.goal, limits.speed, limits.acceleration, strict=True)
-    return ArmMotion.from_commands(task.start, [[RampCommand(*ramp)] for ramp in ramps])
+    return Trajectory.from_profiles(task.start, [[RampCommand(*ramp)] for ramp in ramps])
 
 
 def test_ur5_on_a_cart_stands_but_would_tip_at_full_speed(ur5):

@@ -14,14 +14,14 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 
 JUST = MotionLimits(GN=1.0, GT=1.0, torque_ratio=1e6)
 
 
 def at_rest(angles):
-    return ArmMotion.from_commands(angles, [[RampCommand(phi, 1.0, 1.0)] for phi in angles])
+    return Trajectory.from_profiles(angles, [[RampCommand(phi, 1.0, 1.0)] for phi in angles])
 
 
 def values(robot, motion):

@@ -9,10 +9,10 @@ from ocptip.motion.execution import Execution, execute
 from ocptip.motion.output import MOTION, PLAN, TRAJECTORY, write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import CONTROLLERS
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
 
@@ -32,7 +32,7 @@ def cart():
     speed, acceleration = 0.5 * limits.speed[0], 0.3 * limits.acceleration[0]
     commands[0] = [RampCommand(goal[0] + 0.3, speed, acceleration), RampCommand(goal[0], speed, acceleration)]
     slow = 0.6 * limits.speed, 0.2 * limits.acceleration
-    return task, ArmMotion.with_passive(task.start, goal, commands, *slow)
+    return task, Trajectory.ending_together(task.start, goal, commands, *slow)
 
 
 @cache

@@ -17,8 +17,7 @@ from ocptip.pictures.frame import COLORS
 from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.sampled import SampledMotion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
 from tests.standing.elastic.test_drives import geared
 from tests.standing.elastic.test_feet import softened
@@ -93,8 +92,10 @@ def test_curves_have_the_rests_before_and_after(clamped):
 def test_events_are_those_of_ramps(free):
     """Not the samples of a controller, of which there are many."""
     plan, samples, _ = free
-    sampled = SampledMotion(np.linspace(0, 1, 100), np.linspace(plan.motion.goal, plan.motion.start, 100))
-    motion = MotionSequence((sampled, plan.motion), (0.5, 0.0))
+    sampled = Trajectory.from_points(
+        np.linspace(0, 1, 100), np.linspace(plan.motion.goal, plan.motion.start, 100)
+    )
+    motion = Trajectory.from_segments((sampled, plan.motion), (0.5, 0.0))
     curves = PlanCurves(SimpleNamespace(motion=motion), samples)
     np.testing.assert_allclose(curves.events, 1.5 + plan.motion.event_times)
     assert not len(PlanCurves(SimpleNamespace(motion=sampled), samples).events)

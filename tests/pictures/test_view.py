@@ -25,7 +25,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.parts import Part
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES, ROOT
 
@@ -37,7 +37,7 @@ ADDRESS = re.compile(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//|fetch\(\s*["']ht
 def committed(case):
     """Robot and verified motion of a published case."""
     path = ROOT / f"studies/results/plans/{case}-effective/plan.json"
-    return experiment_task(case).robot, ArmMotion.from_dict(json.loads(path.read_text()))
+    return experiment_task(case).robot, Trajectory.from_dict(json.loads(path.read_text()))
 
 
 def parts(case):
@@ -48,7 +48,9 @@ def swing(task):
     """One ramp per joint, which only has to be drawn."""
     limits = task.robot.limits
     none = [None] * task.robot.n
-    return ArmMotion.with_passive(task.start, task.goal, none, 0.8 * limits.speed, 0.4 * limits.acceleration)
+    return Trajectory.ending_together(
+        task.start, task.goal, none, 0.8 * limits.speed, 0.4 * limits.acceleration
+    )
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from scipy.optimize import linprog
 
 from ocptip.basics.errors import InputError
 from ocptip.published.cases import MotionCase, motion_case, motion_cases
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import JointRamps, RampCommand, phases_to_commands
+from ocptip.trajectories.trajectory import Trajectory
 
 SPEED_LIMITS = np.deg2rad([150, 150, 150, 135, 216, 340])  # (6.1)
 ACCELERATION_LIMITS = np.deg2rad([600, 600, 600, 540, 864, 1700])
@@ -28,7 +28,7 @@ def joint_times(motion: JointRamps, joint: int) -> dict[str, float]:
     return times
 
 
-def event_times(motion: ArmMotion) -> dict[str, float]:
+def event_times(motion: Trajectory) -> dict[str, float]:
     """All event times by their names in table E.2."""
     times = {"tA": 0.0, "t_E": motion.end}
     for joint in (1, 2, 3):
@@ -114,7 +114,7 @@ def test_all_times_to_half_a_unit_of_the_last_digit(name):
             assert abs(one.phi_e - two.phi_e) <= ROUNDED * (1 + 1e-9)
             assert abs(one.speed - two.speed) <= ROUNDED * (1 + 1e-9)
             assert abs(one.acceleration - two.acceleration) <= ROUNDED * (1 + 1e-9)
-    motion = ArmMotion.with_passive(
+    motion = Trajectory.ending_together(
         case.start, case.goal, [*commands, None, None, None], SPEED_LIMITS, ACCELERATION_LIMITS
     )
     assert np.abs(half_units(case, event_times(motion))).max() <= 1

@@ -23,12 +23,12 @@ from ocptip.retiming.retime import least_cost, retime
 from ocptip.retiming.rows import Places, TimingLimits
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.path_fit import path_of_motion, spline_through
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import earliest_end
 from tests.places import EXAMPLES, RESULTS
 from tests.retiming.paths import cart, delta, random_path, tripod
 
@@ -119,7 +119,7 @@ def test_active_limits_are_used_up():
     task = tripod()
     found = retime(task.robot, random_path(task, 0), MotionLimits(GN=0.7), nodes=100)
     motion, robot = found.motion, task.robot
-    begins, ends = motion.node_times[:-1] + 1e-7, motion.node_times[1:] - 1e-7
+    begins, ends = motion.timing.node_times[:-1] + 1e-7, motion.timing.node_times[1:] - 1e-7
     use: dict[str, np.ndarray] = {}
     for times in (begins, ends):
         _, qd, qdd = motion.states(times)
@@ -159,7 +159,7 @@ def test_against_a_dynamic_program():
     path = random_path(task, 1)
     timing = TimingLimits(task.robot, MotionLimits(GN=0.7))
     grid = Grid(task.robot, path, timing, spaced(path, 30))
-    found = TimedPath(path, grid.s, fastest(grid, ExtraRows.none()).x)
+    found = Trajectory.from_path(path, grid.s, fastest(grid, ExtraRows.none()).x)
     best = _dynamic_program(grid, 700)
     assert found.end <= best * (1 + 1e-9)
     assert found.end == pytest.approx(best, rel=2e-2)
@@ -203,7 +203,7 @@ def test_contact_forces_exist_at_the_nodes():
     task, limits = delta(), delta().limits
     robot = task.robot
     found = retime(robot, random_path(task, 0, 0.1), limits, nodes=60)
-    times = found.motion.node_times[:-1][[name == "slip" for name in found.active]] + 1e-6
+    times = found.motion.timing.node_times[:-1][[name == "slip" for name in found.active]] + 1e-6
     assert len(times) > 5
     samples = robot.samples(found.motion, times)
     support, frictions = robot.support, [contact.friction for contact in robot.support.contacts]
@@ -253,7 +253,7 @@ def test_stops_at_corners():
     path = JointPath(ends, np.stack([way, [task.start, middle]]))
     found = retime(task.robot, path, MotionLimits(), nodes=60)
     assert found.verified
-    assert found.motion.x[list(found.motion.s).index(0.5)] == 0.0
+    assert found.motion.timing.x[list(found.motion.timing.s).index(0.5)] == 0.0
 
 
 def test_start_and_end_speeds():
@@ -261,7 +261,7 @@ def test_start_and_end_speeds():
     path = random_path(task, 0)
     whole = retime(task.robot, path, nodes=100).motion
     begun = retime(task.robot, path, nodes=100, ends=(0.1, 0.05)).motion
-    assert begun.x[[0, -1]] == pytest.approx([0.01, 0.0025], rel=1e-3)
+    assert begun.timing.x[[0, -1]] == pytest.approx([0.01, 0.0025], rel=1e-3)
     assert begun.end < whole.end
     with pytest.raises(InputError, match=r"cannot begin|cannot be timed"):
         retime(task.robot, path, nodes=100, ends=(50.0, 0.0))
@@ -296,7 +296,7 @@ def test_intervals_that_are_short_as_events_of_ramps_are(nodes):
     assert np.min(np.diff(path.breakpoints)) < 1e-4
     limits = replace(task.limits, max_duration=np.inf)
     grid = Grid(task.robot, path, TimingLimits(task.robot, limits), spaced(path, nodes))
-    found = TimedPath(path, grid.s, fastest(grid, ExtraRows.none()).x)
+    found = Trajectory.from_path(path, grid.s, fastest(grid, ExtraRows.none()).x)
     assert 0.999 * plan.end < found.end <= plan.end * (1 + 1e-6)
 
 
@@ -308,7 +308,7 @@ def test_ramps_on_their_own_path_are_not_worse_with_a_free_law_of_time(objective
     commands = [
         [RampCommand(way, 1.5, 2.0 + k), RampCommand(way / 3, 0.8, 4.0)] for k, way in enumerate(ways)
     ]
-    ramps = ArmMotion.from_commands(start, commands)
+    ramps = Trajectory.from_profiles(start, commands)
     before = check_motion(task.robot, ramps, MotionLimits())
     assert before.verified
     found = retime(task.robot, path_of_motion(ramps).path, MotionLimits(), objective, nodes=200)

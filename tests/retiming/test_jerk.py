@@ -46,7 +46,7 @@ def test_jerks_are_within_the_limit_and_nothing_is_faster(objective, nodes):
     share = np.max(np.abs(change / jerk))
     assert 0.95 < share < 1.01  # a jump at a node, however small, is a peak of differences
     assert np.max(np.abs(motion.states([0.0, motion.end - 1e-9])[2])) < 1e-4
-    assert np.max(motion.acceleration_jumps) < 1e-5 * np.max(motion.acceleration_peaks)
+    assert np.max(motion.acceleration_steps) < 1e-5 * np.max(motion.acceleration_peaks)
     assert not first.jerk_ratio
 
 

@@ -23,8 +23,8 @@ from ocptip.robots.geometry import Wall, floor
 from ocptip.standing.ground import floors_under
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 
 pin = pytest.importorskip("pinocchio")
 SEEDS = st.integers(0, 10**6)
@@ -184,7 +184,7 @@ def dipping(task, lowest):
     end = angles[np.flatnonzero(heights < lowest)[0]]
     limits = task.robot.limits
     commands = [None, [RampCommand(float(end), 0.5, 1.0)]]
-    return ArmMotion.with_passive(DOWN[0], [DOWN[0, 0], end], commands, limits.speed, limits.acceleration)
+    return Trajectory.ending_together(DOWN[0], [DOWN[0, 0], end], commands, limits.speed, limits.acceleration)
 
 
 def test_a_motion_into_the_floor_is_refused_and_not_proved(task, folder):

@@ -16,8 +16,8 @@ from ocptip.parallel.dynamics.base_wrench import base_wrench
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from tests.parallel.parallel_examples import five_axes, redundant_leg
 from tests.parallel.parallel_twin import rod_delta
 from tests.quick import some
@@ -142,7 +142,7 @@ def test_general_robots_stand_and_are_checked(make):
     home = robot.description.home
     assert len(standing.names) == len(standing.units) == robot.m
     commands = [[RampCommand(value + 0.01, 0.1, 1.0)] for value in home]
-    motion = ArmMotion.from_commands(home, commands)
+    motion = Trajectory.from_profiles(home, commands)
     checked = check_motion(standing, motion, step=0.05)
     assert checked.stands
     z, zd, zdd = motion.states(np.array([0.05]))
@@ -162,7 +162,7 @@ def test_redundant_drives_are_checked():
     limits = PlatformLimits(motor_force=[1e3, 1e3, 1e3, 1e-3])
     standing = NumericParallelRobot(robot, cart(mass=500.0), ideal_motors(4), limits)
     home = robot.description.home
-    motion = ArmMotion.from_commands(home, [[RampCommand(value + 0.01, 0.1, 1.0)] for value in home])
+    motion = Trajectory.from_profiles(home, [[RampCommand(value + 0.01, 0.1, 1.0)] for value in home])
     samples = standing.samples(motion, np.linspace(0.01, motion.end - 0.01, 3))
     assert samples.torques.shape == samples.powers.shape == (3, 4)
     checked = check_motion(standing, motion, step=0.05)

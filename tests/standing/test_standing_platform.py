@@ -23,9 +23,9 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.baselines.penalty import MotionPenalty
 from tests.motion.planner.node_derivatives import all_slopes, bends
 from tests.places import EXAMPLES
@@ -216,7 +216,7 @@ def straight_motion(task):
         for goal, share in zip(task.goal, np.abs(way) / largest, strict=True):
             a = 4 * max(share, 1e-9) * largest / duration**2
             commands.append([RampCommand(goal, 10.0 * max(share, 1e-9), a)])
-        return ArmMotion.from_commands(task.start, commands)
+        return Trajectory.from_profiles(task.start, commands)
 
     fast, slow = 0.1, 4.0
     for _ in range(14):
@@ -294,7 +294,7 @@ def test_a_motion_through_a_singular_pose_is_not_checked(task):
         [RampCommand(0.0, 0.5, 1.0)],
         [RampCommand(-0.5, 0.5, 1.0)],
     ]
-    checked = check_motion(robot, ArmMotion.from_commands([0.0, 0.0, -0.5], commands), task.limits)
+    checked = check_motion(robot, Trajectory.from_profiles([0.0, 0.0, -0.5], commands), task.limits)
     assert not checked.verified
     assert checked.worst["singularity"].value < 0
     assert any(v.startswith("singularity") for v in checked.violations)
@@ -329,7 +329,7 @@ def test_output_has_units(task, plan, tmp_path):
     data = plan_to_dict(plan)
     assert data["units"] == ["m"] * 3
     np.testing.assert_allclose(data["goal"], task.goal, atol=1e-9)
-    again = ArmMotion.from_dict(data)
+    again = Trajectory.from_dict(data)
     np.testing.assert_array_equal(again.goal, plan.motion.goal)
     assert again.end == plan.motion.end
     samples = sample_motion(task.robot, plan.motion, 0.02)
@@ -347,7 +347,7 @@ def test_output_has_units(task, plan, tmp_path):
         ("motor_speed_motor_3", samples.further[:, 9]),
     ):
         np.testing.assert_allclose(table[:, names.index(name)], values, rtol=1e-10, atol=1e-10)
-    points = controller_points(plan.motion, "cubic")
+    points = controller_points(plan.motion, "cubic").points
     assert joint_trajectory(plan.task.robot, points)["joint_names"] == ["x", "y", "z"]
 
 
@@ -355,12 +355,12 @@ def test_units_of_mixed_coordinates(standing):
     robot = standing["hexapod"]
     assert robot.units == ("m", "m", "m", "rad", "rad", "rad")
     assert robot.motor_units == ("N",) * 6
-    motion = ArmMotion.from_commands(np.full(6, 0.1), [[RampCommand(0.2, 1.0, 2.0)]] * 6)
+    motion = Trajectory.from_profiles(np.full(6, 0.1), [[RampCommand(0.2, 1.0, 2.0)]] * 6)
     data = motion.to_dict(robot.units)
     assert data["start"] == pytest.approx([0.1] * 3 + [np.rad2deg(0.1)] * 3)
     assert data["commands"][3][0]["speed"] == pytest.approx(np.rad2deg(1.0))
     assert data["commands"][2][0]["speed"] == 1.0
-    np.testing.assert_allclose(ArmMotion.from_dict(data).goal, motion.goal, rtol=1e-15)
+    np.testing.assert_allclose(Trajectory.from_dict(data).goal, motion.goal, rtol=1e-15)
 
 
 @pytest.mark.filterwarnings("ignore:.*are they radians")
@@ -410,7 +410,7 @@ def test_robots_without_minimal_form_are_refused(task):
     with pytest.raises(InputError, match="motors: the robot has 3"):
         StandingParallelRobot(task.robot.robot, task.robot.support, dc_motors(2), task.robot.platform_limits)
     with pytest.raises(InputError, match="motion: has 2 joints, the robot has 3"):
-        check_motion(task.robot, ArmMotion.from_commands([0, 0], [[RampCommand(1, 1, 1)]] * 2))
+        check_motion(task.robot, Trajectory.from_profiles([0, 0], [[RampCommand(1, 1, 1)]] * 2))
     with pytest.raises(InputError, match="that of an arm"):
         MotionPenalty(task)
 

@@ -9,7 +9,7 @@ import pytest
 
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.compare import run as study
 from studies.compare import runs as compare_runs
 from studies.compare.methods import METHODS as ALL_METHODS
@@ -61,7 +61,7 @@ def test_energy_and_check_are_those_of_the_motion_written(short):
     _, records, _ = short
     r = records["A", 0, "nelder-mead"]
     task = experiment_task("A", BASE)
-    motion = ArmMotion.from_dict(r["motion"])
+    motion = Trajectory.from_dict(r["motion"])
     checked = check_motion(task.robot, motion, task.limits)
     assert r["energy_J"] == pytest.approx(checked.energy, rel=1e-9)
     assert r["verified"] == checked.verified

@@ -16,8 +16,8 @@ from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.robots.dynamics import evaluate_dynamics
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.time_scaling import losses
 from studies.time_scaling import run as time_scaling
 from studies.time_scaling import trends as time_scaling_trends
@@ -183,7 +183,7 @@ def test_rest_on_the_path():
     robot, motion = printed("B", "effective")
     assert losses.rests_anywhere(robot, motion)
     tall = experiment_robot(motion_case("H"), "effective")
-    stretched = ArmMotion.from_commands(
+    stretched = Trajectory.from_profiles(
         np.zeros(6), [[RampCommand(x, 1.0, 1.0)] for x in (0.1, np.pi / 2, 0.0, 0.0, 0.0, 0.0)]
     )
     rest, _ = tipping(tall, stretched, losses.cells(stretched)[0])
@@ -211,7 +211,7 @@ def test_straight_motion_is_neither_raised_nor_lowered():
     case = motion_case("E")
     way = case.goal - case.start
     commands = [[RampCommand(g, abs(w), 2 * abs(w))] for g, w in zip(case.goal, way, strict=True)]
-    motion = ArmMotion.from_commands(case.start, commands)
+    motion = Trajectory.from_profiles(case.start, commands)
     arm = experiment_robot(case, "printed").arm
     found = time_scaling_trends.heights(arm, motion, 2)
     assert max(abs(found[key]) for key in found if key.endswith("_m")) < 1e-12
@@ -224,7 +224,7 @@ def test_bent_motion_is_raised_by_what_its_joint_does():
     goal = case.start + np.eye(6)[0]
     bend = [RampCommand(case.start[1] - 0.3, 0.6, 4.0), RampCommand(case.start[1], 0.6, 4.0)]
     others = [[RampCommand(g, 0.5, 2.0)] for g in goal]
-    motion = ArmMotion.from_commands(case.start, [others[0], bend, *others[2:]])
+    motion = Trajectory.from_profiles(case.start, [others[0], bend, *others[2:]])
     lowest = motion.joints[1].pieces.angle_ranges[0, 0]
     length = np.hypot(*arm.offsets[1][:2])
     tilt = np.arctan2(*arm.offsets[1][:2])

@@ -7,7 +7,7 @@ import pytest
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import SITE, WORKSHOP
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.tolerance.floor import markdown as floor_table
 from studies.tolerance.floor import moments_in, worst_worlds
 from studies.tolerance.run import at_rest, figure, markdown, on_cart, parts
@@ -17,7 +17,7 @@ from studies.tolerance.samples import lost, random_deviations
 def straight(task, factor):
     limits = task.robot.limits
     rates = limits.speed / factor, limits.acceleration / factor**2
-    return ArmMotion.with_passive(task.start, task.goal, [None] * task.robot.n, *rates)
+    return Trajectory.ending_together(task.start, task.goal, [None] * task.robot.n, *rates)
 
 
 def test_deviations_stay_within_the_tolerance():

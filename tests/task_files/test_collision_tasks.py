@@ -18,8 +18,8 @@ from ocptip.placement.search.physics import PatchPhysics
 from ocptip.robots.geometry import Solid
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 from tests.robots.collision.collision_urdf import box, with_collision, write_stl
 
@@ -75,7 +75,7 @@ def test_an_elbow_through_the_deck_is_refused_and_refuted(task):
     limits = task.robot.limits
     commands = [None] * 6
     commands[1] = [RampCommand(goal[1], 0.5, 1.0)]
-    motion = ArmMotion.with_passive(start, goal, commands, limits.speed, limits.acceleration)
+    motion = Trajectory.ending_together(start, goal, commands, limits.speed, limits.acceleration)
     checked = check_motion(task.robot, motion, task.limits)
     assert not checked.verified
     worst = checked.worst["clearance_m"]
@@ -163,7 +163,7 @@ def test_without_geometry_the_verdict_says_so(folder):
     blind = load_task(written(folder, text, "blind.toml"))
     start, goal = through_the_deck(blind)
     limits = blind.robot.limits
-    motion = ArmMotion.with_passive(start, start, [None] * 6, limits.speed, limits.acceleration)
+    motion = Trajectory.ending_together(start, start, [None] * 6, limits.speed, limits.acceleration)
     checked = check_motion(blind.robot, motion, blind.limits)
     assert checked.collision == {"checked": False}
     assert checked.scope == " (contacts and drives; collision not checked)"

@@ -11,7 +11,7 @@ from ocptip.motion.planner.free_ends import FOUND_MARGIN
 from ocptip.motion.planner.one_start import free_ends
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 
 CART = (EXAMPLES / "tasks/ur5_cart.toml").read_text(encoding="utf-8")
@@ -83,7 +83,7 @@ def test_check_compares_with_the_pose(tmp_path):
     limits = task.robot.limits
     for turn, joint in ((0.2, 5), (0.2, 0)):
         goal = task.goal + turn * np.eye(6)[joint]
-        motion = ArmMotion.with_passive(task.start, goal, [None] * 6, limits.speed, limits.acceleration)
+        motion = Trajectory.ending_together(task.start, goal, [None] * 6, limits.speed, limits.acceleration)
         start_off, goal_off = _offsets(motion, task)["deg"]
         assert start_off == 0
         assert goal_off == pytest.approx(0.0 if joint == 5 else np.rad2deg(turn), abs=1e-6)

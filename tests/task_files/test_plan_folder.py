@@ -20,7 +20,7 @@ from ocptip.published.tasks import PRINTED_LIMITS, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
 from tests.quick import some
@@ -56,7 +56,9 @@ def plain_motion(task):
     """One ramp per joint."""
     limits = task.robot.limits
     none = [None] * task.robot.n
-    return ArmMotion.with_passive(task.start, task.goal, none, 0.8 * limits.speed, 0.4 * limits.acceleration)
+    return Trajectory.ending_together(
+        task.start, task.goal, none, 0.8 * limits.speed, 0.4 * limits.acceleration
+    )
 
 
 def same_check(found, task, motion):

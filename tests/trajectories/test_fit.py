@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.fit import FINEST, PEAK_TOLERANCE, fitted, noise_of
+from ocptip.trajectories.fit import fitted, noise_of
+from ocptip.trajectories.points import FINEST, PEAK_TOLERANCE
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.sequence import standstills
+from ocptip.trajectories.trajectory import Trajectory
 
 SPEED, ACCELERATION = np.array([1.5, 1.5, 2.0]), np.array([4.0, 4.0, 6.0])
 
@@ -46,9 +47,9 @@ def test_a_motion_within_its_limits_is_and_one_beyond_is_not(rate, digits, seed)
         assert peak == pytest.approx(share, abs=0.012)
         assert np.max(motion.speed_peaks / SPEED) < share + 0.01
         assert (max(peak, np.max(motion.speed_peaks / SPEED)) > 1 + PEAK_TOLERANCE) == (share > 1)
-        assert np.all(motion.distance <= 1.01 * motion.tolerance)
+        assert np.all(motion.fit.distance <= 1.01 * motion.fit.tolerance)
         assert motion.end == pytest.approx(times[-1])
-        assert not motion.noisy.any()
+        assert not motion.fit.noisy.any()
 
 
 @pytest.mark.slow
@@ -59,7 +60,7 @@ def test_the_same_at_all_rates(rate, digits, seed):
     test_a_motion_within_its_limits_is_and_one_beyond_is_not(rate, digits, seed)
 
 
-RAMP = ArmMotion.from_commands(
+RAMP = Trajectory.from_profiles(
     [0.0, 0.5], [[RampCommand(0.6, 0.8, 3.0)], [RampCommand(-0.2, 1.0, 4.0), RampCommand(0.3, 0.5, 2.0)]]
 )
 
@@ -87,10 +88,10 @@ def test_noise_is_estimated_and_said_and_does_not_become_acceleration(sigma):
     samples = RAMP.states(times)[0] + noise
     np.testing.assert_allclose(noise_of(times, samples), sigma, rtol=0.3)
     motion = fitted(times, samples, rounding=np.full(2, 5e-7))
-    assert motion.noisy.all()
-    assert np.all((motion.distance > 2 * sigma) & (motion.distance < 5.5 * sigma))
+    assert motion.fit.noisy.all()
+    assert np.all((motion.fit.distance > 2 * sigma) & (motion.fit.distance < 5.5 * sigma))
     assert np.all(motion.acceleration_peaks < RAMP.acceleration_peaks * 1.05 + 8 * sigma / 0.01)
-    assert motion.fit_to_dict()["noisy"].all()
+    assert motion.fit.to_dict()["noisy"].all()
 
 
 def test_curvature_of_coarse_samples_is_no_noise():
@@ -98,7 +99,7 @@ def test_curvature_of_coarse_samples_is_no_noise():
     smooth = (0.5 - 0.5 * np.cos(np.pi * times / 2))[:, None]
     assert noise_of(times, smooth)[0] == 0
     motion = fitted(times, smooth)
-    assert motion.tolerance[0] == FINEST
+    assert motion.fit.tolerance[0] == FINEST
     assert motion.acceleration_peaks[0] == pytest.approx(np.pi**2 / 8, rel=0.05)
 
 
@@ -106,9 +107,9 @@ def test_speeds_of_the_file_are_compared():
     times = np.append(np.arange(0, RAMP.end, 0.01), RAMP.end)
     states = RAMP.states(times)
     near = fitted(times, states[0], speeds=states[1])
-    assert np.max(near.speed_distance) < 0.02
+    assert np.max(near.fit.speed_distance) < 0.02
     far = fitted(times, states[0], speeds=0.5 * states[1])
-    assert np.max(far.speed_distance) == pytest.approx(0.5, abs=0.02)
+    assert np.max(far.fit.speed_distance) == pytest.approx(0.5, abs=0.02)
 
 
 @settings(max_examples=15, derandomize=True)
@@ -116,7 +117,7 @@ def test_speeds_of_the_file_are_compared():
 def test_few_samples_at_any_times_are_passed(values, seed):
     times = np.cumsum(np.random.default_rng(seed).uniform(0.05, 0.4, len(values)))
     motion = fitted(times, np.array(values)[:, None])
-    assert motion.distance[0] <= 1.5 * FINEST
+    assert motion.fit.distance[0] <= 1.5 * FINEST
     assert np.all(motion.states([0, motion.end])[1] == 0)
 
 
@@ -133,12 +134,12 @@ def test_noisy_samples_have_at_most_a_piece_each_and_few_events(rate):
     rng, times = np.random.default_rng(0), np.arange(0, 4 + 1e-9, 1 / rate)
     smooth = 0.5 * np.sin(np.pi * times / 4)[:, None] ** 2 * [1.0, -0.7]
     motion = fitted(times, smooth + 2e-5 * rng.normal(size=smooth.shape), rounding=np.full(2, 5e-7))
-    assert motion.noisy.all()
-    assert len(motion.times) <= len(times) + 1
-    assert np.all(motion.distance <= 1.01 * motion.tolerance)
+    assert motion.fit.noisy.all()
+    assert len(motion.points.times) <= len(times) + 1
+    assert np.all(motion.fit.distance <= 1.01 * motion.fit.tolerance)
     assert len(motion.event_times) <= 0.6 * len(times)
-    before, after = (motion.states(motion.times, side=side)[2] for side in ("left", "right"))
-    no_event = ~np.isin(motion.times, motion.event_times)
+    before, after = (motion.states(motion.points.times, side=side)[2] for side in ("left", "right"))
+    no_event = ~np.isin(motion.points.times, motion.event_times)
     largest = np.abs(after - before)[no_event].max(axis=0)
     assert np.all(largest <= PEAK_TOLERANCE * motion.acceleration_peaks)
 
@@ -148,7 +149,7 @@ def test_samples_that_long_pieces_cannot_pass_are_passed_by_shorter_ones():
     times = np.arange(0, 0.2 + 1e-9, 1e-3)
     positions = 5e-3 * np.sin(2 * np.pi * 100 * times) * np.sin(np.pi * times / 0.2) ** 2
     motion = fitted(times, positions[:, None], rounding=np.full(1, 1e-3))
-    assert motion.distance[0] <= 1.05e-3
+    assert motion.fit.distance[0] <= 1.05e-3
 
 
 def test_joints_that_rest_stay_where_they_are():
@@ -168,11 +169,11 @@ def test_a_rest_on_the_way_is_a_rest_and_the_motions_beside_it_are_as_calm(sigma
     positions = np.where((times < RAMP.end + 0.5 * pause)[:, None], there, back)
     noisy = np.round(positions + sigma * rng.normal(size=positions.shape), digits)
     motion = fitted(times, noisy, rounding=np.full(2, 0.5 * 10.0**-digits))
-    first, _ = standstills(motion)[0]
+    first, _ = standstills(motion.points)[0]
     middle = motion.states(np.linspace(RAMP.end + 0.1, RAMP.end + pause - 0.1, 9))
     np.testing.assert_allclose(middle[0], np.tile(there[-1], (9, 1)), atol=4 * sigma + 2e-5)
     np.testing.assert_allclose(middle[1], 0.0, atol=1e-4)
-    assert RAMP.end - 0.02 <= motion.times[first] <= RAMP.end + 0.25 * pause + 0.05
-    assert np.all(motion.distance <= 1.05 * motion.tolerance)
+    assert RAMP.end - 0.02 <= motion.points.times[first] <= RAMP.end + 0.25 * pause + 0.05
+    assert np.all(motion.fit.distance <= 1.05 * motion.fit.tolerance)
     assert np.all(motion.acceleration_peaks <= (1.05 if sigma else 1.01) * RAMP.acceleration_peaks)
     assert motion.end == pytest.approx(times[-1])

@@ -10,22 +10,21 @@ from scipy.interpolate import PPoly
 
 from ocptip.basics.errors import InputError
 from ocptip.trajectories import path_fit
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import fitted
 from ocptip.trajectories.path_fit import FINE, FittedPath, Leg, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.ramps import RampCommand
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 DENSE = np.linspace(0, 1, 5_001)
 
 
-def _random_motion(seed: int, joints: int = 3) -> ArmMotion:
+def _random_motion(seed: int, joints: int = 3) -> Trajectory:
     rng = np.random.default_rng(seed)
     commands = [
         [RampCommand(*row) for row in rng.uniform([-2, 0.3, 1], [2, 3, 8], (rng.integers(1, 4), 3))]
         for _ in range(joints)
     ]
-    return ArmMotion.from_commands(rng.uniform(-1, 1, joints), commands)
+    return Trajectory.from_profiles(rng.uniform(-1, 1, joints), commands)
 
 
 def _off_polygon(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
@@ -82,7 +81,7 @@ def test_its_parameter_is_nearly_the_length(seed: int) -> None:
 def test_a_motion_that_rests_on_its_way_has_a_corner_there() -> None:
     times = np.array([0.0, 1.0, 2.0])
     angles = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 0.9]])
-    fit = path_of_motion(SampledMotion(times, angles, np.zeros((3, 2)), np.zeros((3, 2))))
+    fit = path_of_motion(Trajectory.from_points(times, angles, np.zeros((3, 2)), np.zeros((3, 2))))
     assert fit.path.corners.size == 1
     corner = fit.path.breakpoints[fit.path.corners[0]]
     assert np.abs(fit.path.at(corner)[0] - angles[1]).max() < 1e-12
@@ -91,7 +90,7 @@ def test_a_motion_that_rests_on_its_way_has_a_corner_there() -> None:
 
 def test_positions_alone_are_points_of_a_smooth_curve() -> None:
     points = np.random.default_rng(3).normal(size=(7, 3))
-    motion = SampledMotion(np.arange(7.0), points, period=1.0)
+    motion = Trajectory.from_points(np.arange(7.0), points, period=1.0)
     fit = path_of_motion(motion)
     assert fit.how == "smooth curve through 7 points"
     assert fit.distance.max() < 1e-12
@@ -166,14 +165,14 @@ def test_noise_is_refused_unless_the_path_may_be_off() -> None:
 
 def test_a_motion_that_rests_is_no_path() -> None:
     with pytest.raises(InputError, match="does not move"):
-        path_of_motion(SampledMotion(np.array([0.0, 1.0]), np.zeros((2, 2)), np.zeros((2, 2))))
+        path_of_motion(Trajectory.from_points(np.array([0.0, 1.0]), np.zeros((2, 2)), np.zeros((2, 2))))
 
 
 def test_ramps_that_end_almost_together_are_taken_as_they_are():
     """A joint that rests a microsecond before the others does not make the path turn back."""
     table = [[RampCommand(1.0, 1.0, 4.0)], [RampCommand(1.0 - 1e-6, 1.0, 4.0)]]
     goal = np.array([1.0, 1.0 - 1e-6])
-    motion = ArmMotion.with_passive(np.zeros(2), goal, table, np.ones(2), np.full(2, 4.0))
+    motion = Trajectory.ending_together(np.zeros(2), goal, table, np.ones(2), np.full(2, 4.0))
     assert Leg.of_ramps(motion, 0.0, motion.end) is not None
     path = path_of_motion(motion).path
     assert path.pieces < 6

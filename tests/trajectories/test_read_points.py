@@ -97,7 +97,7 @@ def test_points_far_apart_without_velocities_are_doubted(tmp_path, spacing, warn
         return
     with pytest.warns(InputWarning, match=f"up to {1e3 * spacing:g} ms apart, with positions only"):
         motion = load_motion(path, NAMES)
-    assert "2 ms (500 Hz)" in motion.interpolation
+    assert "2 ms (500 Hz)" in motion.points.interpolation
 
 
 def test_a_standstill_between_points_is_not_doubted(tmp_path):
@@ -117,7 +117,7 @@ def test_with_velocities_no_distance_is_doubted(tmp_path):
         path = tmp_path / "t.json"
         path.write_text(json.dumps(message(TIMES, CORNERS, velocities=rest)))
         motion = load_motion(path, NAMES, rate=10.0)
-    assert motion.period is None
+    assert motion.points.period is None
 
 
 @pytest.mark.parametrize(
@@ -148,8 +148,8 @@ def test_a_first_point_later_is_reached_from_the_start(tmp_path, columns):
 def test_a_single_goal_point_is_a_trajectory(tmp_path):
     one = message([4.0], CORNERS[1:2])
     motion = read(tmp_path, one, start=CORNERS[0])
-    np.testing.assert_array_equal(motion.angles, CORNERS[:2])
-    np.testing.assert_array_equal(motion.times, [0.0, 4.0])
+    np.testing.assert_array_equal(motion.points.angles, CORNERS[:2])
+    np.testing.assert_array_equal(motion.points.times, [0.0, 4.0])
     with pytest.raises(InputError, match="nothing says"):
         read(tmp_path, one)
     with pytest.raises(InputError, match="at least two samples"):
@@ -171,7 +171,7 @@ def test_wrapped_messages(tmp_path, wrap, ending):
     path = tmp_path / f"t.{ending}"
     write = {"json": json.dumps, "yaml": yaml.safe_dump}[ending]
     path.write_text(write(WRAPPED[wrap](bare)))
-    np.testing.assert_array_equal(load_motion(path, NAMES).angles, CORNERS)
+    np.testing.assert_array_equal(load_motion(path, NAMES).points.angles, CORNERS)
 
 
 def test_several_trajectories_and_moving_bases_are_refused(tmp_path):
@@ -188,7 +188,7 @@ def test_times_of_ros_1(tmp_path):
     for row in data["points"]:
         stamp = row["time_from_start"]
         row["time_from_start"] = {"nsecs": stamp["nanosec"], "secs": stamp["sec"]}
-    np.testing.assert_allclose(read(tmp_path, data).times, TIMES * 0.3, atol=1e-12)
+    np.testing.assert_allclose(read(tmp_path, data).points.times, TIMES * 0.3, atol=1e-12)
     for wrong in ({}, {"s": 1}, {"sec": 1, "nsecs": 0}, {"secs": 0.5}):
         data["points"][1]["time_from_start"] = wrong
         with pytest.raises(InputError, match=r"points\[2\]\.time_from_start: expected sec and nanosec, or"):
@@ -209,5 +209,5 @@ def test_joints_of_others_are_left_out(tmp_path, moves):
             motion = load_motion(path, NAMES)
     else:
         motion = load_motion(path, NAMES)
-    np.testing.assert_array_equal(motion.angles, CORNERS)
+    np.testing.assert_array_equal(motion.points.angles, CORNERS)
     assert "finger" in motion.assumed[0]

@@ -11,11 +11,12 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.jumps import Jumps
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
+from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 from ocptip.trajectories.read import load_motion
-from ocptip.trajectories.trajectory import MERGE
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import VelocityProfiles
 from tests.trajectories.strategies import angles, commands, numbers
 
 rises = numbers(1e-3, 0.8)
@@ -24,7 +25,7 @@ rises = numbers(1e-3, 0.8)
 def curve(phi, ramps, rise):
     made = JointRamps.from_commands(phi, ramps)
     assume(made.end > 0.01)
-    return ArmMotion((made,), (rise,))
+    return Trajectory(profiles=VelocityProfiles((made,), (rise,)))
 
 
 @settings(max_examples=60)
@@ -100,12 +101,12 @@ def test_crossings_are_where_the_speed_changes_its_sign(phi, ramps, rise):
 
 
 def test_a_reversal_crosses_half_a_rise_time_later():
-    ramps = ArmMotion.from_commands([0.0], [[RampCommand(1.0, 0.8, 2.0), RampCommand(-0.5, 1.0, 2.0)]])
+    ramps = Trajectory.from_profiles([0.0], [[RampCommand(1.0, 0.8, 2.0), RampCommand(-0.5, 1.0, 2.0)]])
     assert len(ramps.crossings) == 1
     np.testing.assert_allclose(ramps.with_rise_times(0.05).crossings, ramps.crossings + 0.025, atol=1e-12)
 
 
-MOTION = ArmMotion.from_commands(
+MOTION = Trajectory.from_profiles(
     [0.2, -0.4, 0.3],
     [
         [RampCommand(1.1, 0.8, 2.0), RampCommand(-0.3, 1.2, 3.0)],
@@ -122,7 +123,7 @@ def test_whole_motions(rise):
     times = np.linspace(-0.1, motion.end + 0.1, 200)
     states = motion.states(times)
     for j, (own, ramps) in enumerate(zip(each, MOTION.joints, strict=True)):
-        alone = ArmMotion((ramps,), own).states(times)
+        alone = Trajectory(profiles=VelocityProfiles((ramps,), own)).states(times)
         for part, value in zip(states, alone, strict=True):
             np.testing.assert_array_equal(part[:, j], value[:, 0])
     ends = [ramps.end + own for ramps, own in zip(MOTION.joints[:2], each[:2], strict=True)]
@@ -177,7 +178,7 @@ def test_bad_rise_times_are_named(rise, message):
     with pytest.raises(InputError, match=message):
         MOTION.with_rise_times(rise)
     with pytest.raises(InputError, match=message.replace("rise_time", "rise_time_s")):
-        ArmMotion.from_dict({**MOTION.to_dict(), "rise_time_s": rise})
+        Trajectory.from_dict({**MOTION.to_dict(), "rise_time_s": rise})
 
 
 def test_the_check_integrates_and_samples_the_curve_itself():

@@ -17,7 +17,7 @@ from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, doubt_turns, read_recording
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 
 def compare(
@@ -48,7 +48,7 @@ def compare(
     """
     folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
     name = str(folder.path if isinstance(plan, PlanFolder) else plan)
-    if isinstance(folder.task, CycleTask) or isinstance(folder.motion, MotionSequence):
+    if isinstance(folder.task, CycleTask) or folder.motion.parts:
         raise InputError("is a cycle; recordings of its segments are compared with their own plans", "", name)
     with naming(name):
         predictor = Predictor(folder.task.robot, folder.motion)

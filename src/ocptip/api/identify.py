@@ -31,7 +31,7 @@ from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import PlanFolder, arm_of, read_plan_folder
 from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.read_csv import csv_table
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 What = Literal["payload", "base", "bodies", "arm", "power"]
 
@@ -114,7 +114,7 @@ def _predictor(plan: PlanFolder | str | os.PathLike[str], task: str | os.PathLik
         given = read_task(task)
         robot = arm_of(given, "identify takes", Path(task))
         motion = load_motions(name, robot.names, robot.units, start=given.start)
-        if isinstance(motion, MotionSequence):
+        if motion.parts:
             raise InputError("is a cycle; identify takes single motions", "", name)
     with naming(name):
         return Predictor(robot, motion)

@@ -10,12 +10,11 @@ from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 
 def certified(
-    robot: StandingMechanism, motion: Motion, checked: MotionCheck, limits: MotionLimits | None = None
+    robot: StandingMechanism, motion: Trajectory, checked: MotionCheck, limits: MotionLimits | None = None
 ) -> MotionCheck:
     """The check with a certificate, if it is verified: a proof for all instants, as far as there is one.
 
@@ -30,7 +29,7 @@ def certified(
     return replace(checked, certificate=certify(robot, motion, limits or MotionLimits(), checked.worst))
 
 
-def certified_cycle(task: CycleTask, motion: MotionSequence, checked: CycleCheck) -> CycleCheck:
+def certified_cycle(task: CycleTask, motion: Trajectory, checked: CycleCheck) -> CycleCheck:
     """The check with certificates of all segments, if it is verified.
 
     Each holds for its segment and the rests before and after it with what that segment holds, which are
@@ -42,5 +41,5 @@ def certified_cycle(task: CycleTask, motion: MotionSequence, checked: CycleCheck
     """
     if not checked.whole.verified:
         return checked
-    rows = zip(task.segments, motion.motions, checked.segments, strict=True)
+    rows = zip(task.segments, motion.segments, checked.segments, strict=True)
     return cycle_check(task, motion, [certified(s.task.robot, own, c, s.task.limits) for s, own, c in rows])

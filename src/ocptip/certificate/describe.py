@@ -21,7 +21,7 @@ from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot
@@ -32,7 +32,7 @@ _ARM = "rotations offsets masses centres inertias slides armature mount_position
 _LIMITS = "angle_min angle_max speed acceleration torque"
 
 
-def motion_data(motion: Motion) -> dict[str, Any]:
+def motion_data(motion: Trajectory) -> dict[str, Any]:
     """Pieces of a motion: between its events, and the rest before and after it.
 
     Of each piece `times`, (2,), s, and `angles`, (n, 6): coefficients of 1, u, u^2 ... with u from -1 to 1
@@ -60,7 +60,7 @@ def motion_data(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _polynomials(motion: Motion, intervals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _polynomials(motion: Trajectory, intervals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (pieces, n, 6) in these intervals (pieces, 2), s, and by how much accelerations are off.
 
     What is of higher degree than 5 is cut from the Chebyshev series of the accelerations, whose terms are at
@@ -68,7 +68,7 @@ def _polynomials(motion: Motion, intervals: np.ndarray) -> tuple[np.ndarray, np.
     """
     middle, half = intervals.mean(axis=1), 0.5 * np.diff(intervals, axis=1)
     orders = np.arange(max(len(part.derivatives) for part in motion.pieces))
-    values = [motion(middle, k) * half**k / factorial(k) for k in orders]
+    values = [motion(middle, k) * half**k / factorial(k) for k in range(len(orders))]
     c = np.zeros((*values[0].shape, max(len(orders), 6)))
     c[:, :, : len(orders)] = np.stack(values, axis=-1)
     if len(orders) <= 6:
@@ -82,12 +82,12 @@ def _polynomials(motion: Motion, intervals: np.ndarray) -> tuple[np.ndarray, np.
     return c[:, :, :6], np.max(off, axis=1)
 
 
-def _least_difference(motion: Motion) -> float:
+def _least_difference(motion: Trajectory) -> float:
     """Accelerations of pieces that differ by less are those of the motion, rad/s^2 or m/s^2."""
     return _ALIKE * max(1.0, float(np.max(motion.acceleration_peaks)))
 
 
-def unlike(motion: Motion, data: dict[str, Any]) -> str:
+def unlike(motion: Trajectory, data: dict[str, Any]) -> str:
     """Why pieces of a motion do not say what it does; empty if they do."""
     ends = np.array(data["times"])[1:-1]
     off = _polynomials(motion, ends)[1]

@@ -32,7 +32,7 @@ from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import NEARLY_LOST, SLIP_WITHIN, TIP_WITHIN, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot
@@ -67,7 +67,7 @@ _COVERED = {
 
 @one_thread
 def certify(
-    robot: StandingMechanism, motion: Motion, limits: MotionLimits, worst: Mapping[str, Worst]
+    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, worst: Mapping[str, Worst]
 ) -> Certificate:
     """Prove that a motion keeps all limits at every instant, as far as that can be done.
 
@@ -186,7 +186,7 @@ class _Search:
     def __init__(
         self,
         robot: Robot | StandingParallelRobot,
-        motion: Motion,
+        motion: Trajectory,
         bounds: dict[str, float],
         tolerance: Mapping[str, Any] | None,
     ) -> None:

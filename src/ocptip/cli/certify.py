@@ -26,8 +26,8 @@ from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.standing.limits import TIP_WITHIN
-from ocptip.trajectories.fit import FittedMotion
 from ocptip.trajectories.read import CERTIFICATE, load_motions
+from ocptip.trajectories.trajectory import Trajectory
 
 _MOST = 8  # undecided intervals that are listed
 
@@ -82,8 +82,8 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace) -> Certif
     return CertifyReport(name, task.name, checked.whole, None, found.assumed, checked)
 
 
-def _refuse_fits(name: str, motion: object) -> None:
-    if isinstance(motion, FittedMotion):
+def _refuse_fits(name: str, motion: Trajectory) -> None:
+    if motion.fit is not None:
         raise InputError(
             f"{name}: its samples do not say the accelerations exactly, and a proof about a fit to "
             "them says nothing about the motion; certify the commanded motion, or use ocptip check"

@@ -54,12 +54,10 @@ from ocptip.standing.elastic.drives import with_rise
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
 from ocptip.trajectories.path_fit import path_of_motion
+from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 from ocptip.trajectories.read import load_motions
-from ocptip.trajectories.sampled import Motion, SampledMotion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 _ROWS = {
     "GN": "tip-over GN",
@@ -138,7 +136,7 @@ def _single(
     with naming(name):
         progress.stage("checking the motion ...")
         checked = check_motion(task.robot, motion, task.limits, step=step, progress=progress)
-        if not isinstance(motion, FittedMotion):  # of which the accelerations are an estimate
+        if motion.fit is None:  # of which the accelerations are an estimate
             progress.stage("proving what was checked ...")
             checked = certified(task.robot, motion, checked, task.limits)
         checked = replace(checked, drives=with_rise(task.robot, motion))
@@ -166,10 +164,10 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: flo
     with naming(name), Progress(sys.stderr, "checking the cycle ..."):
         motion = segments_of(task, found)
         checked = check_cycle(task, motion, step=step)
-        if not isinstance(found, FittedMotion):  # of which the accelerations are an estimate
+        if found.fit is None:  # of which the accelerations are an estimate
             checked = certified_cycle(task, motion, checked)
         scaled = [(f, check_cycle(task, motion.time_scaled(f), step=step).whole) for f in options.time_scale]
-    seams = [motion.start, *(own.goal for own in motion.motions)]
+    seams = [motion.start, *(own.goal for own in motion.segments)]
     offsets = [_by_unit(task.offset(end, q, _SAME["m"]), task) for end, q in enumerate(seams)]
     ends = {unit: (offsets[0][unit], offsets[-1][unit]) for unit in offsets[0]}
     notes = tuple(
@@ -214,7 +212,7 @@ class CheckReport(Report):
 
     name: str
     task: MotionTask | CycleTask
-    motion: Motion | MotionSequence
+    motion: Trajectory
     check: MotionCheck
     scaled: list[tuple[float, MotionCheck]]
     offsets: dict[str, tuple[float, float]]
@@ -247,8 +245,8 @@ class CheckReport(Report):
             **stops_to_dict(self.stops),
             **sensitivities_to_dict(self.sensitivities),
             "assumed": [*self.task.robot.notes, *self._assumed],
-            "interpolation": self.motion.interpolation if isinstance(self.motion, SampledMotion) else None,
-            "fit": self.motion.fit_to_dict() if isinstance(self.motion, FittedMotion) else None,
+            "interpolation": self.motion.points.interpolation if self.motion.points else None,
+            "fit": self.motion.fit.to_dict() if self.motion.fit else None,
             **offsets,
             "retimed": self.retimed or None,
             "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
@@ -260,9 +258,7 @@ class CheckReport(Report):
         checked = self.check
         sampled = " (stops at sampled instants)" if self.stops and checked.certified else ""
         noisy = (
-            f" ({_NOISY}, see note)"
-            if isinstance(self.motion, FittedMotion) and self.motion.noisy.any()
-            else ""
+            f" ({_NOISY}, see note)" if self.motion.fit is not None and self.motion.fit.noisy.any() else ""
         )
         verdict = (
             f"{checked.headline}{sampled}{noisy}. All limits hold" if self.good else f"NOT VERIFIED{noisy}"
@@ -278,7 +274,7 @@ class CheckReport(Report):
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += under("retimed", [self.retimed] if self.retimed else ())
-        if isinstance(self.motion, ArmMotion):
+        if self.motion.profiles is not None:
             rows += rise_rows(self.motion, checked)
         more = {"sensitivities": self.sensitivities, "stops": self.stops}
         rows += check_rows(checked, self.tolerated, **more)
@@ -303,12 +299,12 @@ class CheckReport(Report):
     def _notes(self) -> list[str]:
         """What may be unexpected about the motion."""
         notes = []
-        if isinstance(self.motion, FittedMotion):
-            notes += fit_notes(self.motion, self.task.robot)
-        elif isinstance(self.motion, SampledMotion):
-            curve = self.motion.interpolation
+        if self.motion.fit is not None:
+            notes += fit_notes(self.motion.fit, self.task.robot)
+        elif self.motion.points is not None:
+            curve = self.motion.points.interpolation
             notes += [f"checked is the curve through the samples, {curve}; where accelerations"]
-            notes += ["jump between samples it overshoots, see ocptip.trajectories.sampled"]
+            notes += ["jump between samples it overshoots, see ocptip.trajectories.points"]
         notes += self.off
         for unit, pair in () if self.segments else self.offsets.items():
             for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
@@ -317,7 +313,7 @@ class CheckReport(Report):
         return notes
 
 
-def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
+def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     """What the fastest timing of the path of a motion that fails is.
 
     Empty where no timing can help (angles, clearance) or torques within the tolerance, which timings do not
@@ -341,7 +337,7 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
     return f"on its own path the limits allow {slower} (not checked; ocptip retime finds it)"
 
 
-def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:
+def _offsets(motion: Trajectory, task: MotionTask) -> dict[str, tuple[float, float]]:
     """Largest differences of start and goal from the task's (from the nearest of its choices), deg and m.
 
     Where a gripper pose is asked for, any posture that reaches it is as good.
@@ -365,29 +361,27 @@ def _by_unit(off: np.ndarray, task: MotionTask | CycleTask) -> dict[str, float]:
     return {unit: float(own.max()) for unit, own in values.items() if len(own)}
 
 
-def fit_notes(motion: FittedMotion, robot: StandingMechanism) -> list[str]:
+def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
     """What was made of samples, how far it is from them, and what it cannot know."""
     units = ["deg" if unit == "rad" else unit for unit in robot.units]
     scales = np.where(np.array(robot.units) == "rad", 180 / np.pi, 1.0)
-    far = int(np.argmax(motion.distance / motion.tolerance))
-    wide = int(np.argmax(motion.tolerance * scales))
+    far = int(np.argmax(fit.distance / fit.tolerance))
+    wide = int(np.argmax(fit.tolerance * scales))
 
     def said(joint: int, values: np.ndarray, per: str = "") -> str:
         return f"{scales[joint] * values[joint]:.2g} {units[joint]}{per} ({robot.names[joint]})"
 
-    notes = [
-        f"checked is the calmest motion that passes {motion.samples} samples within a tolerance, at most"
-    ]
-    why = "noise of the samples" if motion.noisy[wide] else "rounding of the file"
-    notes += [f"{said(wide, motion.tolerance)}, {why}; its largest distance is {said(far, motion.distance)};"]
+    notes = [f"checked is the calmest motion that passes {fit.samples} samples within a tolerance, at most"]
+    why = "noise of the samples" if fit.noisy[wide] else "rounding of the file"
+    notes += [f"{said(wide, fit.tolerance)}, {why}; its largest distance is {said(far, fit.distance)};"]
     notes += [f"speeds and accelerations may exceed limits by {100 * PEAK_TOLERANCE:g} %"]
     with np.errstate(divide="ignore"):
-        unseen = np.sqrt(80 * motion.tolerance / robot.limits.acceleration)
-    longest = max(float(np.max(unseen)), motion.spacing)
+        unseen = np.sqrt(80 * fit.tolerance / robot.limits.acceleration)
+    longest = max(float(np.max(unseen)), fit.spacing)
     notes += [f"10 % too much acceleration for less than {1e3 * longest:.2g} ms may not be seen"]
-    if motion.speed_distance is not None:
-        worst = int(np.argmax(motion.speed_distance * scales))
-        notes += [f"its speeds are up to {said(worst, motion.speed_distance, '/s')} from those of the file"]
+    if fit.speed_distance is not None:
+        worst = int(np.argmax(fit.speed_distance * scales))
+        notes += [f"its speeds are up to {said(worst, fit.speed_distance, '/s')} from those of the file"]
     return notes
 
 

@@ -40,8 +40,7 @@ from ocptip.motion.objective import objective_of
 from ocptip.motion.stops import Stops
 from ocptip.motion.tolerated import Tolerated
 from ocptip.robots.inverse.pose_target import AXES
-from ocptip.trajectories.sampled import Motion, SampledMotion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 RISE_TIME = 0.02
 """s, for controllers that need one and where none is asked for."""
@@ -162,7 +161,7 @@ class CycleReport(Report):
     command: ClassVar[str] = "plan"
     plan: CyclePlan
     executions: list[Execution]
-    motion: MotionSequence
+    motion: Trajectory
     check: CycleCheck
     time_scale: list[tuple[float, CycleCheck]] = field(default_factory=list)
     tolerated: tuple[Tolerated, ...] = ()
@@ -328,16 +327,16 @@ def scaled_text(checked: CycleCheck) -> str:
     return f"{verdict}: {'; '.join(whole.violations)}"
 
 
-def segments_of(task: CycleTask, motion: Motion | MotionSequence) -> MotionSequence:
+def segments_of(task: CycleTask, motion: Trajectory) -> Trajectory:
     """The segments of what a file holds.
 
     Raises:
         InputError: it is not clear where they begin, or there are more or fewer than in the task.
     """
-    if isinstance(motion, SampledMotion):
+    if motion.points is not None:
         motion = parts_of(task, motion)
-    elif not isinstance(motion, MotionSequence):
-        motion = MotionSequence((motion,), (0.0,))
-    if len(motion) != len(task.segments):
-        raise InputError(f"has {len(motion)} segments, {task.name} has {len(task.segments)}")
+    elif not motion.parts:
+        motion = Trajectory.from_segments((motion,), (0.0,))
+    if len(motion.segments) != len(task.segments):
+        raise InputError(f"has {len(motion.segments)} segments, {task.name} has {len(task.segments)}")
     return motion

@@ -18,9 +18,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.read import load_motion, motion_origin
-from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 
 def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask | CycleTask, Path]:
@@ -58,13 +57,12 @@ def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask
     return replace(task, limits=replace(task.limits, tolerance=otherwise)), path
 
 
-def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:
+def motion_of(path: Path, task: MotionTask, options: Namespace) -> Trajectory:
     """The motion; ramp commands with the rise time as typed, else their own, else that of the task."""
     motion = load_motion(path, task.robot.names, task.robot.units, **read_options(path, task, options))
-    if not isinstance(motion, ArmMotion):
+    if motion.profiles is None:
         if options.rise_time is not None:
-            samples = isinstance(motion, SampledMotion)
-            own = "samples, which say themselves how they move" if samples else "a timing of its own"
+            own = "samples, which say themselves how they move" if motion.points else "a timing of its own"
             raise InputError(f"--rise-time: {options.motion} has {own}")
         return motion
     own = motion.rise_times if options.rise_time is None else ()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
     from ocptip.motion.tolerated import Tolerated
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
-    from ocptip.trajectories.arm_motion import ArmMotion
+    from ocptip.trajectories.trajectory import Trajectory
 
 
 _WRITTEN = "written"
@@ -126,7 +126,7 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     return under("within", texts)
 
 
-def rises(motion: ArmMotion) -> str:
+def rises(motion: Trajectory) -> str:
     """How accelerations rise: "accelerations rise within 20 ms"; empty for ramps."""
     if not motion.rise_times:
         return ""
@@ -136,7 +136,7 @@ def rises(motion: ArmMotion) -> str:
     return f"accelerations rise within {' to '.join(ends)} ms"
 
 
-def rise_rows(motion: ArmMotion, checked: MotionCheck) -> list[tuple[str, str]]:
+def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]:
     """How accelerations rise, and what it neglects that this counts as no jump; nothing of ramps."""
     if not motion.rise_times:
         return []

@@ -17,7 +17,7 @@ from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask
 from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.tolerance import load_tolerance
-from ocptip.trajectories.arm_motion import checked_rise_times
+from ocptip.trajectories.velocity_profiles import checked_rise_times
 
 _LIMITS = (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2, ("foot_lift",) * 2)
 

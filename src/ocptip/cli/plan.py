@@ -58,8 +58,7 @@ from ocptip.standing.mechanism import MotionSamples
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 
 
 def run(options: Namespace) -> Report:
@@ -121,9 +120,9 @@ class _Looked:
     """What drives make of a motion, and what it tolerates: known before its proof if that changes nothing."""
 
     def __init__(self) -> None:
-        self._motion: ArmMotion | TimedPath | None = None
+        self._motion: Trajectory | None = None
 
-    def __call__(self, task: MotionTask, motion: ArmMotion | TimedPath, check: MotionCheck) -> None:
+    def __call__(self, task: MotionTask, motion: Trajectory, check: MotionCheck) -> None:
         """Look at it."""
         with interrupts_afterwards():
             self._execution = Execution.of_drives(task.robot, motion, task.limits, check)
@@ -338,7 +337,7 @@ class PlanReport(Report):
         """How the motion was found."""
         lines = [("starts", self._starts())]
         lines += [("", f"start {one.number} {one.status}") for one in self.plan.lost]
-        if isinstance(self.plan.motion, ArmMotion):
+        if self.plan.motion.profiles is not None:
             lines += rise_rows(self.plan.motion, self.plan.check)
         if "choices" in self.plan.options:
             pairs = self.plan.options["choices"]
@@ -393,7 +392,7 @@ def _by_points(plan: MotionPlan, options: Namespace) -> Execution:
     return execute(*own, options.controller, step=step_of(options))
 
 
-def _seen(plan: MotionPlan, motion: ArmMotion | TimedPath, check: MotionCheck) -> Any:
+def _seen(plan: MotionPlan, motion: Trajectory, check: MotionCheck) -> Any:
     """The plan as its figures show it: with the motion that is run."""
     return SimpleNamespace(**vars(plan) | {"motion": motion, "check": check})
 

@@ -47,8 +47,7 @@ from ocptip.standing.tolerance import NONE
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.option_files import load_asked
 from ocptip.task_files.plan_folder import PlanFolder, arms_of, read_plan_folder
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 ENDINGS = (".html", ".pdf")
 OVERVIEW = "plan.png"
@@ -194,15 +193,13 @@ class Document:
         self.segments: CycleCheck | None = None
         self.tolerated: tuple[Tolerated, ...] = ()
 
-    def moves(self, motion: Motion | MotionSequence) -> None:
+    def moves(self, motion: Trajectory) -> None:
         """Look at the motions."""
         if isinstance(self.task, CycleTask):
-            assert isinstance(motion, MotionSequence)
             self.segments = certified_cycle(self.task, motion, check_cycle(self.task, motion))
             self.checked, checks = self.segments.whole, self.segments.segments
             self.tolerated = cycle_tolerances(self.task, motion)
         else:
-            assert not isinstance(motion, MotionSequence)
             robot, limits = self.task.robot, self.task.limits
             self.checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
             checks = (self.checked,)

@@ -38,8 +38,8 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.path import load_path, refuse_early
 from ocptip.trajectories.path_fit import FittedPath
-from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.tool_path import ToolPath, tool_distance
+from ocptip.trajectories.trajectory import Trajectory
 
 _WORDS = {"time": "fastest", "energy": "cheapest", "both": "least cost"}
 
@@ -55,7 +55,7 @@ def run(options: Namespace) -> Report:
     given = load_path(path, task, columns=given_columns(options), **how)
     directory = output_directory(options, task.name, task.source)
     say_if_compiling()
-    motions: Sequence[Motion | None] = given.motions or [None] * len(given.paths)
+    motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
     tasks = [task] if isinstance(task, MotionTask) else [segment.task for segment in task.segments]
     names = [""] if isinstance(task, MotionTask) else [f" (segment {s.name})" for s in task.segments]
     timings = []
@@ -75,7 +75,7 @@ def run(options: Namespace) -> Report:
     return report
 
 
-def _asked(task: MotionTask, fit: FittedPath, motion: Motion | None, options: Namespace) -> MotionTask:
+def _asked(task: MotionTask, fit: FittedPath, motion: Trajectory | None, options: Namespace) -> MotionTask:
     """The task along the path, with limits, objective and duration as typed; else the fastest timing."""
     limits: dict[str, Any] = given_limits(options)
     if options.max_duration is not None:

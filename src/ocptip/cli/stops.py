@@ -18,8 +18,7 @@ from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, check_stops
 from ocptip.motion.task import MotionTask
 from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 SPACING = 0.01  # s, between instants of sensitivities
 
@@ -33,7 +32,7 @@ def with_safe_stops(task: MotionTask, asked: str | None) -> MotionTask:
 
 
 def stops_of(
-    task: MotionTask, motion: Motion, checked: MotionCheck, kinds: Kinds | None = None
+    task: MotionTask, motion: Trajectory, checked: MotionCheck, kinds: Kinds | None = None
 ) -> Stops | None:
     """Stops of the kinds asked for, or else of those that the task's limits ask for; else None."""
     limits = task.limits
@@ -57,10 +56,10 @@ def cycle_with_path_stops(task: CycleTask, kinds: Kinds | None) -> CycleTask:
 
 
 def stops_of_cycle(
-    task: CycleTask, motion: MotionSequence, checked: CycleCheck, kinds: Kinds | None
+    task: CycleTask, motion: Trajectory, checked: CycleCheck, kinds: Kinds | None
 ) -> dict[str, Stops]:
     """Stops in each segment, by its name, in its own time; empty if they are not asked for."""
-    rows = zip(task.segments, motion.motions, checked.segments, strict=True)
+    rows = zip(task.segments, motion.segments, checked.segments, strict=True)
     found = {segment.name: stops_of(segment.task, own, check, kinds) for segment, own, check in rows}
     return {name: stops for name, stops in found.items() if stops}
 
@@ -91,7 +90,7 @@ def price_line(price: dict[str, Any]) -> list[str]:
     return [f"price: {round(more, 1) + 0.0:+.1f} % energy against {than}"]
 
 
-def sensitivities_of(task: MotionTask, motion: Motion) -> tuple[Sensitivity, ...]:
+def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity, ...]:
     """What changes of the robot and its base would do to the worst reserves of a motion."""
     return motion_sensitivities(task.robot, *motion.states(motion.both_sides(SPACING)))
 

@@ -24,7 +24,7 @@ from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.tolerance import NONE
-from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 _WAVES = 4
 _RANDOM, _HALVINGS = 40, 5
@@ -48,7 +48,7 @@ class Excitation:
         slower, smaller: factors by which the check had it slowed down and made smaller.
     """
 
-    motion: SampledMotion
+    motion: Trajectory
     check: MotionCheck
     condition: float
     random: float
@@ -100,18 +100,22 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
     )
 
 
-def condition_along(task: MotionTask, motion: Motion) -> float:
+def condition_along(task: MotionTask, motion: Trajectory) -> float:
     """Condition number, as above, of the scaled regressor along any motion of the task's arm."""
     return _Search(task, motion.end).condition(motion)
 
 
-def _tamed(start: np.ndarray, series: np.ndarray, T: float) -> Iterator[tuple[SampledMotion, float, float]]:
+def _tamed(start: np.ndarray, series: np.ndarray, T: float) -> Iterator[tuple[Trajectory, float, float]]:
     """The motion, then slower and smaller ones, with both factors."""
     for smaller in _SMALLER:
         for slower in _SLOWER:
             times = np.linspace(0.0, T, int(np.ceil(_RATE * T * slower)) + 1)
             q, qd, qdd = _curves(smaller * series, times, T)
-            yield SampledMotion(slower * times, start + q, qd / slower, qdd / slower**2), slower, smaller
+            yield (
+                Trajectory.from_points(slower * times, start + q, qd / slower, qdd / slower**2),
+                slower,
+                smaller,
+            )
 
 
 def _curves(series: np.ndarray, times: np.ndarray, T: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -188,7 +192,7 @@ class _Search:
         yield 1, np.max(at.tip.GN) / (_ROOM * self.limits.GN)
         yield 0, np.max(at.slip.GT) / (_ROOM * self.limits.GT)
 
-    def condition(self, motion: Motion) -> float:
+    def condition(self, motion: Trajectory) -> float:
         """Of a motion."""
         return self._condition(*motion.states(np.linspace(0.0, motion.end, 4 * _INSTANTS)))
 

@@ -15,8 +15,7 @@ from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import without_process
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 DAMPING = 0.05
 """Ratio with which the search for that of springs begins."""
@@ -83,7 +82,7 @@ class Predictor:
         InputError: a parallel robot.
     """
 
-    def __init__(self, robot: StandingMechanism, motion: Motion) -> None:
+    def __init__(self, robot: StandingMechanism, motion: Trajectory) -> None:
         if not isinstance(robot, Robot):
             raise InputError(f"only recordings of arms are compared, not of a {robot.kind}")
         self.robot, self.motion = robot.during(motion), motion

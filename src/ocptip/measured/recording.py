@@ -37,7 +37,7 @@ from ocptip.measured.time_bases import on_one_clock
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
 from ocptip.trajectories.csv_time import times_of
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT = (
     "angles", "speeds", "torques", "sensor", "power", "gripper", "base", "shifts", "feet",
@@ -162,7 +162,7 @@ def gaps_of(times: np.ndarray) -> tuple[tuple[float, float, int], ...]:
     return tuple((float(times[k]), float(times[k + 1]), max(round(apart[k] / period) - 1, 1)) for k in wide)
 
 
-def doubt_turns(recording: Recording, robot: StandingMechanism, motion: Motion) -> None:
+def doubt_turns(recording: Recording, robot: StandingMechanism, motion: Trajectory) -> None:
     """Warn if the recorded angles are to those of the motion that was run as radians are to degrees."""
     turns = [one for one in recording.signals if one.kind == ANGLE and robot.units[one.index] == "rad"]
     planned = np.abs(motion.states(np.linspace(0.0, motion.end, 50))[0])

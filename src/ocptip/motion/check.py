@@ -26,8 +26,7 @@ from ocptip.standing.limit_kinds.limit import SAMPLED, Limit, Sampled, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WithinTolerance, worst_of_sampled
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 MOST_INSTANTS = 1_000_000
 """Largest number of instants of the first grid: some 3 GB of memory."""
@@ -202,14 +201,14 @@ class MotionCheck:
         }
 
 
-Prove = Callable[[StandingMechanism, Motion, MotionCheck, MotionLimits], MotionCheck]
+Prove = Callable[[StandingMechanism, Trajectory, MotionCheck, MotionLimits], MotionCheck]
 """Gives a verified check its `Proof`; pickled with tasks, so that workers can call it."""
 
 
 @one_thread
 def check_motion(
     robot: StandingMechanism,
-    motion: Motion,
+    motion: Trajectory,
     limits: MotionLimits | None = None,
     *,
     step: float = 0.01,
@@ -301,7 +300,7 @@ def check_motion(
     )
 
 
-def _nearest(motion: Motion, worst: list[Worst]) -> np.ndarray:
+def _nearest(motion: Trajectory, worst: list[Worst]) -> np.ndarray:
     """Coordinates (n,) at the smallest distance."""
     times = [w.time for w in worst if w.name == "clearance_m"]
     return motion.states(np.array(times))[0][0]
@@ -347,13 +346,13 @@ class _Found:
         return np.split(self.values, np.cumsum([len(times) for times in todo])[:-1])
 
 
-def _instants(robot: StandingMechanism, motion: Motion, times: np.ndarray) -> Instants:
+def _instants(robot: StandingMechanism, motion: Trajectory, times: np.ndarray) -> Instants:
     return Instants.of_states(robot, *motion.states(times), times)
 
 
 def _evaluate(
     robot: StandingMechanism,
-    motion: Motion,
+    motion: Trajectory,
     limits: tuple[Limit, ...],
     todo: list[np.ndarray],
     most: float,
@@ -373,7 +372,7 @@ def _evaluate(
 
 
 def _evaluated(
-    robot: StandingMechanism, motion: Motion, limits: tuple[Limit, ...], times: np.ndarray, most: float
+    robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...], times: np.ndarray, most: float
 ) -> _Found:
     at = _instants(robot, motion, times)
     measured = [limit.measure(at) for limit in limits]

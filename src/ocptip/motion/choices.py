@@ -17,7 +17,7 @@ from ocptip.motion.planner.one_start import free_ends
 from ocptip.motion.planner.random_start import SLOWER, pace_that_stands
 from ocptip.motion.task import MotionTask, end_refusals, refusals
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 LOOKED_AT = 24  # pairs, those with the shortest ways
 APART = 0.5  # rad (sliding joints: m): least difference of two pairs in a continuum
@@ -67,7 +67,7 @@ def plainest_cost(task: MotionTask) -> float:
     kept = limits_of(robot, task.limits, task.optimised)
     for factor in SLOWER:
         rates = limits.speed / factor, limits.acceleration / factor**2
-        motion = ArmMotion.with_passive(task.start, task.goal, [None] * robot.n, *rates)
+        motion = Trajectory.ending_together(task.start, task.goal, [None] * robot.n, *rates)
         if pace_that_stands(robot, motion, kept) is None:
             continue
         cost = task.objective.cost(robot.energy(motion), motion.end)

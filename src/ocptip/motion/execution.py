@@ -12,10 +12,9 @@ from ocptip.numerics.bisection import bisected
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import STEP, Controller, controller_points, usual_step
-from ocptip.trajectories.sampled import Motion, SampledMotion
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.points import Points
+from ocptip.trajectories.trajectory import Trajectory
 
 SLOWEST = 1.25  # a motion that has to be slowed down by more is another motion
 STEPS = (1.0, 1.0005, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, SLOWEST)
@@ -38,8 +37,8 @@ class Execution:
     """
 
     controller: Controller | Literal["ramps"]
-    motion: Motion
-    points: SampledMotion
+    motion: Trajectory
+    points: Points
     check: MotionCheck
     slower: float
     step: float
@@ -48,7 +47,7 @@ class Execution:
 
     @classmethod
     def of_drives(
-        cls, robot: StandingMechanism, motion: ArmMotion, limits: MotionLimits, check: MotionCheck
+        cls, robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, check: MotionCheck
     ) -> Execution:
         """Of drives that take commands, whose check is known; the points are for who runs them as they are.
 
@@ -75,7 +74,7 @@ class Execution:
         return {
             "controller": run.controller,
             "slower": run.slower,
-            "duration_s": run.points.end,
+            "duration_s": run.motion.end,
             "verified": run.check.verified,
             "violations": list(run.check.violations),
         }
@@ -104,7 +103,7 @@ class Execution:
 
 def execute(
     robot: StandingMechanism,
-    motion: ArmMotion | TimedPath,
+    motion: Trajectory,
     limits: MotionLimits,
     controller: Controller,
     *,
@@ -126,10 +125,10 @@ def execute(
     step = usual_step(controller) if step is None else step
 
     def tried(factor: float, limits: MotionLimits = limits) -> Execution:
-        points = controller_points(motion.slowed(factor), controller, step=step)
-        checked = check_motion(robot, points, limits)
-        rises = motion.rise_times if isinstance(motion, ArmMotion) else ()
-        return Execution(controller, points, points, checked, factor, step, rises)
+        run = controller_points(motion.slowed(factor), controller, step=step)
+        checked = check_motion(robot, run, limits)
+        assert run.points is not None
+        return Execution(controller, run, run.points, checked, factor, step, motion.rise_times)
 
     factor, plain = 1.0, replace(limits, tolerance=NONE)
     for kept in (plain, limits) if limits.tolerance.given else (limits,):  # the quick check goes before

@@ -24,8 +24,9 @@ from ocptip.motion.execution import Execution
 from ocptip.motion.source import TASK, TaskSource, source_of
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
-from ocptip.trajectories.sampled import Motion, SampledMotion
-from ocptip.trajectories.trajectory import INSIDE, MERGE
+from ocptip.trajectories.pieces import MERGE
+from ocptip.trajectories.points import Points
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -53,7 +54,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
     """Return a plan, and by what it is run, as plain data for strict JSON; what is not finite is None.
 
     `start` (degrees), `commands` (degrees and seconds) and `rise_time_s` are read back by
-    `ArmMotion.from_dict`; if some coordinates are lengths, `units` says which. `worst`
+    `Trajectory.from_dict`; if some coordinates are lengths, `units` says which. `worst`
     holds per quantity `value`, `time` (s), `limit` and `detail`; the exact limits of the ramps have no time.
     `reference` holds energy and duration of the task's reference motion and the ratio of the plan's energy
     to it, or is None.
@@ -101,7 +102,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
     return plain(data)
 
 
-def sample_motion(robot: StandingMechanism, motion: Motion, step: float = STEP) -> MotionSamples:
+def sample_motion(robot: StandingMechanism, motion: Trajectory, step: float = STEP) -> MotionSamples:
     """Sample a motion every `step` seconds and on both sides of every event.
 
     At events inside the motion accelerations, torques, power and reserves jump: their time appears twice,
@@ -146,9 +147,7 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
     write_text(path, csv_text(csv_blocks(samples)))
 
 
-def joint_trajectory(
-    robot: StandingMechanism, points: SampledMotion, *, effort: bool = False
-) -> dict[str, Any]:
+def joint_trajectory(robot: StandingMechanism, points: Points, *, effort: bool = False) -> dict[str, Any]:
     """Return points shaped like a ROS `trajectory_msgs/JointTrajectory`, angles in rad.
 
     Args:
@@ -163,7 +162,7 @@ def joint_trajectory(
         "positions": points.angles,
         "velocities": empty if points.speeds is None else points.speeds,
         "accelerations": empty if points.accelerations is None else points.accelerations,
-        "effort": robot.samples(points, points.passing_times).torques if effort else empty,
+        "effort": robot.samples(Trajectory(points=points), points.passing_times).torques if effort else empty,
     }
     rows = zip(*(values.tolist() for values in columns.values()), points.times, strict=True)
     return {
@@ -255,7 +254,7 @@ class _OneSided:
     rounding, are one event, but between them some joints have jumped and others not.
     """
 
-    def __init__(self, motion: Motion, intervals: np.ndarray) -> None:
+    def __init__(self, motion: Trajectory, intervals: np.ndarray) -> None:
         self._motion, self._intervals = motion, intervals
 
     def __getattr__(self, name: str) -> Any:
@@ -268,7 +267,7 @@ class _OneSided:
         return angles, speeds, self._motion.states(np.clip(times, begin + margin, end - margin))[2]
 
 
-def _instants(motion: Motion, step: float) -> tuple[np.ndarray, np.ndarray]:
+def _instants(motion: Trajectory, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Times (N,), s, sorted; and (N,) True where the limit from the left is meant."""
     step, events = positive_number("step", step), motion.event_times
     if len(events) < 2:
@@ -283,7 +282,7 @@ def _instants(motion: Motion, step: float) -> tuple[np.ndarray, np.ndarray]:
     return times[order], left[order]
 
 
-def _intervals(motion: Motion, times: np.ndarray, left: np.ndarray) -> np.ndarray:
+def _intervals(motion: Trajectory, times: np.ndarray, left: np.ndarray) -> np.ndarray:
     """The interval between events of each instant, (N, 2), s; at an event the one before it if `left`."""
     intervals = motion.intervals if len(motion.event_times) > 1 else np.array([[0.0, 0.0]])
     before, upto = (np.searchsorted(intervals[:, 0], times, side=side) for side in ("left", "right"))

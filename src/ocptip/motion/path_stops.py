@@ -9,7 +9,7 @@ import numpy as np
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 SPACING = 4e-3  # s, between places of the path
 _HALVINGS = 16
@@ -38,7 +38,7 @@ class StoppedPath:
         limits: with stops.
     """
 
-    def __init__(self, robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> None:
+    def __init__(self, robot: StandingMechanism, motion: Trajectory, limits: MotionLimits) -> None:
         self._stops = limits.stops or PathStops(limits.GN, limits.GT)
         self.places = motion.both_sides(SPACING)
         acting = robot.during(motion).acting(self.places)

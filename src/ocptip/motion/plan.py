@@ -24,8 +24,7 @@ from ocptip.motion.tolerated import tolerable, too_much
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 
 LOST = "lost: "
 """Status of a start begins so if it killed its worker process again and again."""
@@ -53,7 +52,7 @@ class MotionPlan:
     """
 
     task: MotionTask
-    motion: ArmMotion | TimedPath
+    motion: Trajectory
     check: MotionCheck
     starts: tuple[StartResult, ...]
     best: int
@@ -93,7 +92,7 @@ def plan_motion(
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
     prove: Prove | None = None,
-    meanwhile: Callable[[MotionTask, ArmMotion, MotionCheck], None] | None = None,
+    meanwhile: Callable[[MotionTask, Trajectory, MotionCheck], None] | None = None,
 ) -> MotionPlan:
     """Plan the ramp motion of least cost that keeps all limits of a task.
 
@@ -200,7 +199,7 @@ def _with_proof(
     task: MotionTask,
     best: Attempt,
     prove: Prove,
-    meanwhile: Callable[[MotionTask, ArmMotion, MotionCheck], None] | None,
+    meanwhile: Callable[[MotionTask, Trajectory, MotionCheck], None] | None,
 ) -> Attempt:
     proof = work("proved", [(task, (best, prove))])
     if meanwhile is not None and best.motion is not None and best.check is not None:
@@ -213,7 +212,6 @@ def proved(plan: MotionPlan, prove: Prove) -> MotionPlan:
     """A plan that was made without certificate with it, as `plan_motion` gives it; in this process."""
     at = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
     before = plan.starts[at]
-    assert isinstance(plan.motion, ArmMotion)
     attempt = Attempt(before, plan.motion, plan.check)
     [found] = _in_process({}, "proved", [(plan.task, (attempt, prove))])
     starts = [*plan.starts]

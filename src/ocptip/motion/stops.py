@@ -18,7 +18,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, BrakeStops, stops_of_motion
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 ROWS = 12  # of the table
 LEVELS = 5  # halvings of the speed's share for brakes
@@ -104,7 +104,7 @@ class Stops:
 @one_thread
 def check_stops(
     robot: StandingMechanism,
-    motion: Motion,
+    motion: Trajectory,
     limits: MotionLimits,
     rules: StopRules,
     checked: MotionCheck,
@@ -156,7 +156,7 @@ class _PathTable:
     """Stops along the path."""
 
     def __init__(
-        self, robot: StandingMechanism, motion: Motion, limits: MotionLimits, times: np.ndarray
+        self, robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, times: np.ndarray
     ) -> None:
         self._path = StoppedPath(robot, motion, limits)
         safe = self._path.safe_speeds()
@@ -181,7 +181,7 @@ class _BrakeTable:
     def __init__(
         self,
         robot: Robot,
-        motion: Motion,
+        motion: Trajectory,
         limits: MotionLimits,
         brakes: Brakes,
         guessed: bool,

@@ -19,8 +19,8 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
 from ocptip.standing.stops.by_brakes import BrakeCheck
-from ocptip.trajectories.arm_motion import checked_rise_times, earliest_end
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import checked_rise_times, earliest_end
 
 MOST_COMMANDS = 12
 LONGEST = 30.0  # s, of a motion that is planned
@@ -61,7 +61,7 @@ class MotionTask:
     optimised: tuple[int, ...] = FIRST_SEVEN
     commands: int = 3
     objective: Objective = ENERGY
-    reference: Motion | None = None
+    reference: Trajectory | None = None
     choices: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     source: TaskSource | None = None
     targets: tuple[PoseTarget | None, PoseTarget | None] = (None, None)

@@ -36,8 +36,7 @@ from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.in_motion import worst_of_cases
 from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
 from ocptip.standing.within.worst_case import worst_case_of
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SPACING = 0.01  # s: between instants, at most
 FIRST = 20  # wrenches beyond half spaces that are looked at before the others
@@ -125,7 +124,7 @@ class _Case:
 
 
 @one_thread
-def tolerated(robot: Robot, motion: Motion) -> tuple[Tolerated, ...]:
+def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     """What the motion of an arm tolerates, each quantity alone.
 
     - tilt: of floor and base, in any direction, degrees;
@@ -181,7 +180,7 @@ def tolerated(robot: Robot, motion: Motion) -> tuple[Tolerated, ...]:
     return tuple(one for one in found if one is not None)
 
 
-def tolerances(robot: StandingMechanism, motion: Motion) -> tuple[Tolerated, ...]:
+def tolerances(robot: StandingMechanism, motion: Trajectory) -> tuple[Tolerated, ...]:
     """The same where it can be said: empty for parallel robots."""
     return tolerated(robot, motion) if isinstance(robot, Robot) else ()
 
@@ -189,7 +188,7 @@ def tolerances(robot: StandingMechanism, motion: Motion) -> tuple[Tolerated, ...
 class _Parts(RestLoads):
     """Loads of all instants (N, ...), by what they are linear in."""
 
-    def __init__(self, robot: Robot, motion: Motion, times: np.ndarray) -> None:
+    def __init__(self, robot: Robot, motion: Trajectory, times: np.ndarray) -> None:
         self.times, self.support = times, robot.support
         q, qd, qdd = motion.states(times)
         super().__init__(robot, q, robot.acting(times))
@@ -325,7 +324,7 @@ def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
     return Tolerated("friction", factor, "", False, float(parts.times[row]), how)
 
 
-def _stiffness(robot: Robot, motion: Motion) -> Tolerated | None:
+def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
     """The least stiffness of feet; None where it is not known."""
     found = softest_feet(robot, motion)
     if found is None:
@@ -349,13 +348,13 @@ def _direction(side: np.ndarray) -> str:
     return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(side, 2) + 0.0))
 
 
-def _knots(robot: Robot, motion: Motion) -> np.ndarray:
+def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
     """(K,) s, within the motion, of a process that varies."""
     own = np.empty(0) if robot.varying is None else np.asarray(robot.varying.knots)
     return own[(own > 0) & (own < motion.end)]
 
 
-def _late(robot: Robot, motion: Motion) -> list[_Case]:
+def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
     """Every subset of the joints that move, late by the level; up to `MOST_LATE` joints, else each alone."""
     moving = np.flatnonzero(motion.speed_peaks > 0)
     if len(moving) > MOST_LATE:
@@ -381,19 +380,23 @@ def _late(robot: Robot, motion: Motion) -> list[_Case]:
     return [case(subset) for subset in subsets]
 
 
-def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> float:
+def tolerable(robot: StandingMechanism, motion: Trajectory, limits: MotionLimits) -> float:
     """How much of everything in its tolerance a motion can have, 0 to 1."""
     return largest(limits.tolerance, _keeper(robot, motion, limits), _ROUGHLY)
 
 
-def too_much(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[Tolerance, float, str]:
+def too_much(
+    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits
+) -> tuple[Tolerance, float, str]:
     """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
     kept = _keeper(robot, motion, limits)
     found = culprit(limits.tolerance, IN_MOTION, kept)
     return *found, culprit_words(*found) if kept(Tolerance()) else UNDESCRIBED
 
 
-def _keeper(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> Callable[[Tolerance], bool]:
+def _keeper(
+    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits
+) -> Callable[[Tolerance], bool]:
     """Whether a motion keeps its contacts within a tolerance."""
     cases = worst_case_of(robot, limits.tolerance)
     every = tuple(range(robot.n))

@@ -15,7 +15,7 @@ from ocptip.motion.cycles.task import CycleTask
 from ocptip.pictures.plan import draw_plan
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class _Plan:
     """
 
     task: _Task
-    motion: MotionSequence
+    motion: Trajectory
     check: MotionCheck
     segments: tuple[tuple[float, float, str], ...]
     segment_limits: tuple[MotionLimits, ...]
@@ -48,7 +48,7 @@ class _Plan:
 def draw_cycle(
     directory: str | os.PathLike[str],
     task: CycleTask,
-    motion: MotionSequence,
+    motion: Trajectory,
     check: CycleCheck,
     samples: Sequence[MotionSamples],
 ) -> list[Path]:
@@ -67,10 +67,10 @@ def draw_cycle(
     return draw_plan(directory, seen_plan(task, motion, check), samples_joined(samples))
 
 
-def seen_plan(task: CycleTask, motion: MotionSequence, check: CycleCheck) -> Any:
+def seen_plan(task: CycleTask, motion: Trajectory, check: CycleCheck) -> Any:
     """A cycle, or its first segments, as figures of plans see it."""
     rows = []
-    for segment, own, begin in zip(task.segments, motion.motions, motion.begins, strict=False):
+    for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         payload = segment.task.robot.payload
         name = f"{segment.name}, {payload.mass:.4g} kg" if payload else segment.name
         rows.append((float(begin), float(begin) + own.end, name))

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ocptip.pictures.frame import COLORS, new_figure, save_figures
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -43,24 +43,24 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     """
     figure = new_figure(9.5, 5.5)
     ax = figure.subplots()
-    motion = timed.motion
-    rates = np.sqrt(motion.x)
+    timing = timed.motion.timing
+    assert timing is not None
+    rates = np.sqrt(timing.x)
     top = ROOM * float(rates.max())
     seen = (name for name, pace in zip(timed.curve_limits, timed.curve, strict=False) if pace <= top)
     names = sorted({*timed.active, *seen} - {""}, key=_rank)
     colors = {name: COLORS[k % len(COLORS)] for k, name in enumerate(names)}
-    begins = motion.s[:-1]
+    begins = timing.s[:-1]
     _by_name(ax, begins, timed.curve, timed.curve_limits, colors, lw=1.2, alpha=0.55, gid="limit")
     coloured = len(timed.active) == len(begins) and timed.cheapest is None and timed.jerk is None
-    ax.plot(motion.s, rates, color=_OTHER, lw=2.0, gid="timing", label=None if coloured else "timing")
+    ax.plot(timing.s, rates, color=_OTHER, lw=2.0, gid="timing", label=None if coloured else "timing")
     if coloured:
-        _by_name(ax, motion.s, rates, timed.active, colors, lw=2.6, alpha=1.0, gid="active")
+        _by_name(ax, timing.s, rates, timed.active, colors, lw=2.6, alpha=1.0, gid="active")
     if (given := plan.task.reference) is not None:
-        ax.plot(
-            *_pace(motion, given), color="#000000", ls=(0, (1, 1.5)), lw=1.4, label="as given", gid="given"
-        )
-    for k in motion.path.corners:
-        ax.axvline(float(motion.path.breakpoints[k]), color="#e3e3e3", lw=0.8, zorder=0)
+        places, speeds = _pace(timing.path, given)
+        ax.plot(places, speeds, color="#000000", ls=(0, (1, 1.5)), lw=1.4, label="as given", gid="given")
+    for k in timing.path.corners:
+        ax.axvline(float(timing.path.breakpoints[k]), color="#e3e3e3", lw=0.8, zorder=0)
     for name in names:
         ax.plot([], [], color=colors[name], lw=2.6, label=name)
     if "" in (*timed.curve_limits, *(timed.active if coloured else ())):
@@ -75,7 +75,7 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
         frameon=False, fontsize=8.5, ncols=len(names) + 2, loc="lower center", bbox_to_anchor=(0.5, 1.0)
     )
     word = "" if timed.check.verified else ", NOT verified"
-    title = f"{plan.task.name}: timing of {motion.end:.3f} s before it becomes points{word}"
+    title = f"{plan.task.name}: timing of {timed.motion.end:.3f} s before it becomes points{word}"
     figure.suptitle(title, fontsize=13, fontweight="bold")
     return figure
 
@@ -101,7 +101,7 @@ def _by_name(
         ax.plot(s[upto], values[upto], color=colors.get(name, _OTHER), gid=f"{gid}-{name}", **style)
 
 
-def _pace(motion: TimedPath, given: Motion) -> tuple[np.ndarray, np.ndarray]:
+def _pace(path: JointPath, given: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Places on the path and ds/dt, (M,) each, of the motion that the path was taken from.
 
     Its postures are found on the path one after the other; the speed is that along the path there.
@@ -109,12 +109,12 @@ def _pace(motion: TimedPath, given: Motion) -> tuple[np.ndarray, np.ndarray]:
     times = np.linspace(0.0, given.end, SAMPLES)
     q, rates, _ = given.states(times)
     grid = np.linspace(0.0, 1.0, 10 * SAMPLES)
-    on_path = motion.path.at(grid)[0]
+    on_path = path.at(grid)[0]
     places, last, reach = [], 0, len(grid) // 20
     for posture in q:
         window = on_path[last : last + reach]
         last += int(np.argmin(np.sum((window - posture) ** 2, axis=1)))
         places.append(grid[last])
-    slopes = motion.path.at(np.array(places))[1]
+    slopes = path.at(np.array(places))[1]
     speeds = np.sum(slopes * rates, axis=1) / np.sum(slopes**2, axis=1)
     return np.array(places), np.maximum(speeds, 0.0)

@@ -12,9 +12,7 @@ from ocptip.motion.cycles.output import samples_joined
 from ocptip.motion.output import sample_motion
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     pass
@@ -45,13 +43,9 @@ class PlanCurves:
     @property
     def events(self) -> np.ndarray:
         """When ramps begin or end, (S,), s; timings of paths, and samples, have none."""
-        motion: Any = self.plan.motion
-        parts = (
-            zip(motion.begins, motion.motions, strict=False)
-            if isinstance(motion, MotionSequence)
-            else [(0.0, motion)]
-        )
-        found = [begin + own.event_times for begin, own in parts if isinstance(own, ArmMotion)]
+        motion: Trajectory = self.plan.motion
+        parts = zip(motion.begins, motion.segments, strict=True)
+        found = [begin + own.event_times for begin, own in parts if own.profiles is not None]
         return np.concatenate([[], *found])
 
     @property
@@ -109,12 +103,12 @@ class PlanCurves:
         return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"
 
 
-def _with_rests(robot: StandingMechanism, motion: Motion, samples: MotionSamples) -> MotionSamples:
+def _with_rests(robot: StandingMechanism, motion: Trajectory, samples: MotionSamples) -> MotionSamples:
     """With the rest before and after the motion, where torques and reserves may be at their worst.
 
     Cycles have rests between their segments as it is.
     """
-    if isinstance(motion, MotionSequence):
+    if motion.parts:
         return samples
     angles, _, _ = motion.states(np.array([0.0, motion.end]))
     still, during = np.zeros((1, robot.n)), robot.during(motion)

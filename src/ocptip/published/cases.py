@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError
 from ocptip.basics.frozen import read_only
 from ocptip.published.arms import GripperPose, experiment_poses, published_data, start_and_goal
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class MotionCase:
     printed_times: Mapping[str, PrintedTime]
     printed_duration: float
 
-    def reference_motion(self, speed_limits: ArrayLike, acceleration_limits: ArrayLike) -> ArmMotion:
+    def reference_motion(self, speed_limits: ArrayLike, acceleration_limits: ArrayLike) -> Trajectory:
         """Return the printed solution with joints 4 to 6 passive.
 
         Args:
@@ -77,7 +77,7 @@ class MotionCase:
             acceleration_limits: likewise, (6,), rad/s^2.
         """
         commands = [*self.reference_commands, None, None, None]
-        return ArmMotion.with_passive(self.start, self.goal, commands, speed_limits, acceleration_limits)
+        return Trajectory.ending_together(self.start, self.goal, commands, speed_limits, acceleration_limits)
 
 
 @cache

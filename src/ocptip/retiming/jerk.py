@@ -18,7 +18,7 @@ from ocptip.numerics.ipopt import ending, nlpsol
 from ocptip.retiming.fastest import Grid
 from ocptip.retiming.kernels import MOST, clipped
 from ocptip.trajectories.path import derivatives
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 
 _OPTIONS = {
     "print_time": False,
@@ -32,7 +32,7 @@ _BEYOND = 1e-7  # excess of tangents, in units of the limits, that is none
 _ROUNDS = 8  # of tangents
 
 
-def steady(grid: Grid, before: TimedPath, jerk: np.ndarray) -> TimedPath:
+def steady(grid: Grid, before: Trajectory, jerk: np.ndarray) -> Trajectory:
     """A timing on the nodes of another one, nowhere faster, within limits of the jerk at the nodes.
 
     Args:
@@ -62,10 +62,11 @@ class _Program:
     Rows (4, R) are node, alpha, beta, gamma: alpha u + beta x <= gamma.
     """
 
-    def __init__(self, grid: Grid, before: TimedPath, jerk: np.ndarray) -> None:
-        self.grid, self.jerk, self.unit, self.before = grid, jerk, before.end, before
+    def __init__(self, grid: Grid, before: Trajectory, jerk: np.ndarray) -> None:
+        assert before.timing is not None
+        self.grid, self.jerk, self.unit, self.before = grid, jerk, before.end, before.timing
         self.count = len(grid.widths)
-        self.most = np.sqrt(before.x)
+        self.most = np.sqrt(before.timing.x)
         self.still = grid.bounds[:, 1] == 0
         self.nodes = np.zeros(len(grid.places), dtype=int)  # of the places
         self.nodes[grid.left], self.nodes[grid.right] = np.arange(self.count), np.arange(1, self.count + 1)
@@ -162,8 +163,8 @@ class _Program:
         bad &= ~self.still[self.nodes[own]]
         return np.stack([self.nodes[own], found.alpha, found.beta, found.gamma])[:, bad]
 
-    def motion(self, unknown: np.ndarray) -> TimedPath:
+    def motion(self, unknown: np.ndarray) -> Trajectory:
         """The timing: cubics in t with the speeds and the times that were found."""
         v = np.where(self.still, 0.0, np.maximum(unknown[: self.count + 1], 0.0)) / self.unit
         times = np.append(0.0, np.cumsum(unknown[2 * self.count + 2 :])) * self.unit
-        return TimedPath(self.grid.path, self.grid.s, v**2, times)
+        return Trajectory.from_path(self.grid.path, self.grid.s, v**2, times)

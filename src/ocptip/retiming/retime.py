@@ -28,7 +28,7 @@ from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 
 FASTEST_NODES, CHEAPEST_NODES = 300, 100
 """Intervals between nodes if nothing else is asked for: 0.1 % of the duration; costs are flatter. Late joints
@@ -70,7 +70,7 @@ class Retimed:
         seconds: that it took, with the check.
     """
 
-    motion: TimedPath
+    motion: Trajectory
     check: MotionCheck
     objective: Objective
     active: tuple[str, ...]
@@ -88,7 +88,7 @@ class Retimed:
         """All limits hold in the check; with one of the jerk it holds, too, and no acceleration jumps."""
         if self.jerk is None:
             return self.check.verified
-        steps = np.max(self.motion.acceleration_jumps / np.max(self.motion.acceleration_peaks))
+        steps = np.max(self.motion.acceleration_steps / np.max(self.motion.acceleration_peaks))
         return self.check.verified and self.jerk_ratio <= 1 + 1e3 * _ROUNDING and bool(steps < _STEPS)
 
     @property
@@ -104,7 +104,7 @@ class Retimed:
             "duration_s": self.motion.end,
             "fastest_s": self.fastest,
             "slower": self.slower,
-            "nodes": len(self.motion.s),
+            "nodes": len(self.motion.breaks[0]),
             "cost": None if bound is None else bound.cost,
             "lower_bound": None if bound is None else bound.lower_bound,
             "gap": None if bound is None else bound.gap,
@@ -178,7 +178,9 @@ def retime(
     for _ in range(_TIGHTENINGS):
         timing = TimingLimits(own, asked)
         found = _solve(own, path, timing, objective, spaced(path, count), squares, known)
-        motion, slower = _within_peaks(robot, _long_enough(TimedPath(path, found.grid.s, found.x), limits))
+        motion, slower = _within_peaks(
+            robot, _long_enough(Trajectory.from_path(path, found.grid.s, found.x), limits)
+        )
         checked = check_motion(robot, motion, limits)
         best = found, motion, checked, slower
         tighter = _tightened(robot, asked, limits, checked)
@@ -224,7 +226,7 @@ def least_cost(
     found = _solve(robot, path, TimingLimits(robot, limits), objective, grid, (0.0, 0.0))
     if found.cheap is not None and objective.name != "time":
         return found.cheap.cost
-    return _long_enough(TimedPath(path, grid, found.x), limits).end
+    return _long_enough(Trajectory.from_path(path, grid, found.x), limits).end
 
 
 def _solve(
@@ -357,7 +359,7 @@ def _some(places: Places, rows: np.ndarray) -> Places:
 
 
 def _duration(found: _Solved) -> float:
-    return TimedPath(found.grid.path, found.grid.s, found.fast.x).end
+    return Trajectory.from_path(found.grid.path, found.grid.s, found.fast.x).end
 
 
 def _curve(found: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -375,7 +377,7 @@ def _curve(found: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
     return np.array(speeds), tuple(names)
 
 
-def _long_enough(motion: TimedPath, limits: MotionLimits) -> TimedPath:
+def _long_enough(motion: Trajectory, limits: MotionLimits) -> Trajectory:
     """Slower where the motion has to take longer; all limits are kept on the way to rest."""
     return motion.time_scaled(max(1.0, limits.min_duration / motion.end))
 
@@ -391,8 +393,8 @@ def _limits_of_jerk(robot: StandingMechanism, jerk: ArrayLike) -> np.ndarray:
 
 
 def _within_peaks(
-    robot: StandingMechanism, motion: TimedPath, jerk: np.ndarray | None = None
-) -> tuple[TimedPath, float]:
+    robot: StandingMechanism, motion: Trajectory, jerk: np.ndarray | None = None
+) -> tuple[Trajectory, float]:
     """Slower by what speeds, accelerations and jerks, which a motion knows, are too great between nodes."""
     speed = float(np.max(motion.speed_peaks / robot.limits.speed))
     acceleration = float(np.max(motion.acceleration_peaks / robot.limits.acceleration))
@@ -415,11 +417,11 @@ def _tightened(
 
 
 def _slowed(
-    robot: StandingMechanism, motion: TimedPath, limits: MotionLimits, checked: MotionCheck
-) -> tuple[TimedPath, MotionCheck, float]:
+    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, checked: MotionCheck
+) -> tuple[Trajectory, MotionCheck, float]:
     """The motion slowed down by the least factor, up to that of `execute`, that cures what timing can."""
 
-    def kept(factor: float) -> tuple[TimedPath, MotionCheck, float] | None:
+    def kept(factor: float) -> tuple[Trajectory, MotionCheck, float] | None:
         slower = motion.time_scaled(factor)
         found = check_motion(robot, slower, limits)
         return (slower, found, factor) if _timed_well(found) else None

@@ -38,8 +38,8 @@ from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.trajectory import MERGE
+from ocptip.trajectories.pieces import MERGE
+from ocptip.trajectories.trajectory import Trajectory
 
 _STEP = 0.005  # s: between instants at which the gripper's way is looked at
 _STEPS = 2000  # of a path, likewise
@@ -303,7 +303,7 @@ class Robot(StandingMechanism):
         """See `StandingMechanism.process_at_rest`."""
         return np.zeros(6) if self.arm.process is None else self.arm.process.wrench
 
-    def during(self, motion: Motion) -> Self:
+    def during(self, motion: Trajectory) -> Self:
         """The same robot with a process that varies over the time of a motion, if it varies.
 
         Of one that varies over the way of the gripper point, this way is taken to be straight over 5 ms.
@@ -355,7 +355,7 @@ class Robot(StandingMechanism):
         steps = np.linalg.norm(np.diff(self.tool(q), axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
-    def pieces(self, motion: Motion) -> np.ndarray:
+    def pieces(self, motion: Trajectory) -> np.ndarray:
         """Intervals (S, 2), s, between events of the motion and knots of the process."""
         process = self.arm.process
         if process is None or process.over != TIME or not len(motion.intervals):
@@ -367,7 +367,7 @@ class Robot(StandingMechanism):
         ends = [np.concatenate([own, [b]]) for b, own in zip(ends, inside, strict=True)]
         return np.column_stack([np.concatenate(begins), np.concatenate(ends)])
 
-    def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
+    def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights, s, between events of the motion and knots of the process."""
         return gauss_legendre(self.pieces(motion), order) if self.varying else motion.quadrature(order)
 

@@ -32,7 +32,7 @@ from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +268,7 @@ class StandingMechanism(MadeOf, ABC):
         """(6,): force and moment of a constant process in its axes; 0 without one."""
         return np.zeros(6)
 
-    def during(self, motion: Motion) -> Self:
+    def during(self, motion: Trajectory) -> Self:
         """The same mechanism with what acts on it as a function of the time of a motion."""
         return self
 
@@ -276,7 +276,7 @@ class StandingMechanism(MadeOf, ABC):
         """The same mechanism, with places s on a path as the times of what acts on it."""
         return self
 
-    def pieces(self, motion: Motion) -> np.ndarray:
+    def pieces(self, motion: Trajectory) -> np.ndarray:
         """Intervals (S, 2), s, in which motion and loads are smooth."""
         return motion.intervals
 
@@ -312,7 +312,7 @@ class StandingMechanism(MadeOf, ABC):
         return len(self.limits.speed)
 
     def samples(
-        self, motion: Motion, times: np.ndarray, *, side: Literal["left", "right"] = "right"
+        self, motion: Trajectory, times: np.ndarray, *, side: Literal["left", "right"] = "right"
     ) -> MotionSamples:
         """Everything that happens at the given instants ((N,), s) of a motion.
 
@@ -397,7 +397,7 @@ class StandingMechanism(MadeOf, ABC):
         """States of the contacts under total wrenches (N, 6) on the base."""
         return solve_resting(self.support, wrenches)
 
-    def energy(self, motion: Motion, *, order: int = 4) -> float:
+    def energy(self, motion: Trajectory, *, order: int = 4) -> float:
         """Electric energy, J, clamps included: Gauss-Legendre quadrature between the events (5.25)."""
         robot = self.during(motion)
         times, weights = robot.quadrature(motion, order)
@@ -408,6 +408,6 @@ class StandingMechanism(MadeOf, ABC):
         power = self.motors.power(torques, self.motor_speeds(q, qd))
         return float(weights @ np.sum(power, axis=1)) + self.support.power * motion.end
 
-    def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
+    def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Gauss-Legendre nodes and weights, s, in intervals in which the electric power is smooth."""
         return motion.quadrature(order)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ocptip.standing.arm import Robot
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Part:
     """
 
     robot: Robot
-    motion: Motion
+    motion: Trajectory
     name: str = ""
     begin: float = 0.0
     rest: float = 0.0

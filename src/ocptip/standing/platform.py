@@ -31,7 +31,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 MOTOR_SPEED, SINGULARITY = "motor_speed", "singularity"
 _LOOKS = 16  # instants per interval between events at which a motor's change of direction is looked for
@@ -178,7 +178,7 @@ class ParallelMechanism(StandingMechanism):
         """(N, n_a), rad/s or m/s."""
         return self.further(q, qd)[:, -len(self._drives) :]
 
-    def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
+    def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights between events and changes of the motors' directions, where friction jumps."""
         intervals = motion.intervals
         if not len(intervals):
@@ -196,7 +196,7 @@ class ParallelMechanism(StandingMechanism):
         edges = np.unique(np.concatenate([intervals.ravel(), low]))
         return gauss_legendre(np.column_stack([edges[:-1], edges[1:]]), order)
 
-    def _speeds_at(self, motion: Motion, times: np.ndarray) -> np.ndarray:
+    def _speeds_at(self, motion: Trajectory, times: np.ndarray) -> np.ndarray:
         q, qd, _ = motion.states(times)
         return self.motor_speeds(q, qd)
 

@@ -36,7 +36,7 @@ from ocptip.task_files.scene import SCENE
 from ocptip.task_files.source import task_source
 from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limits_of, task_keys
 from ocptip.task_files.tolerance import tolerance_of
-from ocptip.trajectories.arm_motion import checked_rise_times
+from ocptip.trajectories.velocity_profiles import checked_rise_times
 
 _KIND = schema.choice("Stops.", get_args(Kinds))
 _TORQUE = "torque of each brake; sliding joints: N."

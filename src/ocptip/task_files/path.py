@@ -25,9 +25,8 @@ from ocptip.task_files.doubts import require_kind
 from ocptip.task_files.ends import end_keys, read_end
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.read import load_motions
-from ocptip.trajectories.sampled import Motion, SampledMotion
-from ocptip.trajectories.sequence import MotionSequence
 from ocptip.trajectories.tool_path import tool_lines
+from ocptip.trajectories.trajectory import Trajectory
 
 BETWEEN = ("spline", "lines", "tool lines")
 _WAYPOINT = Keys(
@@ -77,7 +76,7 @@ class GivenPath:
     """
 
     paths: tuple[FittedPath, ...]
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[Trajectory, ...] = ()
 
 
 def load_path(
@@ -120,18 +119,16 @@ def joint_tolerance(task: MotionTask | CycleTask, tolerance: float) -> np.ndarra
     return np.where(np.array(task.robot.units) == "rad", np.deg2rad(tolerance), 1e-3 * tolerance)
 
 
-def _segments(task: MotionTask | CycleTask, found: Motion | MotionSequence) -> tuple[Motion, ...]:
+def _segments(task: MotionTask | CycleTask, found: Trajectory) -> tuple[Trajectory, ...]:
     """The motions of the task's segments."""
     if isinstance(task, MotionTask):
-        if isinstance(found, MotionSequence):
-            raise InputError(f"has {len(found)} segments, {task.name} is a single motion")
+        if found.parts:
+            raise InputError(f"has {len(found.parts)} segments, {task.name} is a single motion")
         return (found,)
-    if isinstance(found, SampledMotion):
-        found = parts_of(task, found)
-    motions = found.motions if isinstance(found, MotionSequence) else (found,)
-    if len(motions) != len(task.segments):
-        raise InputError(f"has {len(motions)} segments, {task.name} has {len(task.segments)}")
-    return tuple(motions)
+    segments = (found if found.points is None else parts_of(task, found)).segments
+    if len(segments) != len(task.segments):
+        raise InputError(f"has {len(segments)} segments, {task.name} has {len(task.segments)}")
+    return segments
 
 
 def refuse_early(path: str | os.PathLike[str]) -> None:

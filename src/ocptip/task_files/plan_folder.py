@@ -18,8 +18,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.read import load_motions
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class PlanFolder:
 
     path: Path
     task: MotionTask | CycleTask
-    motion: Motion | MotionSequence
+    motion: Trajectory
     data: dict[str, Any]
 
     def parts(self, does: str) -> tuple[Part, ...]:
@@ -48,18 +47,18 @@ class PlanFolder:
             InputError: it is of another mechanism.
         """
         robots = arms_of(self.task, does, self.path)
-        if not isinstance(self.motion, MotionSequence):
+        if not self.motion.parts:
             return (Part(robots[0], self.motion),)
         assert isinstance(self.task, CycleTask)
-        if len(self.motion) < len(robots):
-            raise InputError(f"holds {len(self.motion)} of {len(robots)} segments", "", str(self.path))
+        if len(self.motion.parts) < len(robots):
+            raise InputError(f"holds {len(self.motion.parts)} of {len(robots)} segments", "", str(self.path))
         rows = zip(
-            robots, self.motion.motions, [segment.name for segment in self.task.segments],
+            robots, self.motion.parts, [segment.name for segment in self.task.segments],
             self.motion.begins.tolist(), self.motion.pauses, strict=True,
         )  # fmt: skip
         return tuple(Part(*row) for row in rows)
 
-    def of_arm(self, does: str) -> tuple[Robot, Motion]:
+    def of_arm(self, does: str) -> tuple[Robot, Trajectory]:
         """Robot and motion of a single motion of an arm.
 
         Args:
@@ -68,7 +67,7 @@ class PlanFolder:
         Raises:
             InputError: a cycle, or another mechanism.
         """
-        if isinstance(self.motion, MotionSequence):
+        if self.motion.parts:
             raise InputError(f"is a cycle; {does} single motions", "", str(self.path))
         return arm_of(self.task, does, self.path), self.motion
 

@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.sampled import SampledMotion, stamped
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.points import stamped
+from ocptip.trajectories.trajectory import Trajectory
 
 Controller = Literal["linear", "cubic", "quintic"]
 CONTROLLERS = ("linear", "cubic", "quintic")
@@ -34,9 +33,7 @@ SHORTEST = 1e-3  # s: of a motion
 ROUNDING = 1e-9  # s: of times
 
 
-def controller_points(
-    motion: ArmMotion | TimedPath, controller: Controller, *, step: float | None = None
-) -> SampledMotion:
+def controller_points(motion: Trajectory, controller: Controller, *, step: float | None = None) -> Trajectory:
     """Return the points for a controller, and with them the motion that it makes of them.
 
     Times are whole nanoseconds, as messages hold them.
@@ -58,30 +55,30 @@ def controller_points(
         raise InputError(f"motion: lasts {motion.end:.4g} s, too short for a controller's points")
     if controller == "linear":
         times = step * np.arange(np.ceil(motion.end / step) + 1)
-        return SampledMotion(stamped(times), motion.states(times)[0], period=step)
+        return Trajectory.from_points(stamped(times), motion.states(times)[0], period=step)
     if controller == "cubic":
         times = _spread(motion.event_times, step)
         angles, speeds, _ = motion.states(times)
-        if isinstance(motion, ArmMotion):
+        if motion.profiles is not None:
             _rest(motion, times, angles, speeds)
         else:  # it rests at both ends, wherever rounding puts these
             angles[-1], speeds[[0, -1]] = motion.goal, 0.0
-        return SampledMotion(times, angles, speeds)
-    if isinstance(motion, TimedPath):
-        if motion.times is None:
+        return Trajectory.from_points(times, angles, speeds)
+    if motion.timing is not None:
+        if motion.timing.times is None:
             raise InputError(
                 "quintic: timings without a limit of the jerk (--jerk) have accelerations that jump"
             )
         times = _spread(motion.event_times, step)
         angles, speeds, accelerations = motion.states(times)
         angles[-1], speeds[[0, -1]], accelerations[[0, -1]] = motion.goal, 0.0, 0.0
-        return SampledMotion(times, angles, speeds, accelerations)
+        return Trajectory.from_points(times, angles, speeds, accelerations)
     if not all(motion.rise_times or [0.0]):
         raise InputError("rise_time: must be > 0 for quintic, which cannot run accelerations that jump")
     times = _spread(np.unique(np.concatenate(motion.breaks)), step)
     angles, speeds, accelerations = motion.states(times)
     _rest(motion, times, angles, speeds, accelerations)
-    return SampledMotion(times, angles, speeds, accelerations)
+    return Trajectory.from_points(times, angles, speeds, accelerations)
 
 
 def usual_step(controller: Controller) -> float:
@@ -105,7 +102,7 @@ def _spread(events: np.ndarray, step: float) -> np.ndarray:
     return stamped(np.sort(np.concatenate([events, grid[near >= max(NEAREST, 0.1 * step)]])))
 
 
-def _rest(motion: ArmMotion, times: np.ndarray, angles: np.ndarray, *rates: np.ndarray) -> None:
+def _rest(motion: Trajectory, times: np.ndarray, angles: np.ndarray, *rates: np.ndarray) -> None:
     """Where a joint rests, make it rest exactly: rounded times would leave it a speed, and power a direction.
 
     Args:

@@ -21,8 +21,7 @@ a piece has one or several. Events of the motion are the ends of pieces at which
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import clarabel
 import numpy as np
@@ -31,12 +30,9 @@ from scipy.interpolate import BSpline
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.cone_program import INFEASIBLE, USABLE, quiet_settings, solve_cones
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.points import FINEST, PEAK_TOLERANCE, Fit, Points
+from ocptip.trajectories.trajectory import Trajectory
 
-PEAK_TOLERANCE = 0.01
-"""Speeds and accelerations of a fit may exceed limits by this share of themselves."""
-
-FINEST = 2e-6  # rad or m: least tolerance, a jump of 44 rad/s^2 in the middle of a piece
 SPACING = 6e-4  # s: of the pieces of constant acceleration, about, at the finest tolerance
 MOST_PIECES = 60_000  # per joint
 NOISE = (
@@ -51,59 +47,13 @@ ENOUGH = 20  # samples from which on noise is estimated
 STILL = 0.3186  # quantile 0.25 of the absolute value of a standard normal variable
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FittedMotion(SampledMotion):
-    """A motion through samples within a tolerance, see the module.
-
-    `times`, `angles` and `speeds` are those of its pieces, not the samples.
-
-    Attributes:
-        samples: number of samples that it was fitted to.
-        spacing: s, largest distance between them.
-        distance: (n,), largest distance of each joint from its samples, rad or m.
-        tolerance: (n,), that was meant to be kept, rad or m.
-        rounding: (n,), half a unit of the last digit of the samples, rad or m; 0: unknown.
-        speed_distance: (n,), largest distance from speeds that came with the samples, rad/s or m/s, or None.
-    """
-
-    samples: int = 0
-    spacing: float = 0.0
-    distance: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    tolerance: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    rounding: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    speed_distance: np.ndarray | None = None
-
-    peak_rounding = PEAK_TOLERANCE
-
-    @property
-    def noisy(self) -> np.ndarray:
-        """(n,): the tolerance comes from noise, not from rounding."""
-        return self.tolerance > 1.5 * np.maximum(self.rounding, FINEST)
-
-    def _switching(self, derivatives: np.ndarray) -> np.ndarray:
-        """(knots,) True where an acceleration jumps, by more than it may be off; the program leaves few."""
-        jumps = np.abs(np.diff(derivatives[2], axis=0))
-        large = jumps > PEAK_TOLERANCE * np.max(np.abs(derivatives[2]), axis=0)
-        return np.concatenate([[True], np.any(large, axis=1), [True]])
-
-    def fit_to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: rad or m, and per second, per joint."""
-        names = "samples", "spacing", "distance", "tolerance", "rounding", "noisy", "speed_distance"
-        return {"limits_exceeded_by": PEAK_TOLERANCE, **{name: getattr(self, name) for name in names}}
-
-    @property
-    def interpolation(self) -> str:
-        """What was made of the samples, for messages."""
-        return "calmest motion that passes the samples within a tolerance"
-
-
 def fitted(
     times: np.ndarray,
     positions: np.ndarray,
     *,
     rounding: np.ndarray | None = None,
     speeds: np.ndarray | None = None,
-) -> FittedMotion:
+) -> Trajectory:
     """Fit a motion to samples of positions.
 
     Args:
@@ -139,17 +89,9 @@ def fitted(
         np.abs(at_samples[:, :n] - positions[moving]).max(axis=0), np.abs(held - positions).max(axis=0)
     )
     rates_off = None if speeds is None else np.abs(at_samples[:, n:] - speeds[moving]).max(axis=0)
-    return FittedMotion(
-        knots,
-        angles,
-        rates,
-        samples=len(times),
-        spacing=float(np.max(np.diff(times))),
-        distance=off,
-        tolerance=tolerance,
-        rounding=rounding,
-        speed_distance=rates_off,
-    )
+    points = Points(knots, angles, rates, steps_from=PEAK_TOLERANCE)
+    spacing = float(np.max(np.diff(times)))
+    return Trajectory(points=points, fit=Fit(len(times), spacing, off, tolerance, rounding, rates_off))
 
 
 def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) -> list[tuple[int, int]]:

@@ -20,11 +20,9 @@ from scipy.interpolate import BSpline, CubicSpline, PPoly
 from scipy.linalg import solveh_banded
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.fit import FittedMotion
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.sampled import Motion, SampledMotion
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.points import Fit
+from ocptip.trajectories.trajectory import Trajectory
 
 FINE = 5e-5  # rad or m: distance of a path from a motion that is known exactly
 SAMPLES = 4000  # of a motion between two rests
@@ -71,7 +69,7 @@ class FittedPath:
         return np.max(np.abs(self.path.at(self.places)[0] - self.samples), axis=0)
 
 
-def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) -> FittedPath:
+def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = None) -> FittedPath:
     """The path that a motion takes; its times are forgotten.
 
     Args:
@@ -83,19 +81,19 @@ def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) 
         InputError: it does not move, its samples are noisy beyond the tolerance, or a curve within the
             tolerance cannot be followed at nearly its pace with its accelerations.
     """
-    if isinstance(motion, TimedPath):
-        ends = motion.path.breakpoints
-        return FittedPath(motion.path, "the path of a timing as it is", ends, motion.path.at(ends)[0])
-    if isinstance(motion, SampledMotion) and motion.speeds is None:
-        points = motion.angles
+    if motion.timing is not None:
+        path, ends = motion.timing.path, motion.timing.path.breakpoints
+        return FittedPath(path, "the path of a timing as it is", ends, path.at(ends)[0])
+    if motion.points is not None and motion.points.speeds is None:
+        points = motion.points.angles
         return spline_through(points) if tolerance is None else blended_lines(points, tolerance)
     wanted = np.full(motion.n, FINE) if tolerance is None else np.broadcast_to(tolerance, motion.n)
-    if isinstance(motion, FittedMotion):
-        _refuse_noise(motion, wanted)
-        wanted = np.maximum(wanted, motion.tolerance)
-    legs, ramps = [], isinstance(motion, ArmMotion)
+    if motion.fit is not None:
+        _refuse_noise(motion.fit, wanted)
+        wanted = np.maximum(wanted, motion.fit.tolerance)
+    legs, ramps = [], motion.profiles is not None
     for begin, end in _moving(motion):
-        leg = Leg.of_ramps(motion, begin, end) if isinstance(motion, ArmMotion) else None
+        leg = Leg.of_ramps(motion, begin, end) if ramps else None
         if leg is not None:
             legs.append(leg)
             continue
@@ -114,11 +112,11 @@ def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) 
 
 
 def _of_pace(
-    motion: Motion, times: np.ndarray, tolerance: np.ndarray, breaks: Sequence[int] | np.ndarray
+    motion: Trajectory, times: np.ndarray, tolerance: np.ndarray, breaks: Sequence[int] | np.ndarray
 ) -> Leg:
     """The curve within a tolerance of a motion at times (M,), s, that can be followed at its pace, nearly."""
     q, v, a = motion.states(times)
-    least = motion.tolerance if isinstance(motion, FittedMotion) else np.zeros(motion.n)
+    least = motion.fit.tolerance if motion.fit else np.zeros(motion.n)
     leg = Leg.fitted(q, tolerance, breaks)
     slower = leg.slower(times, v, a)
     for _ in range(_REFINED):
@@ -281,19 +279,19 @@ def _lengths(points: np.ndarray) -> np.ndarray:
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
 
 
-def _refuse_noise(motion: FittedMotion, tolerance: np.ndarray) -> None:
+def _refuse_noise(fit: Fit, tolerance: np.ndarray) -> None:
     """Refuse noise that the tolerance does not cover."""
-    loud = np.flatnonzero(motion.noisy & (motion.tolerance > tolerance))
+    loud = np.flatnonzero(fit.noisy & (fit.tolerance > tolerance))
     if loud.size:
-        joint = int(loud[np.argmax(motion.tolerance[loud])])
+        joint = int(loud[np.argmax(fit.tolerance[loud])])
         raise InputError(
-            f"path: the samples of joint {joint + 1} are noisy, by up to {motion.tolerance[joint]:.2g} (rad "
+            f"path: the samples of joint {joint + 1} are noisy, by up to {fit.tolerance[joint]:.2g} (rad "
             "or m): the curvature of a path through them is that of the noise; say by how much the path may "
             "be off (--path-tolerance), or give waypoints"
         )
 
 
-def _moving(motion: Motion) -> list[tuple[float, float]]:
+def _moving(motion: Trajectory) -> list[tuple[float, float]]:
     """Intervals (s) between rests in which the motion moves."""
     events = motion.event_times
     rests = np.max(np.abs(motion.states(events)[1]), axis=1) <= STILL
@@ -332,7 +330,7 @@ class Leg:
         return cls(curve, lengths[own], points[own], np.arange(len(points))[own])
 
     @classmethod
-    def of_ramps(cls, motion: ArmMotion, begin: float, end: float) -> Leg | None:
+    def of_ramps(cls, motion: Trajectory, begin: float, end: float) -> Leg | None:
         """The path of ramps as it is, its parameter their time; None of S-curves, and where they turn back.
 
         Between its first two events, and its last two, it is a straight line: there the parameter is half the

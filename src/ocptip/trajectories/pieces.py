@@ -8,6 +8,7 @@ from them: states, extreme values, instants at which speeds change sign.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial
@@ -20,6 +21,7 @@ from ocptip.basics.errors import InputError
 
 Side = Literal["left", "right"]
 
+MERGE = 1e-7  # switching times nearer to each other than this are one, s: rounding of commands moves them
 ENDS = 1e-6
 """s: nearer to start and end of a motion speeds do not change sign but for rounding."""
 STANDSTILL = 1e-9  # rad/s or m/s: signs of lower speeds are rounding
@@ -62,9 +64,14 @@ class Pieces:
         orders = [factorial(k) for k in range(len(self.derivatives))]
         return self.derivatives / np.array(orders, dtype=float)[:, None, None]
 
-    def shifted(self, begin: float) -> Pieces:
-        """The same motion, `begin` later, s."""
-        return replace(self, breaks=self.breaks + begin)
+    def joint(self, number: int) -> Pieces:
+        """Those of a single joint, counted from 0."""
+        return replace(self, derivatives=self.derivatives[:, :, [number]], goal=self.goal[[number]])
+
+    def steps(self, order: int) -> np.ndarray:
+        """Maximum step of each joint's derivative of this order at breaks, both ends included, (m,)."""
+        sides = (self.at(self.breaks, range(order, order + 1), side)[0] for side in ("left", "right"))
+        return np.max(np.abs(np.subtract(*sides)), axis=0)
 
     def at(self, times: ArrayLike, orders: range = range(3), side: Side = "right") -> tuple[np.ndarray, ...]:
         """Derivatives of these orders at times, each (..., m).
@@ -148,6 +155,27 @@ class Pieces:
         kept = (elapsed >= 0) & (elapsed <= length[number])
         number, elapsed = number[kept], elapsed[kept]
         return number // count, number % count, elapsed
+
+
+def following(parts: Sequence[Pieces], begins: Sequence[float]) -> Pieces:
+    """Pieces of the same joints one after the other, with rest between them.
+
+    Args:
+        parts: each with its own time from 0.
+        begins: s, of each.
+    """
+    orders = max(len(part.derivatives) for part in parts)
+    breaks, rows = [np.array([begins[0]])], []
+    for part, begin, until in zip(parts, begins, [*begins[1:], -np.inf], strict=True):
+        missing = np.zeros((orders - len(part.derivatives), *part.derivatives.shape[1:]))
+        rows.append(np.concatenate([part.derivatives, missing]))
+        breaks.append(begin + part.breaks[1:])
+        if until > begin + part.breaks[-1]:
+            rest = np.zeros((orders, 1, len(part.goal)))
+            rest[0, 0] = part.goal
+            rows.append(rest)
+            breaks.append(np.array([until]))
+    return Pieces(np.concatenate(breaks), np.concatenate(rows, axis=1), parts[-1].goal)
 
 
 def taylor(rows: np.ndarray, elapsed: np.ndarray) -> np.ndarray:

@@ -12,13 +12,10 @@ import numpy as np
 from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, naming, positive_number, refuse_huge
 from ocptip.basics.read import parse_json, parse_yaml, read_text
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.read_csv import motion_from_csv, require_units
 from ocptip.trajectories.read_points import motion_of_points, trajectory_in
-from ocptip.trajectories.sampled import Motion, SampledMotion
-from ocptip.trajectories.sequence import MotionSequence
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.trajectory import Trajectory
 
 CERTIFICATE = "ocptip certificate"
 """How the format begins that certificates name."""
@@ -33,10 +30,10 @@ def load_motion(
     start: np.ndarray | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
-) -> Motion:
+) -> Trajectory:
     """Read a motion from a file: ramp commands, a joint trajectory, or CSV with samples.
 
-    Ramp commands: JSON as :meth:`ArmMotion.from_dict`; `plan.json` is one such file; where it names a
+    Ramp commands: JSON as :meth:`Trajectory.from_dict`; `plan.json` is one such file; where it names a
     controller, the motion is what that makes of them. Joint trajectory: JSON
     or YAML like `trajectory_msgs/JointTrajectory`, alone or in a message that holds one, angles in rad,
     lengths in m; the motion is what ROS 2's
@@ -63,9 +60,7 @@ def load_motion(
         InputError: the file cannot be read or holds no motion, or angles of a joint that slides; names file,
             and key or line and column.
     """
-    found = _read(path, names, units, unit, start, rate, columns, several=False)
-    assert not isinstance(found, MotionSequence)
-    return found
+    return _read(path, names, units, unit, start, rate, columns, several=False)
 
 
 def load_motions(
@@ -77,7 +72,7 @@ def load_motions(
     start: np.ndarray | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
-) -> Motion | MotionSequence:
+) -> Trajectory:
     """Read a motion as :func:`load_motion` does, or the segments of the plan.json of a cycle.
 
     Raises:
@@ -96,7 +91,7 @@ def _read(
     columns: Mapping[str, str | int] | None,
     *,
     several: bool,
-) -> Motion | MotionSequence:
+) -> Trajectory:
     """What a file holds; several motions only if they are wanted."""
     path = Path(path)
     text = read_text(path)
@@ -129,11 +124,11 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
 
 
-def _as_run(motion: ArmMotion | TimedPath, controller: Any) -> SampledMotion:
+def _as_run(motion: Trajectory, controller: Any) -> Trajectory:
     """What a controller makes of ramp commands or a timed path, by the entry `controller` of plan.json."""
     try:
         slower, step = controller["slower"], controller["step_s"]
-        if isinstance(motion, ArmMotion):
+        if motion.profiles is not None:
             motion = motion.with_rise_times(motion.rise_times or controller["rise_time_s"])
         return controller_points(motion.slowed(slower), controller["name"], step=step)
     except (KeyError, TypeError):
@@ -141,13 +136,11 @@ def _as_run(motion: ArmMotion | TimedPath, controller: Any) -> SampledMotion:
         raise InputError(f"controller: expected a table with {keys}, got {controller!r}") from None
 
 
-def _from_commands(data: Any, units: Sequence[str]) -> Motion:
+def _from_commands(data: Any, units: Sequence[str]) -> Trajectory:
     """Ramp commands, or a path with its timing, as they are or as a controller runs them."""
-    on_path = isinstance(data, dict) and "path" in data
-    motion = TimedPath.from_dict(data) if on_path else ArmMotion.from_dict(data)
+    motion = Trajectory.from_dict(data)
     require_units(data.get("units", ["deg"] * motion.n), units)
-    if isinstance(motion, ArmMotion):
-        _refuse_huge_commands(motion)
+    _refuse_huge_commands(motion)
     if "controller" in data:
         return _as_run(motion, data["controller"])
     turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
@@ -156,7 +149,7 @@ def _from_commands(data: Any, units: Sequence[str]) -> Motion:
     return motion
 
 
-def _from_segments(rows: Any, units: Sequence[str]) -> MotionSequence:
+def _from_segments(rows: Any, units: Sequence[str]) -> Trajectory:
     """The motions of a cycle's plan."""
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
         raise InputError("segments: expected a list of motions with start, commands and rest_s")
@@ -166,10 +159,10 @@ def _from_segments(rows: Any, units: Sequence[str]) -> MotionSequence:
             motions.append(_from_commands(row, units))
             pauses.append(positive_number("rest_s", row.get("rest_s", 0.0), zero_allowed=True))
             refuse_huge("rest_s", pauses[-1])
-    return MotionSequence(tuple(motions), tuple(pauses))
+    return Trajectory.from_segments(motions, pauses)
 
 
-def _refuse_huge_commands(motion: ArmMotion) -> None:
+def _refuse_huge_commands(motion: Trajectory) -> None:
     for number, joint in enumerate(motion.joints, start=1):
         refuse_huge(f"start[{number}]", joint.phi_start)
         for which, command in enumerate(joint.commands, start=1):

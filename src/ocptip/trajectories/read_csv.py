@@ -13,7 +13,8 @@ from ocptip.basics.errors import LARGEST, InputError, refuse_huge
 from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, Columns, columns_of
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
 from ocptip.trajectories.csv_time import times_of
-from ocptip.trajectories.sampled import REST, SampledMotion
+from ocptip.trajectories.points import REST, Points
+from ocptip.trajectories.trajectory import Trajectory
 
 ENOUGH, JUMP = 8, 4.0  # rows and ratio of accelerations from which a file counts as cut off
 NEAREST = 1e-4  # s: least distance of rows of a fit
@@ -27,7 +28,7 @@ def motion_from_csv(
     units: Sequence[str],
     unit: str | None,
     columns: Mapping[str, str | int] | None = None,
-) -> SampledMotion:
+) -> Trajectory:
     """The motion of a file, see `ocptip.trajectories.read.load_motion`.
 
     Raises:
@@ -138,7 +139,7 @@ def _require_order(
             raise InputError(f"line {numbers[row]}: {text}")
 
 
-def _as_given(times: np.ndarray, values: dict[str, np.ndarray]) -> SampledMotion | None:
+def _as_given(times: np.ndarray, values: dict[str, np.ndarray]) -> Trajectory | None:
     """The motion whose accelerations are those of the file; None if it has none, or they do not fit."""
     if len(values) < 3 or len(times) < 2:
         return None
@@ -147,12 +148,14 @@ def _as_given(times: np.ndarray, values: dict[str, np.ndarray]) -> SampledMotion
     angles, speeds, given = (values[kind] for kind in (POSITION, SPEED, ACCELERATION))
     if len(begins) < 2:
         return None
-    motion = SampledMotion(times[begins], angles[begins], speeds[begins], given[ends], before=given[begins])
+    motion = Trajectory.from_points(
+        times[begins], angles[begins], speeds[begins], given[ends], before=given[begins]
+    )
     most = np.max(np.abs(given), axis=0)
     return motion if np.all(motion.acceleration_peaks <= most * (1 + EXACT) + REST) else None
 
 
-def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray) -> SampledMotion:
+def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray) -> Trajectory:
     from ocptip.trajectories.fit import fitted  # loads scipy.sparse for 0.1 s
 
     kept = _spaced(times)
@@ -161,8 +164,8 @@ def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray)
         _refuse_cut(times[kept], angles)
     else:
         speeds = speeds[kept]
-    motion = SampledMotion(times[kept], angles, speeds)  # complains about what cannot be a motion
-    return fitted(motion.times, motion.angles, rounding=rounding, speeds=motion.speeds)
+    points = Points(times[kept], angles, speeds)  # complains about what cannot be a motion
+    return fitted(points.times, points.angles, rounding=rounding, speeds=points.speeds)
 
 
 def _rounding(table: TextTable, columns: Columns) -> np.ndarray:

@@ -16,7 +16,8 @@ from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError, finite_array, refuse_huge
 from ocptip.basics.text import some
 from ocptip.trajectories.controllers import UPDATE_RATE
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.points import Points
+from ocptip.trajectories.trajectory import Trajectory
 
 FAR = 0.02  # s: points with positions only that are farther apart are no set points of a controller
 _STILL = 1e-6  # rad or m: a joint that goes less does not move
@@ -46,7 +47,7 @@ def trajectory_in(data: Any) -> dict[str, Any] | None:
 
 def motion_of_points(
     data: Any, names: Sequence[str] | None, rate: float | None = None, start: np.ndarray | None = None
-) -> SampledMotion:
+) -> Trajectory:
     """The motion that a controller makes of a joint trajectory.
 
     Args:
@@ -91,16 +92,16 @@ def motion_of_points(
             columns[key] = np.vstack([first if key == "positions" else np.zeros(len(names)), values])
     speeds, accelerations = columns.get("velocities"), columns.get("accelerations")
     period = 1 / (rate or UPDATE_RATE) if speeds is None else None
-    motion = SampledMotion(times, columns["positions"], speeds, accelerations, period, assumed=tuple(assumed))
-    moving = np.max(np.abs(np.diff(motion.angles, axis=0)), axis=1) > _STILL
-    gap = float(np.max(np.diff(motion.times)[moving], initial=0.0))
+    given = Points(times, columns["positions"], speeds, accelerations, period)
+    moving = np.max(np.abs(np.diff(given.angles, axis=0)), axis=1) > _STILL
+    gap = float(np.max(np.diff(given.times)[moving], initial=0.0))
     if period is not None and gap > max(FAR, period) * (1 + 1e-6):
         doubt(
             f"points: are up to {1e3 * gap:.4g} ms apart, with positions only: a controller draws straight "
             "lines between them, at whose corners speeds jump; give velocities, or points at most "
             f"{1e3 * FAR:g} ms apart"
         )
-    return motion
+    return Trajectory(points=given, assumed=tuple(assumed))
 
 
 def _first(time: float, names: Sequence[str], start: np.ndarray | None) -> np.ndarray:

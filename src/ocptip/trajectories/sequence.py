@@ -1,100 +1,22 @@
-"""Motions one after the other, each from rest to rest, and where a trajectory stands still between them."""
+"""Points of motions one after the other, and where a trajectory through points stands still between them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, positive_number
-from ocptip.basics.frozen import settle
-from ocptip.trajectories.sampled import Motion, SampledMotion, stamped
+from ocptip.trajectories.points import Points, stamped
+from ocptip.trajectories.trajectory import Trajectory
 
 STILL = 1e-6
 """rad, m and rad/s, m/s: samples that differ by less, or move slower, stand still."""
 
 
-@dataclass(frozen=True, eq=False)
-class MotionSequence:
-    """Motions of the same joints, each begins where the one before has ended.
-
-    Attributes:
-        motions: in their order, each with its own time from 0.
-        pauses: s, standstill after each.
-    """
-
-    motions: tuple[Motion, ...]
-    pauses: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        """Raise InputError if there is no motion, or numbers of joints or pauses do not fit."""
-        settle(self, motions=tuple(self.motions), pauses=tuple(map(float, self.pauses)))
-        if not self.motions:
-            raise InputError("motions: at least one is needed, got none")
-        if len(self.pauses) != len(self.motions):
-            raise InputError(f"pauses: expected {len(self.motions)}, got {len(self.pauses)}")
-        for number, (motion, pause) in enumerate(zip(self.motions, self.pauses, strict=True), 1):
-            positive_number(f"pauses[{number}]", pause, zero_allowed=True)
-            if motion.n != self.n:
-                raise InputError(f"motions[{number}]: has {motion.n} joints, the first one has {self.n}")
-
-    def __len__(self) -> int:
-        return len(self.motions)
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.motions[0].n
-
-    @cached_property
-    def begins(self) -> np.ndarray:
-        """When each motion begins, (m,), s."""
-        lengths = [motion.end + pause for motion, pause in zip(self.motions, self.pauses, strict=True)]
-        return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
-
-    @property
-    def start(self) -> np.ndarray:
-        """Angles before the first motion, (n,), rad."""
-        return self.motions[0].start
-
-    @property
-    def goal(self) -> np.ndarray:
-        """Angles after the last motion, (n,), rad."""
-        return self.motions[-1].goal
-
-    @property
-    def end(self) -> float:
-        """With all pauses, s."""
-        return float(self.begins[-1]) + self.motions[-1].end + self.pauses[-1]
-
-    @property
-    def assumed(self) -> tuple[str, ...]:
-        """What the reader of a file had to assume, in words."""
-        return tuple(dict.fromkeys(text for motion in self.motions for text in motion.assumed))
-
-    @cached_property
-    def event_times(self) -> np.ndarray:
-        """Events of all motions, sorted, s."""
-        pairs = zip(self.begins, self.motions, strict=True)
-        return np.unique(np.concatenate([begin + motion.event_times for begin, motion in pairs]))
-
-    @property
-    def jumps(self) -> np.ndarray:
-        """How far each motion but the first starts from the end of the one before, (m - 1,), rad or m."""
-        ends = zip(self.motions[:-1], self.motions[1:], strict=True)
-        return np.array([np.max(np.abs(after.start - before.goal)) for before, after in ends])
-
-    def time_scaled(self, factor: float) -> MotionSequence:
-        """The same path with all times, pauses too, multiplied by `factor` > 0."""
-        pauses = tuple(factor * pause for pause in self.pauses)
-        return MotionSequence(tuple(motion.time_scaled(factor) for motion in self.motions), pauses)
-
-
-def joined(sequence: Sequence[SampledMotion], pauses: Sequence[float]) -> SampledMotion:
-    """One trajectory of sampled motions of the same kind, with standstill between them and after the last.
+def joined(sequence: Sequence[Points], pauses: Sequence[float]) -> Points:
+    """The points of several motions of the same kind as one, with standstill between them and after the last.
 
     `standstills` finds the seams again, and `parted` the motions. Times are whole nanoseconds. A controller
     that draws straight lines needs one period for the corners at both sides of a seam, which is added; its
@@ -118,23 +40,23 @@ def joined(sequence: Sequence[SampledMotion], pauses: Sequence[float]) -> Sample
         times.append(stamped(times[-1][-1:] + max(pauses[-1], sequence[-1].period or 0.0)))
         for name, own in rows.items():
             if own:
-                own.append(own[-1][-1:] if name == "angles" else np.zeros((1, sequence[0].n)))
+                own.append(own[-1][-1:] if name == "angles" else np.zeros_like(own[-1][-1:]))
     whole: dict[str, Any] = {name: np.concatenate(own) if own else None for name, own in rows.items()}
     angles = whole.pop("angles")
-    return SampledMotion(np.concatenate(times), angles, **whole, period=sequence[0].period)
+    return Points(np.concatenate(times), angles, **whole, period=sequence[0].period)
 
 
-def standstills(motion: SampledMotion) -> list[tuple[int, int]]:
+def standstills(points: Points) -> list[tuple[int, int]]:
     """First and last sample of each standstill of all joints after the first sample has been left.
 
     A single sample at which all joints rest counts where samples have speeds.
     """
-    same = np.all(np.abs(np.diff(motion.angles, axis=0)) <= STILL, axis=1)
-    rests = np.ones(len(motion.times), dtype=bool)
-    if motion.speeds is not None:
-        rests = np.all(np.abs(motion.speeds) <= STILL, axis=1)
+    same = np.all(np.abs(np.diff(points.angles, axis=0)) <= STILL, axis=1)
+    rests = np.ones(len(points.times), dtype=bool)
+    if points.speeds is not None:
+        rests = np.all(np.abs(points.speeds) <= STILL, axis=1)
         same &= rests[:-1] & rests[1:]
-    alone = rests.copy() if motion.speeds is not None else np.zeros(len(rests), dtype=bool)
+    alone = rests.copy() if points.speeds is not None else np.zeros(len(rests), dtype=bool)
     found, first = [], 0
     while first < len(rests):
         last = first
@@ -146,27 +68,30 @@ def standstills(motion: SampledMotion) -> list[tuple[int, int]]:
     return found
 
 
-def parted(motion: SampledMotion, seams: Sequence[tuple[int, int]]) -> MotionSequence:
+def parted(motion: Trajectory, seams: Sequence[tuple[int, int]]) -> Trajectory:
     """The motions between standstills.
 
     Args:
-        motion: of one trajectory.
+        motion: through points.
         seams: of :func:`standstills`, in their order; one that lasts to the last sample is the last pause.
     """
-    period = motion.period or 0.0
-    last, first, motions, pauses = len(motion.times) - 1, 0, [], []
-    whole = np.array_equal(motion.times, stamped(motion.times))
+    points = motion.points
+    assert points is not None
+    period = points.period or 0.0
+    last, first, motions, pauses = len(points.times) - 1, 0, [], []
+    whole = np.array_equal(points.times, stamped(points.times))
     for begin, end in [*seams, *([] if seams and seams[-1][1] == last else [(last, last)])]:
         rows = slice(first, begin + 1)
         speeds, accelerations, before = (
             None if rate is None else rate[rows]
-            for rate in (motion.speeds, motion.accelerations, motion.before)
+            for rate in (points.speeds, points.accelerations, points.before)
         )
-        times = motion.times[rows] - motion.times[first]
+        times = points.times[rows] - points.times[first]
         own = stamped(times) if whole else times
         values = {"speeds": speeds, "accelerations": accelerations, "before": before}
-        motions.append(replace(motion, times=own, angles=motion.angles[rows], **values))
+        part = replace(points, times=own, angles=points.angles[rows], **values)
+        motions.append(replace(motion, points=part))
         corners = period if begin < end < last else 0.0
-        pauses.append(max(float(motion.times[end] - motion.times[begin]) - corners, 0.0))
+        pauses.append(max(float(points.times[end] - points.times[begin]) - corners, 0.0))
         first = end
-    return MotionSequence(tuple(motions), tuple(pauses))
+    return Trajectory.from_segments(motions, pauses)

@@ -6,7 +6,7 @@ from ocptip.motion.cycles.check import check_cycle
 from ocptip.motion.cycles.output import write_cycle
 from ocptip.motion.cycles.plan import CyclePlan, sequence_of
 from ocptip.task_files.cycle import read_task
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.test_task import FEET
 from tests.pictures.plan_stand_in import plan_of
 
@@ -52,7 +52,7 @@ def planned(folder, slower=2.0):
     parts, start = [], task.starts[0]
     for segment in task.segments:
         limits, none, goal = segment.task.robot.limits, [None] * segment.task.robot.n, segment.goals[0]
-        motion = ArmMotion.with_passive(
+        motion = Trajectory.ending_together(
             start, goal, none, limits.speed / slower, limits.acceleration / slower
         )
         parts.append(plan_of(segment.between(start, goal), motion))

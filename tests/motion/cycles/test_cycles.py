@@ -32,7 +32,7 @@ from ocptip.standing.tolerance import Tolerance
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.controllers import CONTROLLERS
 from ocptip.trajectories.read import load_motion, load_motions
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.cycles.cycle_files import CYCLE, written
 
 
@@ -62,7 +62,7 @@ def test_a_plan_is_verified_segment_by_segment(plan):
 def test_the_rest_costs_what_motors_at_rest_take(plan):
     out = plan.task.segments[0]
     q = plan.parts[0].motion.goal
-    resting = SampledMotion(np.array([0.0, 0.3]), np.stack([q, q]), np.zeros((2, out.task.robot.n)))
+    resting = Trajectory.from_points(np.array([0.0, 0.3]), np.stack([q, q]), np.zeros((2, out.task.robot.n)))
     assert plan.check.rest_energies == (pytest.approx(out.task.robot.energy(resting)), 0.0)
     assert plan.energy == pytest.approx(sum(p.energy for p in plan.parts) + plan.check.rest_energies[0])
 
@@ -85,7 +85,7 @@ def test_broken_limits_name_their_segment(plan):
     assert not found.whole.verified
     assert any("segment out" in v for v in found.whole.violations)
     assert any("segment back" in v for v in found.whole.violations)
-    cut = dataclasses.replace(plan.motion, motions=(plan.motion.motions[0],) * 2)
+    cut = dataclasses.replace(plan.motion, parts=(plan.motion.parts[0],) * 2)
     found = check_cycle(plan.task, cut)
     assert any(v.startswith("segment 2 (back) starts") for v in found.whole.violations)
     with pytest.raises(InputError, match="has 2 segments, swing has 1"):
@@ -276,7 +276,7 @@ def test_a_recording_of_positions_is_parted_where_it_rests(plan, tmp_path):
     path.write_text("\n".join(lines), encoding="utf-8")
     found = parts_of(task, load_motions(path, task.robot.names, task.robot.units, unit="deg"))
     assert 0.1 < found.pauses[0] < 0.31
-    np.testing.assert_allclose(found.motions[0].goal, plan.parts[0].motion.goal, atol=1e-5)
+    np.testing.assert_allclose(found.segments[0].goal, plan.parts[0].motion.goal, atol=1e-5)
     checked = check_cycle(task, found).whole
     assert checked.verified, checked.violations
     assert checked.energy == pytest.approx(plan.energy, rel=0.01)
@@ -288,11 +288,11 @@ def test_standstills_that_are_not_clear_are_refused(plan):
 
     def through(*stops):
         times = np.arange(2.0 * len(stops))
-        return SampledMotion(times, np.repeat(stops, 2, axis=0), np.zeros((len(times), 6)))
+        return Trajectory.from_points(times, np.repeat(stops, 2, axis=0), np.zeros((len(times), 6)))
 
     found = parts_of(task, through(a, 0.5 * (a + b), b, a))
     assert len(found) == 2
-    np.testing.assert_allclose(found.motions[0].goal, b)
+    np.testing.assert_allclose(found.segments[0].goal, b)
     with pytest.raises(InputError, match="stands still 0 times on its way; 2 segments of swing need 1"):
         parts_of(task, through(a, b))
     with pytest.raises(InputError, match=r"which 1 of them .* is not clear \(several fit their goals\)"):
@@ -308,7 +308,7 @@ def test_the_least_of_what_segments_tolerate(plan):
     found = {one.quantity: one for one in cycle_tolerances(plan.task, plan.motion)}
     rows = [
         {one.quantity: one for one in tolerances(s.task.robot, own)}
-        for s, own in zip(plan.task.segments, plan.motion.motions, strict=True)
+        for s, own in zip(plan.task.segments, plan.motion.segments, strict=True)
     ]
     for quantity, one in found.items():
         values = [row[quantity].value for row in rows]
@@ -359,7 +359,7 @@ def test_every_segment_is_certified_with_what_it_holds(plan, proved):
     whole = proved.whole.certificate
     assert whole.verdict.bounds["GN"] == max(out.verdict.bounds["GN"], back.verdict.bounds["GN"])
     assert whole.verdict.intervals == out.verdict.intervals + back.verdict.intervals
-    for segment, own, motion in zip(plan.task.segments, (out, back), plan.motion.motions, strict=True):
+    for segment, own, motion in zip(plan.task.segments, (out, back), plan.motion.segments, strict=True):
         assert check_certificate(own.data).holds
         alone = certified(segment.task.robot, motion, check_motion(segment.task.robot, motion), None)
         assert alone.certificate.data["sha256"] == own.data["sha256"]

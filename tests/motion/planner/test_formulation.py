@@ -10,8 +10,9 @@ from ocptip.motion.planner.event_order import SLOWEST, order_of
 from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import earliest_end
 
 TASKS = {name: experiment_task(name, "effective") for name in ("A", "D")}
 FORMULATIONS = {
@@ -53,7 +54,7 @@ def test_joints_with_fewer_commands_have_variables_too():
     task, formulation = TASKS["A"], FORMULATIONS["A"]
     goal = task.goal.copy()
     goal[0] = task.start[0]
-    motion = ArmMotion.from_commands(task.start, [[RampCommand(angle, 0.5, 0.5)] for angle in goal])
+    motion = Trajectory.from_profiles(task.start, [[RampCommand(angle, 0.5, 0.5)] for angle in goal])
     x, layout = formulation.variables(motion), formulation.layout
     for j, joint in enumerate(task.optimised):
         w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
@@ -192,7 +193,7 @@ def test_a_joint_without_way_may_rest():
     goal[1] = task.start[1]
     formulation = Formulation(task.robot, task.start, goal, task.optimised, 1)
     commands = [[RampCommand(phi, 0.5, 1.0)] for phi in goal]
-    x = formulation.variables(ArmMotion.from_commands(task.start, commands))
+    x = formulation.variables(Trajectory.from_profiles(task.start, commands))
     motion = formulation.motion(x)
     assert motion.joints[1].end == 0
     assert len(motion.joints[1].commands) == 1

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from ocptip.motion.planner.profile_kernels import joint_states
 from ocptip.motion.planner.profiles import Course, Layout, Nodes, Profiles
 from ocptip.robots.process import SHARE, TIME, ProcessWrench
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, phases_to_commands
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import earliest_end, passive_command
 from tests.trajectories.strategies import numbers, phases
 
 START = np.array([0.3, -0.2, 0.1])
@@ -107,7 +108,7 @@ def test_sharp_s_curves_are_those_of_the_joints(phases, way, rise, seed):
         for j, joint in enumerate(layout.joints)
     ]
     commands.insert(1, [passive_command(START[1], goal[1], x[layout.end], SPEED[1], 1e4)])
-    motion = ArmMotion.from_commands(START, commands, rises)
+    motion = Trajectory.from_profiles(START, commands, rises)
     inside = np.all(np.abs(since[:, 2]) > 1e-6, axis=1)  # the third joint's accelerations jump
     states = np.hstack(motion.states(nodes.times @ x))
     found = nodes.values(x).T

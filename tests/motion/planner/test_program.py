@@ -21,7 +21,7 @@ from ocptip.reserves.tipping import TipMap
 from ocptip.robots.geometry import floor
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import Robot
-from ocptip.trajectories.trajectory import MERGE
+from ocptip.trajectories.pieces import MERGE
 
 SEEDS = (1, 4, 9)
 

@@ -26,9 +26,8 @@ from ocptip.standing.elastic.drives import on_its_drives, with_rise
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.elastic.springs import Ride
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.elastic_drives.run import simulated
 from tests.places import EXAMPLES
 from tests.quick import some
@@ -55,7 +54,7 @@ def pendulum(stiffness, ratio=0.0, inertia=0.5):
 
 
 def ramp(angle=1.0, speed=1.0, acceleration=4.0):
-    return ArmMotion.from_commands([0.0], [[RampCommand(angle, speed, acceleration)]])
+    return Trajectory.from_profiles([0.0], [[RampCommand(angle, speed, acceleration)]])
 
 
 ARM = plan_of("A")[0].arm
@@ -202,7 +201,7 @@ def test_samples_ring_as_the_ramps_do(speeds):
     robot, motion = plan_of("A")
     times = np.linspace(0, motion.end, 400)
     q, qd, _ = motion.states(times)
-    found = on_its_drives(geared(robot), SampledMotion(times, q, qd if speeds else None))
+    found = on_its_drives(geared(robot), Trajectory.from_points(times, q, qd if speeds else None))
     own = on_its_drives(geared(robot), motion)
     assert found.peak.value == pytest.approx(own.peak.value, rel=0.02)
     assert found.GN.value == pytest.approx(own.GN.value, rel=0.02)

@@ -17,7 +17,7 @@ from ocptip.standing.limit_kinds.feet import FootForceLimit, JumpFootForceLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import overshoot_of
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from studies.elastic_feet.rigid_bodies import FeetSimulation
 from tests.places import ROOT
 from tests.quick import some
@@ -33,7 +33,7 @@ def softened(robot, stiffness, **damping):
 def plan_of(case):
     """Robot and verified motion of a published case."""
     path = ROOT / f"studies/results/plans/{case}-effective/plan.json"
-    return experiment_task(case).robot, ArmMotion.from_dict(json.loads(path.read_text()))
+    return experiment_task(case).robot, Trajectory.from_dict(json.loads(path.read_text()))
 
 
 def simulated(robot, motion, step):

@@ -14,7 +14,7 @@ from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import PrescribedModel, Simulator, compared
 from ocptip.standing.simulation.world import World
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import ROOT
 
 
@@ -22,7 +22,7 @@ def plan_of(name):
     """Robot and verified motion of a published case, as "A-effective"."""
     case, base = name.split("-")
     path = ROOT / f"studies/results/plans/{name}/plan.json"
-    return experiment_task(case, base).robot, ArmMotion.from_dict(json.loads(path.read_text()))
+    return experiment_task(case, base).robot, Trajectory.from_dict(json.loads(path.read_text()))
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +161,7 @@ def cycle(plan, rest=0.3):
     robot, motion = plan
     laden = robot.varied(arm=robot.arm.with_payload(Payload(1.0, [0.02, 0.0, 0.03])))
     none, own = [None] * robot.n, robot.limits
-    back = ArmMotion.with_passive(motion.goal, motion.start, none, own.speed / 3, own.acceleration / 6)
+    back = Trajectory.ending_together(motion.goal, motion.start, none, own.speed / 3, own.acceleration / 6)
     return Part(robot, motion, "out", 0.0, rest), Part(laden, back, "back", motion.end + rest)
 
 

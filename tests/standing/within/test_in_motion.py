@@ -20,8 +20,8 @@ from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.late_joints import jump_states, on_time
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.tolerance.samples import sampled_wrenches
 from tests.places import EXAMPLES
 
@@ -34,7 +34,7 @@ def task():
 def slow(task, factor):
     limits = task.robot.limits
     rates = limits.speed / factor, limits.acceleration / factor**2
-    return ArmMotion.with_passive(task.start, task.goal, [None] * task.robot.n, *rates)
+    return Trajectory.ending_together(task.start, task.goal, [None] * task.robot.n, *rates)
 
 
 @pytest.mark.parametrize("factor", [1.6, 3.0])
@@ -125,7 +125,7 @@ CLOSE = (
 def close_jumps():
     task = experiment_task("C", "effective")
     commands = [[RampCommand(*numbers) for numbers in own] for own in CLOSE]
-    return task.robot, ArmMotion.from_commands(task.start, commands)
+    return task.robot, Trajectory.from_profiles(task.start, commands)
 
 
 def test_the_last_of_two_near_jumps_overshoots_alone(close_jumps):
@@ -155,7 +155,7 @@ def test_no_admissible_delays_are_worse_than_the_check_says(close_jumps, seed):
             [RampCommand(a + share * x, 1.0, 2.0), RampCommand(a + x, 1.0, 2.0)]
             for a, x, share in zip(motion.start, way, middle, strict=True)
         ]
-        motion = ArmMotion.from_commands(motion.start, turns)
+        motion = Trajectory.from_profiles(motion.start, turns)
     tolerance = dataclasses.replace(WORKSHOP, delay=float(rng.choice([0.004, 0.02])))
     cases = worst_case_of(robot, tolerance)
     found = worst_within(robot, motion, tolerance, motion.both_sides(0.005))
@@ -267,7 +267,7 @@ def test_the_greatest_slips_are_those_of_all_states():
     """Of four feet, whose normal forces are redistributed: what half spaces leave out is less."""
     robot = load_task(EXAMPLES / "tasks" / "ur5_cart.toml").robot
     rates = robot.limits.speed / 2, robot.limits.acceleration / 4
-    motion = ArmMotion.with_passive(np.zeros(6), np.full(6, 0.8), [None] * 6, *rates)
+    motion = Trajectory.ending_together(np.zeros(6), np.full(6, 0.8), [None] * 6, *rates)
     cases, late = worst_case_of(robot, WORKSHOP), np.full((1, robot.n), WORKSHOP.delay)
     states = on_time(motion, WORKSHOP, np.linspace(0, motion.end, 60), robot).s
     room = np.tile(late, (len(states), 1))

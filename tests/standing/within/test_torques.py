@@ -17,7 +17,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, SITE, Tolerance
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.torques import maximum_torques
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 from tests.robots.pinocchio_twin import dynamics, twin
 from tests.robots.test_coupled_joints import arm_of
 
@@ -68,7 +68,7 @@ def test_pinocchio_reaches_the_reported_worst_with_other_inertias():
     task = experiment_task("B")
     robot = task.robot.varied(arm=task.robot.arm.with_payload(HELD))
     tolerance = Tolerance(arm_mass=0.1, payload_mass=0.2, extra_mass=0.5, speed=0.05)
-    motion = ArmMotion.with_passive(
+    motion = Trajectory.ending_together(
         task.start, task.goal, [None] * robot.n, robot.limits.speed / 2, robot.limits.acceleration / 4
     )
     worst = worst_within(robot, motion, tolerance, motion.both_sides(0.02)).torque

@@ -13,8 +13,8 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.baselines.penalty import MotionPenalty, _piecewise_maxima, _spline_maxima
 
 INSIDE = 1.5e-7
@@ -69,7 +69,7 @@ def test_motion_is_that_of_the_passive_rule(task, penalty, random_points):
     for p in random_points:
         motion = penalty.motion(p)
         commands = [*(joint.commands for joint in motion.joints[:3]), None, None, None]
-        same = ArmMotion.with_passive(task.start, task.goal, commands, limits.speed, limits.acceleration)
+        same = Trajectory.ending_together(task.start, task.goal, commands, limits.speed, limits.acceleration)
         assert same.end == motion.end
         np.testing.assert_array_equal(same.event_times, motion.event_times)
 
@@ -135,8 +135,8 @@ def test_reversal_beyond_an_angle_limit_counts(task, penalty):
     commands = [list(j.commands) for j in task.reference.joints]
     commands[joint][0] = RampCommand(top - 0.01, 2.0, 2.0)
     commands[joint][1] = RampCommand(task.goal[joint], 1.0, 1.5)  # brakes later than command 1 would have
-    value = penalty.of_motion(ArmMotion.from_commands(task.start, commands))
-    motion = ArmMotion.from_commands(task.start, commands)
+    value = penalty.of_motion(Trajectory.from_profiles(task.start, commands))
+    motion = Trajectory.from_profiles(task.start, commands)
     excess = motion.angle_ranges[joint, 1] - top
     assert excess > 0.05
     assert value.limits[-6] == pytest.approx(excess)
@@ -171,7 +171,7 @@ def test_refusals(task, penalty):
         MotionPenalty(task, weight=0.0)
     with pytest.raises(InputError, match="p: expected shape 24"):
         penalty(np.zeros(23))
-    one = ArmMotion.from_commands(task.start, [[RampCommand(angle, 1.0, 1.0)] for angle in task.goal])
+    one = Trajectory.from_profiles(task.start, [[RampCommand(angle, 1.0, 1.0)] for angle in task.goal])
     with pytest.raises(InputError, match="joint 1 has 1 commands, must be 3"):
         penalty.parameters(one)
     with pytest.raises(InputError, match="cannot be planned"):

@@ -14,8 +14,9 @@ from ocptip.motion.cycles.task import SAME, CycleTask
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.within.in_motion import WithinTolerance
-from ocptip.trajectories.sampled import SampledMotion
-from ocptip.trajectories.sequence import MotionSequence, parted, standstills
+from ocptip.trajectories.points import Points
+from ocptip.trajectories.sequence import parted, standstills
+from ocptip.trajectories.trajectory import Trajectory
 
 NEAR = 1e-3  # rad, m: a standstill so near to a segment's goal is that of the segment
 _MOST_WAYS = 10_000
@@ -55,7 +56,7 @@ class CycleCheck:
         }
 
 
-def check_cycle(task: CycleTask, motion: MotionSequence, *, step: float = 0.01) -> CycleCheck:
+def check_cycle(task: CycleTask, motion: Trajectory, *, step: float = 0.01) -> CycleCheck:
     """Check the motions of a cycle, each against the limits and with the robot of its segment.
 
     At each seam the base has to stand at rest with what is held before and after it.
@@ -63,19 +64,19 @@ def check_cycle(task: CycleTask, motion: MotionSequence, *, step: float = 0.01) 
     Raises:
         InputError: another number of motions than of segments, or one that does not fit the robot.
     """
-    if len(motion) != len(task.segments):
-        raise InputError(f"motion: has {len(motion)} segments, {task.name} has {len(task.segments)}")
-    pairs = list(zip(task.segments, motion.motions, strict=True))
+    if len(motion.segments) != len(task.segments):
+        raise InputError(f"motion: has {len(motion.segments)} segments, {task.name} has {len(task.segments)}")
+    pairs = list(zip(task.segments, motion.segments, strict=True))
     checks = [check_motion(s.task.robot, own, s.task.limits, step=step) for s, own in pairs]
     return cycle_check(task, motion, checks)
 
 
-def cycle_check(task: CycleTask, motion: MotionSequence, checks: Sequence[MotionCheck]) -> CycleCheck:
+def cycle_check(task: CycleTask, motion: Trajectory, checks: Sequence[MotionCheck]) -> CycleCheck:
     """The same from the checks of the motions."""
     pauses, segments = motion.pauses, task.segments
     energies = [
         pause * segment.standby(own.goal) if pause else 0.0
-        for segment, own, pause in zip(segments, motion.motions, pauses, strict=True)
+        for segment, own, pause in zip(segments, motion.segments, pauses, strict=True)
     ]
     jumps = [
         f"{title} starts {jump:.3g} rad or m off the end of the one before"
@@ -94,7 +95,7 @@ def cycle_check(task: CycleTask, motion: MotionSequence, checks: Sequence[Motion
     return CycleCheck(names, tuple(checks), begins, motion.pauses, tuple(energies), whole)
 
 
-def parts_of(task: CycleTask, motion: SampledMotion) -> MotionSequence:
+def parts_of(task: CycleTask, motion: Trajectory) -> Trajectory:
     """The motions of one trajectory: its standstills part the segments.
 
     If there are more than that, those at the goals of the segments count.
@@ -102,16 +103,17 @@ def parts_of(task: CycleTask, motion: SampledMotion) -> MotionSequence:
     Raises:
         InputError: too few standstills, or it is not clear which of them are meant.
     """
-    found, wanted = standstills(motion), len(task.segments)
-    last = len(motion.times) - 1
+    points, wanted = motion.points, len(task.segments)
+    assert points is not None
+    found, last = standstills(points), len(points.times) - 1
     tail = [seam for seam in found if seam[1] == last]
-    inner = _longest(motion, [seam for seam in found if seam[1] < last])
+    inner = _longest(points, [seam for seam in found if seam[1] < last])
     if len(inner) < wanted - 1:
         raise InputError(
             f"stands still {len(inner)} times on its way; {wanted} segments of {task.name} need {wanted - 1}"
         )
     if len(inner) > wanted - 1:
-        ways = _assignments(task, [motion.angles[begin] for begin, _ in inner])
+        ways = _assignments(task, [points.angles[begin] for begin, _ in inner])
         if len(ways) != 1:
             which = "none fits their goals" if not ways else "several fit their goals"
             raise InputError(
@@ -122,17 +124,17 @@ def parts_of(task: CycleTask, motion: SampledMotion) -> MotionSequence:
     return parted(motion, [*inner, *tail])
 
 
-def _longest(motion: SampledMotion, seams: list[tuple[int, int]]) -> list[tuple[int, int]]:
+def _longest(points: Points, seams: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """The standstills; of neighbours between which no joint goes far, as where a ramp ends, the longest."""
     groups: list[list[tuple[int, int]]] = []
     for seam in seams:
         if groups:
-            way = motion.angles[groups[-1][-1][1] : seam[0] + 1]
+            way = points.angles[groups[-1][-1][1] : seam[0] + 1]
             if np.ptp(way, axis=0).max() <= NEAR:
                 groups[-1].append(seam)
                 continue
         groups.append([seam])
-    return [max(own, key=lambda seam: motion.times[seam[1]] - motion.times[seam[0]]) for own in groups]
+    return [max(own, key=lambda seam: points.times[seam[1]] - points.times[seam[0]]) for own in groups]
 
 
 def _assignments(task: CycleTask, postures: list[np.ndarray]) -> list[list[int]]:

@@ -32,7 +32,8 @@ from ocptip.motion.output import (
 from ocptip.motion.plan import MotionPlan
 from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of, stop_keys, tolerance_table
 from ocptip.standing.mechanism import MotionSamples
-from ocptip.trajectories.sequence import MotionSequence, joined
+from ocptip.trajectories.sequence import joined
+from ocptip.trajectories.trajectory import Trajectory
 
 _ONCE = ("case", "task_file", "versions", "options", "seed", "assumed")
 
@@ -81,14 +82,14 @@ def _freed(task: CycleTask, end: int, part: MotionPlan) -> dict[str, Any]:
     return {"goal_offset_m": found} if found else {}
 
 
-def cycle_samples(task: CycleTask, motion: MotionSequence) -> list[MotionSamples]:
+def cycle_samples(task: CycleTask, motion: Trajectory) -> list[MotionSamples]:
     """Samples of every segment as `sample_motion` takes them, and of both ends of the rest after it.
 
     Times are those of the cycle. Each segment is sampled with its own robot.
     """
     found = []
     for segment, own, begin, pause in zip(
-        task.segments, motion.motions, motion.begins, motion.pauses, strict=False
+        task.segments, motion.segments, motion.begins, motion.pauses, strict=False
     ):
         robot = segment.task.robot
         parts = [sample_motion(robot, own)]
@@ -121,9 +122,9 @@ def drives_of(plan: CyclePlan) -> list[Execution]:
     return [Execution.of_drives(p.task.robot, p.motion, p.task.limits, p.check) for p in plan.parts]
 
 
-def run_motion(plan: CyclePlan, executions: Sequence[Execution]) -> MotionSequence:
+def run_motion(plan: CyclePlan, executions: Sequence[Execution]) -> Trajectory:
     """The motions that are run, and the rests between them."""
-    return MotionSequence(tuple(own.motion for own in executions), plan.motion.pauses)
+    return Trajectory.from_segments([own.motion for own in executions], plan.motion.pauses)
 
 
 def cycle_trajectory(
@@ -138,13 +139,14 @@ def cycle_trajectory(
         effort: fill in the joint torques, N m; at seams those with what was held before.
     """
     points = [own.points for own in executions]
-    whole, parts = joined(points, pauses), MotionSequence(tuple(points), tuple(pauses))
+    whole, parts = joined(points, pauses), [Trajectory(points=own) for own in points]
     data = joint_trajectory(task.robot, whole)
     if effort:
-        owner = np.clip(np.searchsorted(parts.begins, whole.times - 1e-9) - 1, 0, len(parts) - 1)
+        run, begins = Trajectory(points=whole), Trajectory.from_segments(parts, pauses).begins
+        owner = np.clip(np.searchsorted(begins, whole.times - 1e-9) - 1, 0, len(parts) - 1)
         for number, segment in enumerate(task.segments):
             rows = np.flatnonzero(owner == number)
-            torques = segment.task.robot.samples(whole, whole.passing_times[rows]).torques
+            torques = segment.task.robot.samples(run, whole.passing_times[rows]).torques
             for row, values in zip(rows, torques.tolist(), strict=True):
                 data["points"][row]["effort"] = values
     return data

@@ -21,7 +21,7 @@ from ocptip.motion.cycles.task import CycleTask, require_way_plannable
 from ocptip.motion.plan import MotionPlan, plan_motion, proved
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import worker_pool
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way
 Leg = tuple[int, int, int]
@@ -65,7 +65,7 @@ class CyclePlan:
         )
 
     @property
-    def motion(self) -> MotionSequence:
+    def motion(self) -> Trajectory:
         """The exact ramp motions and the rests between them."""
         return sequence_of(self.task, self.parts)
 
@@ -85,10 +85,10 @@ class CyclePlan:
         return self.complete and self.check.whole.verified
 
 
-def sequence_of(task: CycleTask, parts: Sequence[MotionPlan]) -> MotionSequence:
+def sequence_of(task: CycleTask, parts: Sequence[MotionPlan]) -> Trajectory:
     """The motions of the planned segments with the task's rests."""
     rests = tuple(segment.rest for segment in task.segments[: len(parts)])
-    return MotionSequence(tuple(part.motion for part in parts), rests)
+    return Trajectory.from_segments([part.motion for part in parts], rests)
 
 
 def plan_cycle(

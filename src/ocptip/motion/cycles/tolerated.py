@@ -6,13 +6,13 @@ from dataclasses import replace
 
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.tolerated import Tolerated, tolerances
-from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.trajectory import Trajectory
 
 
-def cycle_tolerances(task: CycleTask, motion: MotionSequence) -> tuple[Tolerated, ...]:
+def cycle_tolerances(task: CycleTask, motion: Trajectory) -> tuple[Tolerated, ...]:
     """The least of every quantity, times from the begin of the cycle; empty for parallel robots."""
     least: dict[str, Tolerated] = {}
-    for segment, own, begin in zip(task.segments, motion.motions, motion.begins, strict=False):
+    for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         for found in tolerances(segment.task.robot, own):
             placed = replace(found, time=float(begin) + found.time)
             if not found.at_most:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.planner.exact import Refiner
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 LEFT_OUT = "left out: other starts promise a lower cost"
 
@@ -89,7 +89,7 @@ class Attempt:
     """
 
     result: StartResult
-    motion: ArmMotion | None
+    motion: Trajectory | None
     check: MotionCheck | None
 
     def after(self, before: Attempt, *parts: Attempt) -> Attempt:

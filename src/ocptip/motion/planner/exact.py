@@ -24,7 +24,7 @@ from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.numerics.ipopt import SOLVED, Solution
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 SHARES = np.linspace(0.0, 1.0, 17)  # where intervals are looked at between nodes
 NEAR, FIRST = 0.75, 0.3  # use of a limit from which a row takes part, and a further node is made at the start
@@ -209,7 +209,7 @@ class Refiner:
                 chosen.append((i, float(place)))
         return chosen
 
-    def motion(self, exact: Exact) -> ArmMotion:
+    def motion(self, exact: Exact) -> Trajectory:
         """The ramp motion of an exact solution."""
         x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
         return self.formulation.motion(x)

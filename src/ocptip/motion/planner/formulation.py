@@ -26,8 +26,9 @@ from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import DEVIATING, JUMP, ORDINARY
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import RampCommand, phases_to_commands, without_idle_ramps
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import earliest_end, passive_command
 
 SPACING, SMOOTH_NODES = 0.05, (24, 48)  # s, and least and greatest number, of evenly spread nodes
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
@@ -105,7 +106,7 @@ class Formulation:
 
     # --- variables and motions ----------------------------------------------------------------------------
 
-    def variables(self, motion: ArmMotion) -> np.ndarray:
+    def variables(self, motion: Trajectory) -> np.ndarray:
         """Variables of the smooth program for a motion whose optimised joints have up to K commands each."""
         layout = self.layout
         x = np.zeros(layout.size)
@@ -120,7 +121,7 @@ class Formulation:
             x[at] = posture[joints][: at.stop - at.start]
         return x
 
-    def motion(self, x: np.ndarray) -> ArmMotion:
+    def motion(self, x: np.ndarray) -> Trajectory:
         """The exact ramp motion of a solution, rebuilt by way of its commands.
 
         Raises:
@@ -142,7 +143,7 @@ class Formulation:
                 phi_goal=goal[joint],
                 tolerance=1e-5,
             )
-        return ArmMotion.from_commands(start, commands, self.rise_times)
+        return Trajectory.from_profiles(start, commands, self.rise_times)
 
     def slowed(self, x: np.ndarray, factor: float) -> np.ndarray:
         """Variables of the same path in so much more time, as far as there is time."""

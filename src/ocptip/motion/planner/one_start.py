@@ -22,7 +22,7 @@ from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limit_kinds.worst_case import as_described
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.trajectory import Trajectory
 
 WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
 PULL = 1e-3  # keeps a program regular where phases do nothing, see `Pull`
@@ -107,7 +107,7 @@ class Search:
         rough = rough or self.rough(number, seed)
         clock, status, x = rough.clock, rough.status, rough.x
         clock.go_on()
-        best: tuple[ArmMotion, MotionCheck] | None = None
+        best: tuple[Trajectory, MotionCheck] | None = None
         cycles = CYCLES - bool(self.task.limits.tolerance.given) if x is not None else 0
         try:
             for cycle in range(cycles):
@@ -217,8 +217,8 @@ class Search:
         return Attempt(clock.result(before.result.number, status, checked), motion, checked)
 
     def _made_provable(
-        self, motion: ArmMotion, checked: MotionCheck, prove: Prove, clock: Clock
-    ) -> tuple[ArmMotion, MotionCheck] | None:
+        self, motion: Trajectory, checked: MotionCheck, prove: Prove, clock: Clock
+    ) -> tuple[Trajectory, MotionCheck] | None:
         """A certified motion near one that is not, if there is a way to one."""
         cost, refiner, exact = self._cost(checked), Refiner(self.formulation, self.inner), None
         try:
@@ -255,7 +255,7 @@ class Search:
 
     def _refined(
         self, x: np.ndarray, clock: Clock, most: float = np.inf
-    ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
+    ) -> tuple[tuple[Trajectory, MotionCheck] | None, np.ndarray, str]:
         """As `_exact`, with what it took."""
         refiner = Refiner(self.formulation, self.inner)
         try:
@@ -294,7 +294,7 @@ class Search:
 
     def _exact(
         self, refiner: Refiner, x: np.ndarray, clock: Clock, most: float
-    ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
+    ) -> tuple[tuple[Trajectory, MotionCheck] | None, np.ndarray, str]:
         """A checked exact motion near x, its variables, and what is missing if there is none.
 
         One that costs more than `most` is not looked at: where limits are tightened it costs still more.
@@ -354,7 +354,7 @@ class Search:
         assert solution is not None  # there is a first one
         return x, program.values(x)[0] * (1 + solution.violation)
 
-    def _checked(self, refiner: Refiner, exact: Exact, clock: Clock) -> tuple[ArmMotion, MotionCheck]:
+    def _checked(self, refiner: Refiner, exact: Exact, clock: Clock) -> tuple[Trajectory, MotionCheck]:
         """The exact motion and its check; solved again, a little tighter, where the check finds a fault."""
         best = self._motion_and_check(refiner, exact, clock)
         checked = best[1]
@@ -379,7 +379,7 @@ class Search:
 
     def _motion_and_check(
         self, refiner: Refiner, exact: Exact, clock: Clock
-    ) -> tuple[ArmMotion, MotionCheck]:
+    ) -> tuple[Trajectory, MotionCheck]:
         motion = refiner.motion(exact)
         if (miss := self.ends.miss(motion.start, motion.goal)) > MISS:
             raise SolverError(f"start or goal misses its pose by {miss:.2g} (m, rad)")

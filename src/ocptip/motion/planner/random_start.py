@@ -14,8 +14,8 @@ from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import Limit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 
 DETOUR = 1.2  # rad; random targets lie this far beyond start and goal at most
 LEISURE, HASTE = 0.1, 0.5  # least share of a joint's speed and acceleration that is drawn
@@ -36,7 +36,7 @@ def random_start(
     limits: MotionLimits,
     rng: np.random.Generator,
     objective: Objective = ENERGY,
-) -> ArmMotion:
+) -> Trajectory:
     """A random motion from start to goal ((n,), rad) with `commands` ramps of each of `joints`.
 
     Targets, speeds and accelerations are drawn until the path neither collides nor tips at rest (after DRAWS
@@ -53,7 +53,7 @@ def random_start(
         for i in range(WITH_BRAKES if braked else CANDIDATES)
     ]
 
-    def badness(motion: ArmMotion) -> tuple[float, float]:
+    def badness(motion: Trajectory) -> tuple[float, float]:
         times = motion.quadrature(2)[0]
         at = Instants.of_states(robot.during(motion), *motion.states(times), times)
         use = max((float(np.max(limit.use(at))) for limit in braked), default=0.0)
@@ -89,7 +89,7 @@ def _candidate(
     limits: tuple[Limit, ...],
     rng: np.random.Generator,
     slowest: float,
-) -> ArmMotion:
+) -> Trajectory:
     limit = robot.limits
     speed, acceleration = (np.where(np.isfinite(v), v, 10.0) for v in (limit.speed, limit.acceleration))
     best, least = None, np.inf
@@ -106,7 +106,7 @@ def _candidate(
                 )
                 for t in targets
             ]
-        motion = ArmMotion.with_passive(start, goal, table, speed, acceleration)
+        motion = Trajectory.ending_together(start, goal, table, speed, acceleration)
         short = _path_violation(robot, motion, limits)
         if short < least:
             best, least = motion, short
@@ -116,7 +116,7 @@ def _candidate(
     return best.time_scaled(pace_that_stands(robot, best, limits, SLOWER) or SLOWER[-1])
 
 
-def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> float:
+def _path_violation(robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...]) -> float:
     """How far the path, taken at rest, misses its limits: 0 or less if it keeps them."""
     times = np.linspace(0, motion.end, INSTANTS)
     at = Instants.at_rest(robot.during(motion), motion.states(times)[0], times)
@@ -124,7 +124,7 @@ def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[L
 
 
 def pace_that_stands(
-    robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...], paces: Sequence[float] = (1.0,)
+    robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...], paces: Sequence[float] = (1.0,)
 ) -> float | None:
     """How many times slower a motion keeps the limits of the contacts, looked at coarsely.
 

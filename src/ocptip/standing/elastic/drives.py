@@ -19,8 +19,7 @@ from ocptip.standing.contact_margins import ContactMargins, Margin
 from ocptip.standing.elastic.springs import Course, Modes, Ride, Simulation
 from ocptip.standing.instants import Loaded
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 SETTLED = 1e-4  # m: the gripper is at rest when it stays as near to its last place
 _DECAYS = 6.0  # time constants of the slowest mode for which is looked on after the end
@@ -34,7 +33,7 @@ _WORTH = 0.8  # of the vibration: a rise time that leaves more is not worth a wo
 
 
 @lru_cache(maxsize=4)
-def ridden(robot: StandingMechanism, motion: Motion) -> tuple[Simulation, Course]:
+def ridden(robot: StandingMechanism, motion: Trajectory) -> tuple[Simulation, Course]:
     """Base, feet and gears through a motion and after it, as long as something rings."""
     elastic = robot.support.elastic if robot.swings else None
     ride = Ride(robot, motion, rest=1.0)
@@ -62,7 +61,7 @@ def shifts(robot: StandingMechanism, q: np.ndarray, moved: np.ndarray) -> np.nda
     return bent - robot.tool(q) + moved[:, :3] + cross(moved[:, 3:6], arms)
 
 
-def course_shifts(robot: StandingMechanism, motion: Motion, course: Course) -> np.ndarray:
+def course_shifts(robot: StandingMechanism, motion: Trajectory, course: Course) -> np.ndarray:
     """The same (T, 3) over a course."""
     q = motion.states(np.minimum(course.times, motion.end))[0]
     return shifts(robot, q, np.hstack([course.twists, course.bends]))
@@ -240,23 +239,23 @@ class DriveMotion:
 
 
 @lru_cache(maxsize=8)
-def on_its_drives(robot: StandingMechanism, motion: Motion) -> DriveMotion | None:
+def on_its_drives(robot: StandingMechanism, motion: Trajectory) -> DriveMotion | None:
     """A motion with gears that give, without a rise time; None where they do not."""
     return None if robot.chain is None else _found(robot, motion)
 
 
-def with_rise(robot: StandingMechanism, motion: Motion) -> DriveMotion | None:
+def with_rise(robot: StandingMechanism, motion: Trajectory) -> DriveMotion | None:
     """The same with the rise time, one period of a mode, that leaves least vibration after the end.
 
     It is computed for each of the lowest modes, as long as that is at rest after the end.
     """
     found = on_its_drives(robot, motion)
-    if found is None or not isinstance(motion, ArmMotion):
+    if found is None or motion.profiles is None:
         return found
     return replace(found, rise=_best_rise(robot, motion, found))
 
 
-def _found(robot: StandingMechanism, motion: Motion) -> DriveMotion:
+def _found(robot: StandingMechanism, motion: Trajectory) -> DriveMotion:
     simulation, course = ridden(robot, motion)
     vibrations = course_shifts(robot, motion, course) - _sag(robot, motion, simulation, course)
     sizes = np.linalg.norm(vibrations, axis=1)
@@ -289,7 +288,7 @@ def _found(robot: StandingMechanism, motion: Motion) -> DriveMotion:
     )
 
 
-def _sag(robot: StandingMechanism, motion: Motion, simulation: Simulation, course: Course) -> np.ndarray:
+def _sag(robot: StandingMechanism, motion: Trajectory, simulation: Simulation, course: Course) -> np.ndarray:
     """(T, 3), m: by how much feet and gears would shift the gripper at rest in the same postures."""
     ride = simulation.ride
     times = np.append(ride.begins[:-1], [motion.end, course.times[-1] + 1e-9])
@@ -354,7 +353,7 @@ def _reserve(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else "lost"
 
 
-def _best_rise(robot: StandingMechanism, motion: ArmMotion, found: DriveMotion) -> RiseTime | None:
+def _best_rise(robot: StandingMechanism, motion: Trajectory, found: DriveMotion) -> RiseTime | None:
     before = max(found.peak.value, found.after)
     if before < SETTLED and not _loses(found):
         return None

@@ -19,7 +19,7 @@ from ocptip.standing.contact_margins import Margin
 from ocptip.standing.elastic.drives import SETTLED, course_shifts, ridden, settling
 from ocptip.standing.elastic.springs import FALLEN, Course, Modes, Ride, Simulation
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 STIFFEST, SOFTEST = 1e7, 1e4  # N/m
 _CLOSE = 0.02  # decades of stiffness
@@ -131,7 +131,7 @@ class FeetMotion:
 
 
 @lru_cache(maxsize=8)
-def on_its_feet(robot: StandingMechanism, motion: Motion) -> FeetMotion | None:
+def on_its_feet(robot: StandingMechanism, motion: Trajectory) -> FeetMotion | None:
     """A motion on the springs of the robot's feet; None where it does not swing on them."""
     elastic, begin = robot.support.elastic, motion.start[None]
     if elastic is None or not robot.swings:
@@ -167,7 +167,7 @@ class SoftestFeet:
     between: tuple[float, float] | None = None
 
 
-def softest_feet(robot: StandingMechanism, motion: Motion) -> SoftestFeet | None:
+def softest_feet(robot: StandingMechanism, motion: Trajectory) -> SoftestFeet | None:
     """Look at feet from `STIFFEST` down to `SOFTEST`, two per decade, and bisect where one begins to lift.
 
     Jumps may lift feet of any stiffness, as forces overshoot by a share of them. Soft feet answer slowly, so

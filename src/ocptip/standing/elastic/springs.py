@@ -30,8 +30,7 @@ from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
 from ocptip.standing.elastic.steps import ends_of_steps, powers, states_within
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 LONGEST = 0.01  # s: steps of constant inertia
 TURN = 0.05  # rad or m by which a joint moves in a step, at most
@@ -65,7 +64,7 @@ class Ride:
         springs, dampers: (m,) of gears, N m/rad and N m s/rad; of some that are too fast infinite.
     """
 
-    def __init__(self, robot: StandingMechanism, motion: Motion, rest: float = 0.0) -> None:
+    def __init__(self, robot: StandingMechanism, motion: Trajectory, rest: float = 0.0) -> None:
         self.robot = robot
         fastest = float(np.max(motion.speed_peaks, initial=0.0))
         step = min(LONGEST, TURN / fastest if fastest > 0 else LONGEST)

@@ -22,8 +22,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import JUMP, WHOLE, AskedLimit, Limit, Sampled, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SMALLEST = 1e-3  # of a joint's greatest acceleration: less is no jump, but a change within 0.3 us
 
@@ -45,7 +44,7 @@ class Jumps:
     after: np.ndarray
 
     @classmethod
-    def of(cls, motion: Motion) -> Jumps:
+    def of(cls, motion: Trajectory) -> Jumps:
         """Of any motion: ramps, or samples with a polynomial between them."""
         times = motion.event_times
         angles, speeds, _ = motion.states(times)

@@ -24,7 +24,7 @@ from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 TOLERANCE = 1e-9  # a limit exceeded by less than this, in its units, is kept
 ORDINARY, JUMP, DEVIATING = range(3)
@@ -95,7 +95,7 @@ class Sampled:
     """
 
     robot: StandingMechanism
-    motion: Motion
+    motion: Trajectory
     times: np.ndarray
     look: Look
     memo: dict[object, Any] = field(default_factory=dict)

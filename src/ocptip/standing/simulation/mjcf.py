@@ -26,7 +26,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.springs import Modes
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 BASE, PAYLOAD, PROCESS = "base", "payload", "process"
 _COMPONENTS = tuple(f"{PROCESS} {what} {axis}" for what in ("force", "moment") for axis in "xyz")
@@ -98,7 +98,7 @@ def require_exportable(robot: StandingMechanism) -> Robot:
 
 
 def to_mjcf(
-    robot: StandingMechanism, motion: Motion | None = None, *, name: str = "ocptip", begin: float = 0.0
+    robot: StandingMechanism, motion: Trajectory | None = None, *, name: str = "ocptip", begin: float = 0.0
 ) -> str:
     """The robot on its base, and its motion as keyframes, whose controls are the actuators' references.
 
@@ -366,7 +366,7 @@ def joint_offsets(robot: Robot, bodies: ArmBodies) -> np.ndarray:
 
 
 def _keyframes(
-    root: ET.Element, robot: Robot, bodies: ArmBodies, motion: Motion | None, begin: float
+    root: ET.Element, robot: Robot, bodies: ArmBodies, motion: Trajectory | None, begin: float
 ) -> None:
     frames = add(root, "keyframe")
     times = np.zeros(1)

@@ -45,7 +45,7 @@ from ocptip.standing.simulation.mjcf import (
     to_mjcf,
 )
 from ocptip.standing.simulation.world import World, with_more
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 LIFTED, SLID = 0.05e-3, 0.5e-3  # m: more than that is a lift, a slide
 FALLEN = 0.02  # m: a foot so high
@@ -298,7 +298,7 @@ class PrescribedModel:
         OcptipError: MuJoCo does not take it.
     """
 
-    def __init__(self, robot: Robot, motion: Motion, step: float) -> None:
+    def __init__(self, robot: Robot, motion: Trajectory, step: float) -> None:
         self.robot = robot
         spec = prescribed(to_mjcf(robot, motion), step)
         self._spec = spec
@@ -346,7 +346,7 @@ def _parts(spec: Any) -> list[list[Any]]:
     return parts
 
 
-def _speeds(motion: Motion, times: np.ndarray, late: np.ndarray) -> np.ndarray:
+def _speeds(motion: Trajectory, times: np.ndarray, late: np.ndarray) -> np.ndarray:
     """(T, n) joint speeds, each joint late by its time."""
     found = np.empty((len(times), len(late)))
     for delay in np.unique(late):

@@ -22,7 +22,7 @@ from ocptip.basics.errors import share_of_one
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.braking import Braked, Terms, brake, terms
 from ocptip.standing.arm import Robot
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 POSTURES = 300  # looked at for collisions, at most
 SPACING = 0.02  # s, between instants of a motion at which brakes close
@@ -273,7 +273,7 @@ class BrakeCheck:
 
 @lru_cache(maxsize=4)
 def stops_of_motion(
-    robot: Robot, motion: Motion, brakes: Brakes, spacing: float = SPACING
+    robot: Robot, motion: Trajectory, brakes: Brakes, spacing: float = SPACING
 ) -> tuple[np.ndarray, BrakeStops]:
     """Stops begun at instants of a motion, s, `spacing` apart and at all events."""
     count = max(2, int(np.ceil(motion.end / spacing)))

@@ -23,7 +23,7 @@ from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.late_joints import Looked, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.trajectory import Trajectory
 
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
 STARTS, FROM_MORE = 5, 12  # of the search for the worst slip, and instants at which there is more than one
@@ -131,7 +131,7 @@ class WithinTolerance:
 
 
 def worst_within(
-    robot: StandingMechanism, motion: Motion, tolerance: Tolerance, times: np.ndarray
+    robot: StandingMechanism, motion: Trajectory, tolerance: Tolerance, times: np.ndarray
 ) -> WithinTolerance:
     """The worst of contacts and drives in a motion, everything off at once as far as the tolerance goes.
 
@@ -154,7 +154,7 @@ def worst_of_sampled(at: Sampled, tolerance: Tolerance) -> WithinTolerance:
     return at.memo[tolerance]
 
 
-def worst_of_cases(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:
+def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> WithinTolerance:
     """The same of an arm within the uncertainty of `cases`."""
     tolerance = cases.deviations.tolerance
     acting = cases.deviations.robot.during(motion)
@@ -185,7 +185,9 @@ def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
     return Margin(float(forces[row, foot]), float(at.times[row]), (int(foot) + 1,))
 
 
-def _smallest_gap(robot: Robot, motion: Motion, tolerance: Tolerance, times: np.ndarray) -> WorstGap | None:
+def _smallest_gap(
+    robot: Robot, motion: Trajectory, tolerance: Tolerance, times: np.ndarray
+) -> WorstGap | None:
     """With every joint where it is to be at some time in the delay before, by slopes: what is found is
     attained."""
     if not tolerance.late or not robot.collision.labels:
@@ -203,7 +205,7 @@ def _smallest_gap(robot: Robot, motion: Motion, tolerance: Tolerance, times: np.
 
 
 def _late_gaps(
-    robot: Robot, motion: Motion, delay: float, times: np.ndarray
+    robot: Robot, motion: Trajectory, delay: float, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of pairs that come near: when, s, which, the distance, m, (r,), and which joints are late, (r, n)."""
     earlier = times[:, None] - np.linspace(0.0, delay, LATER)
@@ -242,7 +244,7 @@ def _some(times: np.ndarray, events: np.ndarray) -> np.ndarray:
     return times[chosen]
 
 
-def _worst_torque(robot: Robot, motion: Motion, tolerance: Tolerance, times: np.ndarray) -> WorstTorque:
+def _worst_torque(robot: Robot, motion: Trajectory, tolerance: Tolerance, times: np.ndarray) -> WorstTorque:
     found = WorstTorque(0.0, 0.0, 1)
     every = times = _some(np.unique(times), motion.event_times)
     for _ in range(1 + NEARER):
@@ -266,7 +268,7 @@ def _greatest_slips(cases: WorstCase, at: Looked) -> np.ndarray:
 
 def _refined(
     cases: WorstCase,
-    motion: Motion,
+    motion: Trajectory,
     acting: Robot,
     looked: Looked,
     badness: Callable[[WorstCase, Looked], np.ndarray],

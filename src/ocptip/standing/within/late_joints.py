@@ -27,8 +27,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.jumps import SMALLEST
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.worst_case import WorstCase
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.trajectory import INSIDE
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 MOST = 5000  # combinations of what joints do at one instant; of more, all alike, or all but one
 MOST_OF_ALL = 20_000  # combinations in a motion; of more, those that are worst by slopes
@@ -100,7 +99,7 @@ class Looked:
 class _Events:
     """Events of a motion, and what joints do on both sides of them."""
 
-    def __init__(self, motion: Motion, tolerance: Tolerance) -> None:
+    def __init__(self, motion: Trajectory, tolerance: Tolerance) -> None:
         self.motion, self.times = motion, motion.event_times
         self.delay, self.more = tolerance.late, tolerance.overshoot
         self.q, self.qd, self.before = motion.states(self.times - INSIDE)
@@ -158,7 +157,9 @@ class _Events:
         ]
 
 
-def on_time(motion: Motion, tolerance: Tolerance, times: np.ndarray, robot: Robot | None = None) -> Looked:
+def on_time(
+    motion: Trajectory, tolerance: Tolerance, times: np.ndarray, robot: Robot | None = None
+) -> Looked:
     """States at instants, where joints are late only as far as their accelerations did not jump.
 
     What acts on the gripper of a robot `during` the motion is never late: it keeps the motion's clock.
@@ -169,7 +170,7 @@ def on_time(motion: Motion, tolerance: Tolerance, times: np.ndarray, robot: Robo
 
 
 def jump_states(
-    motion: Motion,
+    motion: Trajectory,
     tolerance: Tolerance,
     cases: WorstCase | None = None,
     robot: Robot | None = None,

@@ -14,23 +14,18 @@ from math import factorial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, naming, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.trajectories.path import JointPath, derivatives
 from ocptip.trajectories.pieces import Pieces
-from ocptip.trajectories.trajectory import Trajectory
 
 BACK = 1e-7  # of the greatest ds/dt: so far below 0 is rounding
-_HALVINGS = 60  # of intervals, for times at places
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class TimedPath(Trajectory):
-    """A motion along a path. Serves wherever an `ArmMotion` is checked.
-
-    It rests before its start and after its end.
+@dataclass(frozen=True, eq=False)
+class PathTiming:
+    """When a motion is where on its path.
 
     Attributes:
         path: whose breakpoints are among the nodes.
@@ -113,54 +108,11 @@ class TimedPath(Trajectory):
         found *= np.array([float(factorial(k)) for k in range(orders + 1)])[:, None, None]
         return (Pieces(self.node_times, found, self.path.goal),)
 
-    @cached_property
-    def jerk_peaks(self) -> np.ndarray:
-        """Maximum |jerk| of each joint between nodes, (n,), rad/s^3; infinite without given times."""
-        return np.full(self.n, np.inf) if self.times is None else self.pieces[0].peaks(3)
-
-    @property
-    def acceleration_jumps(self) -> np.ndarray:
-        """Maximum step of each joint's acceleration at nodes, ends at rest included, (n,), rad/s^2."""
-        resting = self.x == 0
-        resting[1:-1] = True
-        times = self.node_times[resting]
-        steps = self(times, 2) - self(times, 2, side="left")
-        return np.max(np.abs(steps), axis=0, initial=0.0)
-
-    def places(self, times: ArrayLike) -> np.ndarray:
-        """s at N times, (N,)."""
-        t, nodes = np.clip(times, 0.0, self.end), self.node_times
-        interval = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, len(self.s) - 2)
-        return self._law(interval, t - nodes[interval])[0]
-
-    def times_at(self, s: ArrayLike) -> np.ndarray:
-        """When places (N,) in [0, 1] are passed, (N,), s."""
-        s = np.asarray(s, dtype=float)
-        interval = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
-        way, begin = s - self.s[interval], self.x[interval]
-        here = np.sqrt(np.maximum(begin + 2 * self.u[interval] * way, 0.0))
-        pace = np.sqrt(begin) + here
-        if self.times is not None:
-            low, high = self.times[interval], self.times[interval + 1]
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                early = self._law(interval, middle - self.times[interval])[0] < s
-                low, high = np.where(early, middle, low), np.where(early, high, middle)
-            return 0.5 * (low + high)
-        return self.node_times[interval] + np.divide(2 * way, pace, out=np.zeros_like(way), where=pace > 0)
-
-    def time_scaled(self, factor: float) -> TimedPath:
+    def time_scaled(self, factor: float) -> PathTiming:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
         factor = positive_number("factor", factor)
         times = None if self.times is None else factor * self.times
-        return TimedPath(self.path, self.s, self.x / factor**2, times)
-
-    def _law(self, interval: np.ndarray, elapsed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """s, ds/dt and d2s/dt2 some time after the begins of intervals."""
-        u, speed, third = self.u[interval], np.sqrt(self.x[interval]), self.third[interval]
-        s = self.s[interval] + elapsed * (speed + elapsed * (0.5 * u + elapsed * third / 6))
-        rate = np.maximum(speed + elapsed * (u + 0.5 * elapsed * third), 0.0)
-        return np.clip(s, self.s[interval], self.s[interval + 1]), rate, u + elapsed * third
+        return PathTiming(self.path, self.s, self.x / factor**2, times)
 
     @property
     def _least_speed(self) -> float:
@@ -169,13 +121,9 @@ class TimedPath(Trajectory):
         t = np.clip(np.divide(-u, third, out=np.zeros_like(u), where=third != 0), 0.0, h)
         return float(np.min(np.sqrt(self.x[:-1]) + t * (u + 0.5 * t * third)))
 
-    def slowed(self, factor: float) -> TimedPath:
-        """The same as `time_scaled`, as other motions have it."""
-        return self.time_scaled(factor)
-
     def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
         """Return `start` (degrees; m where `units` says so) and `path`, pieces and timing, rad and s."""
-        turning = np.array(units or ["rad"] * self.n) == "rad"
+        turning = np.array(units or ["rad"] * self.path.joints) == "rad"
         named = {} if turning.all() else {"units": ["deg" if turns else "m" for turns in turning]}
         path = {
             "breakpoints": self.path.breakpoints.tolist(),
@@ -186,13 +134,13 @@ class TimedPath(Trajectory):
         }
         return {
             **named,
-            "start": np.where(turning, np.rad2deg(self.start), self.start).tolist(),
+            "start": np.where(turning, np.rad2deg(self.path.start), self.path.start).tolist(),
             "path": path,
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> TimedPath:
-        """Return the motion written by :meth:`to_dict`, to the last bit.
+    def from_dict(cls, data: Mapping[str, Any]) -> PathTiming:
+        """Return the timing written by :meth:`to_dict`, to the last bit.
 
         Raises:
             InputError: a key is missing, or its value cannot be used; names it.

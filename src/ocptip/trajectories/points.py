@@ -34,23 +34,24 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import settle
-from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.pieces import STANDSTILL, Pieces
-from ocptip.trajectories.timed_path import TimedPath
-from ocptip.trajectories.trajectory import MERGE, Trajectory
+from ocptip.trajectories.pieces import MERGE, STANDSTILL, Pieces
 
 REST = 1e-3
 """Speed, rad/s: a motion that begins or ends faster is only a piece of one."""
 
+PEAK_TOLERANCE = 0.01
+"""Speeds and accelerations of a fit may exceed limits by this share of themselves."""
+
+FINEST = 2e-6  # rad or m: least tolerance of a fit, a jump of 44 rad/s^2 in the middle of a piece
 SHORT = 3e-4  # s: of intervals whose positions are not differentiated where accelerations are given
 LONGEST = 0.05  # s: of the pieces of straight lines, over which power is integrated by a few nodes
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class SampledMotion(Trajectory):
-    """The motion of n joints through N samples, see the module for what lies between them.
+@dataclass(frozen=True, eq=False)
+class Points:
+    """N samples of n joints, and which curve lies between them, see the module.
 
-    It rests before the first and after the last sample. Serves wherever an :class:`ArmMotion` is checked.
+    The joints rest before the first and after the last sample.
 
     Attributes:
         times: (N,), s, increasing, N >= 2; counted from the first sample, which is at 0.
@@ -60,10 +61,9 @@ class SampledMotion(Trajectory):
         before: (N, n), rad/s^2, those just before the samples, where they jump there; None: they do not.
         period: s, between two updates of a controller that draws straight lines between samples; only
             without speeds.
-        assumed: what the reader of a file had to assume, in words.
+        steps_from: breaks at which accelerations step by less than this share of the largest one are no
+            switching times; None: all breaks are, except amid a standstill.
     """
-
-    peak_rounding = 1e-5  # times in whole ns, events within 0.1 us taken as one
 
     times: np.ndarray
     angles: np.ndarray
@@ -71,7 +71,7 @@ class SampledMotion(Trajectory):
     accelerations: np.ndarray | None = None
     period: float | None = None
     before: np.ndarray | None = None
-    assumed: tuple[str, ...] = ()
+    steps_from: float | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes do not fit, times do not increase, or an end is not at rest."""
@@ -125,7 +125,11 @@ class SampledMotion(Trajectory):
     @property
     def passing_times(self) -> np.ndarray:
         """When the motion is at its samples, (N,), s: straight lines are half a period late."""
-        return self.times if self.period is None else np.append(self.times[:-1] + 0.5 * self.period, self.end)
+        return (
+            self.times
+            if self.period is None
+            else np.append(self.times[:-1] + 0.5 * self.period, self.pieces[0].breaks[-1])
+        )
 
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
@@ -138,11 +142,17 @@ class SampledMotion(Trajectory):
 
     def _switching(self, derivatives: np.ndarray) -> np.ndarray:
         """(breaks,) True at breaks between pieces at which the motion changes, and at both ends."""
-        still = np.all(derivatives[1:] == 0, axis=(0, 2))
-        return np.concatenate([[True], ~(still[1:] & still[:-1]), [True]])
+        if self.steps_from is None:
+            still = np.all(derivatives[1:] == 0, axis=(0, 2))
+            changes = ~(still[1:] & still[:-1])
+        else:
+            steps = np.abs(np.diff(derivatives[2], axis=0))
+            large = self.steps_from * np.max(np.abs(derivatives[2]), axis=0)
+            changes = np.any(steps > large, axis=1)
+        return np.concatenate([[True], changes, [True]])
 
-    def time_scaled(self, factor: float) -> SampledMotion:
-        """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
+    def time_scaled(self, factor: float) -> Points:
+        """Return the same curve with all times multiplied by `factor` > 0 (below 1: faster)."""
         factor = positive_number("factor", factor)
         powers = {"times": 1, "period": 1, "speeds": -1, "accelerations": -2, "before": -2}
         own: dict[str, Any] = {name: getattr(self, name) for name in powers}
@@ -226,6 +236,37 @@ class SampledMotion(Trajectory):
         return breaks, np.stack([begins[:-1], speeds[:-1], (rates[after] - rates[before]) / period])
 
 
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How a trajectory was fitted to samples, and how near to them it is, see `ocptip.trajectories.fit`.
+
+    Attributes:
+        samples: number of samples that it was fitted to.
+        spacing: s, largest distance between them.
+        distance: (n,), largest distance of each joint from its samples, rad or m.
+        tolerance: (n,), that was meant to be kept, rad or m.
+        rounding: (n,), half a unit of the last digit of the samples, rad or m; 0: unknown.
+        speed_distance: (n,), largest distance from speeds that came with the samples, rad/s or m/s, or None.
+    """
+
+    samples: int
+    spacing: float
+    distance: np.ndarray
+    tolerance: np.ndarray
+    rounding: np.ndarray
+    speed_distance: np.ndarray | None = None
+
+    @property
+    def noisy(self) -> np.ndarray:
+        """(n,): the tolerance comes from noise, not from rounding."""
+        return self.tolerance > 1.5 * np.maximum(self.rounding, FINEST)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: rad or m, and per second, per joint."""
+        names = "samples", "spacing", "distance", "tolerance", "rounding", "noisy", "speed_distance"
+        return {"limits_exceeded_by": PEAK_TOLERANCE, **{name: getattr(self, name) for name in names}}
+
+
 def _snapped(instants: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Instants at the corners that they only miss by rounding: a line begins with its own speed exactly."""
     after = np.clip(np.searchsorted(corners, instants), 1, len(corners) - 1)
@@ -252,6 +293,3 @@ def stamped(times: np.ndarray) -> np.ndarray:
     """Times (N,), s, as whole nanoseconds: to the last bit those that are read from a message's stamps."""
     seconds, nanoseconds = np.divmod(np.rint(times * 1e9), 1e9)
     return seconds + 1e-9 * nanoseconds
-
-
-Motion = ArmMotion | SampledMotion | TimedPath

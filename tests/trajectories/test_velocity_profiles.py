@@ -10,8 +10,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, RampCommand
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import VelocityProfiles, earliest_end, passive_command
 from tests.trajectories.strategies import angles, commands, numbers
 
 V, A = np.array([2.0, 2.0, 2.0]), np.array([8.0, 8.0, 8.0])
@@ -50,7 +51,7 @@ def test_earliest_end_is_vectorised():
 
 def test_passive_joints_end_with_the_last_optimised_one():
     """(5.15), the usual case."""
-    motion = ArmMotion.with_passive([0, 0, 0], [1, 0.5, -2], [[command()], None, None], V, A)
+    motion = Trajectory.ending_together([0, 0, 0], [1, 0.5, -2], [[command()], None, None], V, A)
     assert [joint.end for joint in motion.joints] == pytest.approx([1.5, 1.5, 1.5])
     assert motion.goal.tolist() == [1, 0.5, -2]
     assert len(motion.joints[2].commands) == 1
@@ -58,7 +59,7 @@ def test_passive_joints_end_with_the_last_optimised_one():
 
 def test_slow_passive_joint_decides_the_end():
     """(5.15): it goes at its limits, the others wait for it."""
-    motion = ArmMotion.with_passive([0, 0, 0], [1, 4, -2], [[command()], None, None], V, A)
+    motion = Trajectory.ending_together([0, 0, 0], [1, 4, -2], [[command()], None, None], V, A)
     assert [joint.end for joint in motion.joints] == pytest.approx([1.5, 2.25, 2.25])
     assert motion.joints[1].accelerations[0] == pytest.approx(8.0)
     assert motion.end == pytest.approx(2.25)
@@ -66,14 +67,14 @@ def test_slow_passive_joint_decides_the_end():
 
 def test_passive_joint_without_way_rests():
     """No motion, no events of its own."""
-    motion = ArmMotion.with_passive([0, 0.2], [1, 0.2], [[command()], None], V[:2], A[:2])
+    motion = Trajectory.ending_together([0, 0.2], [1, 0.2], [[command()], None], V[:2], A[:2])
     assert motion.joints[1].end == 0
     assert motion.event_times == pytest.approx([0, 0.5, 1.0, 1.5])
 
 
 def test_states_of_all_joints():
     """Columns are joints; at one time a vector."""
-    motion = ArmMotion.from_commands([0.0, 0.5], [[command()], [command(2.0), command(-1.0)]])
+    motion = Trajectory.from_profiles([0.0, 0.5], [[command()], [command(2.0), command(-1.0)]])
     times = np.linspace(-0.1, motion.end + 0.1, 40)
     for side in ("left", "right"):
         states = motion.states(times, side=side)
@@ -89,7 +90,7 @@ def test_states_of_all_joints():
 @given(st.lists(st.tuples(angles(), commands), min_size=1, max_size=3))
 def test_events_split_the_motion(joints):
     """Sorted, over 0.1 us apart, from 0 to the end; within an interval no acceleration or sign changes."""
-    motion = ArmMotion.from_commands([start for start, _ in joints], [given for _, given in joints])
+    motion = Trajectory.from_profiles([start for start, _ in joints], [given for _, given in joints])
     events = motion.event_times
     assert events[0] == 0
     assert events[-1] == (motion.end if motion.end > 1e-7 else 0)
@@ -109,7 +110,7 @@ def test_events_split_the_motion(joints):
 @given(st.lists(st.tuples(angles(), commands), min_size=1, max_size=3))
 def test_quadrature_is_exact_for_the_motion(joints):
     """Integral of speed is the way, of squared speed (degree 2 in every interval) the sum of (5.9)."""
-    motion = ArmMotion.from_commands([start for start, _ in joints], [given for _, given in joints])
+    motion = Trajectory.from_profiles([start for start, _ in joints], [given for _, given in joints])
     nodes, weights = motion.quadrature()
     assert len(nodes) == len(weights) == 4 * len(motion.intervals)
     assert np.all(np.diff(nodes) > 0)
@@ -125,13 +126,13 @@ def test_quadrature_is_exact_for_the_motion(joints):
 
 def test_events_nearer_than_a_nanosecond_are_one():
     """No interval of rounding's length."""
-    motion = ArmMotion.from_commands([0.0, 0.0], [[command()], [command(1.0 + 1e-13)]])
+    motion = Trajectory.from_profiles([0.0, 0.0], [[command()], [command(1.0 + 1e-13)]])
     assert len(motion.event_times) == 4
 
 
 def test_resting_arm():
     """Nothing moves: no interval, no node."""
-    motion = ArmMotion.from_commands([0.5], [[command(0.5)]])
+    motion = Trajectory.from_profiles([0.5], [[command(0.5)]])
     assert motion.end == 0
     assert motion.event_times.tolist() == [0]
     assert motion.quadrature()[0].shape == (0,)
@@ -139,7 +140,7 @@ def test_resting_arm():
 
 def test_time_scaled_motion_has_the_same_path():
     """Speeds scale with 1 / factor, accelerations with its square."""
-    motion = ArmMotion.from_commands([0.0], [[command(2.0), command(-1.0, 2.0, 3.0)]])
+    motion = Trajectory.from_profiles([0.0], [[command(2.0), command(-1.0, 2.0, 3.0)]])
     fast = motion.time_scaled(0.95)
     assert fast.end == pytest.approx(0.95 * motion.end)
     times = np.linspace(0, motion.end, 50)
@@ -149,10 +150,10 @@ def test_time_scaled_motion_has_the_same_path():
 @given(st.lists(st.tuples(angles(), commands), min_size=1, max_size=3))
 def test_dictionary_round_trip(joints):
     """Through JSON; degrees outside, radians inside; other keys do no harm."""
-    motion = ArmMotion.from_commands([start for start, _ in joints], [given for _, given in joints])
+    motion = Trajectory.from_profiles([start for start, _ in joints], [given for _, given in joints])
     written = json.loads(json.dumps({**motion.to_dict(), "energy_J": 3.0}))
     assert written["commands"][0][0]["speed"] == pytest.approx(np.rad2deg(joints[0][1][0].speed))
-    read = ArmMotion.from_dict(written)
+    read = Trajectory.from_dict(written)
     assert read.start == pytest.approx(motion.start)
     for one, two in zip(read.joints, motion.joints, strict=True):
         for a, b in zip(one.commands, two.commands, strict=True):
@@ -188,20 +189,20 @@ GOOD = {"phi_e": 10, "speed": 20, "acceleration": 30}
 def test_bad_dictionaries_are_refused(data, said):
     """The message names joint and command, counted from 1."""
     with pytest.raises(InputError, match=said):
-        ArmMotion.from_dict(data)
+        Trajectory.from_dict(data)
 
 
 def test_bad_calls_are_refused():
     """Each with its name."""
     with pytest.raises(InputError, match="joints: at least one"):
-        ArmMotion(())
+        VelocityProfiles(())
     with pytest.raises(InputError, match="joint 1: commands"):
-        ArmMotion.with_passive([0], [1], [[]], [1], [1])
+        Trajectory.ending_together([0], [1], [[]], [1], [1])
     with pytest.raises(InputError, match=r"speed_limits of joint 2: .*-1"):
-        ArmMotion.with_passive([0, 0], [1, 1], [[command()], None], [0, -1], [0, 1])
+        Trajectory.ending_together([0, 0], [1, 1], [[command()], None], [0, -1], [0, 1])
     with pytest.raises(InputError, match="goal: expected shape 1"):
-        ArmMotion.with_passive([0], [1, 2], [None], [1], [1])
-    motion = ArmMotion.from_commands([0.0], [[command()]])
+        Trajectory.ending_together([0], [1, 2], [None], [1], [1])
+    motion = Trajectory.from_profiles([0.0], [[command()]])
     for order in (0, 2.5, True):
         with pytest.raises(InputError, match="order"):
             motion.quadrature(order)
@@ -211,6 +212,6 @@ def test_bad_calls_are_refused():
 
 @pytest.mark.parametrize("cruise", [0.0, 5e-9, 1e-3])
 def test_phases_that_only_rounding_makes_are_no_intervals(cruise):
-    motion = ArmMotion.from_commands([0.0], [[RampCommand(1.0 + cruise, 1.0, 1.0)]])
+    motion = Trajectory.from_profiles([0.0], [[RampCommand(1.0 + cruise, 1.0, 1.0)]])
     expected = [0, 1, 1 + cruise, 2 + cruise] if cruise > 1e-6 else [0, 1, 2]
     np.testing.assert_allclose(motion.event_times, expected, atol=1e-8)

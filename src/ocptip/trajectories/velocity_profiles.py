@@ -20,7 +20,6 @@ from ocptip.basics.frozen import settle
 from ocptip.trajectories.pieces import Pieces
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 from ocptip.trajectories.s_curves import s_curve
-from ocptip.trajectories.trajectory import Trajectory
 
 SHORTEST_RISE = 1e-4
 """Least rise time, s: far above the time within which events are one."""
@@ -70,14 +69,14 @@ def passive_command(
     return RampCommand(phi_goal, v, min(acceleration, a_limit))  # above it by rounding only
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ArmMotion(Trajectory):
-    """The motion of all n joints of an arm, each with its own ramps, all from rest at t = 0.
+@dataclass(frozen=True, eq=False)
+class VelocityProfiles:
+    """Commands to the drives of n joints: each has trapezoidal velocity profiles, from rest at t = 0.
 
-    With rise times the joints move in S-curves, see `ocptip.trajectories.s_curves`; ramps have none.
+    With rise times the joints move in S-curves, see `ocptip.trajectories.s_curves`.
 
     Attributes:
-        joints: the joints' ramps, base first.
+        joints: the joints' profiles, base first.
         rise_times: (n,), s, of the joints' accelerations; empty: none, accelerations jump.
     """
 
@@ -97,8 +96,8 @@ class ArmMotion(Trajectory):
         start: ArrayLike,
         commands: Sequence[Sequence[RampCommand]],
         rise_times: ArrayLike = (),
-    ) -> ArmMotion:
-        """Return the motion from rest at angles `start` ((n,), rad) under each joint's commands.
+    ) -> VelocityProfiles:
+        """Return the profiles from rest at angles `start` ((n,), rad) under each joint's commands.
 
         Args:
             start: (n,), rad.
@@ -115,7 +114,7 @@ class ArmMotion(Trajectory):
                 joints.append(JointRamps.from_commands(phi, of_joint))
         return cls(tuple(joints), checked_rise_times(rise_times, len(joints)))
 
-    def with_rise_times(self, rise_times: ArrayLike) -> ArmMotion:
+    def with_rise_times(self, rise_times: ArrayLike) -> VelocityProfiles:
         """Return the same commands with accelerations that rise within this time, s: one for all, or (n,).
 
         0 for the ramps themselves.
@@ -123,7 +122,7 @@ class ArmMotion(Trajectory):
         Raises:
             InputError: a rise time is below 0, or their number is wrong.
         """
-        return ArmMotion(self.joints, checked_rise_times(rise_times, self.n))
+        return VelocityProfiles(self.joints, checked_rise_times(rise_times, len(self.joints)))
 
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
@@ -133,15 +132,15 @@ class ArmMotion(Trajectory):
         return tuple(s_curve(ramps, rise) if rise > 0 else ramps.pieces for ramps, rise in pairs)
 
     @classmethod
-    def with_passive(
+    def ending_together(
         cls,
         start: ArrayLike,
         goal: ArrayLike,
         commands: Sequence[Sequence[RampCommand] | None],
         speed_limits: ArrayLike,
         acceleration_limits: ArrayLike,
-    ) -> ArmMotion:
-        """Return the motion in which the joints without commands are passive and end together (5.12 to 5.19).
+    ) -> VelocityProfiles:
+        """Return profiles with which the joints without commands end with the others (5.12 to 5.19).
 
         The end is that of the last joint with commands, or the earliest possible end of the slowest passive
         joint if that is later (5.15).
@@ -175,17 +174,22 @@ class ArmMotion(Trajectory):
             joints[j] = JointRamps.from_commands(start[j], [command])
         return cls(tuple(joints[j] for j in range(n)))
 
-    def time_scaled(self, factor: float) -> ArmMotion:
+    @property
+    def _start(self) -> list[float]:
+        """Angles before the motion, rad."""
+        return [joint.phi_start for joint in self.joints]
+
+    def time_scaled(self, factor: float) -> VelocityProfiles:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
         factor = positive_number("factor", factor)
         scaled = [
             [RampCommand(c.phi_e, c.speed / factor, c.acceleration / factor**2) for c in joint.commands]
             for joint in self.joints
         ]
-        return ArmMotion.from_commands(self.start, scaled, factor * np.array(self.rise_times))
+        return VelocityProfiles.from_commands(self._start, scaled, factor * np.array(self.rise_times))
 
-    def slowed(self, factor: float) -> ArmMotion:
-        """Return the motion of ramps that take `factor` > 0 times as long, with the same rise times."""
+    def slowed(self, factor: float) -> VelocityProfiles:
+        """Return profiles that take `factor` > 0 times as long, with the same rise times."""
         return self.with_rise_times(0.0).time_scaled(factor).with_rise_times(self.rise_times)
 
     def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
@@ -197,14 +201,12 @@ class ArmMotion(Trajectory):
             units: of the joints, "rad" or "m"; where one is "m", start and commands of that joint are in
                 metres and seconds, and `units`, "deg" or "m" per joint, is added.
         """
-        lengths = [unit == "m" for unit in units] or [False] * self.n
+        lengths = [unit == "m" for unit in units] or [False] * len(self.joints)
         commands = [
             [_command_dict(command, length) for command in joint.commands]
             for joint, length in zip(self.joints, lengths, strict=True)
         ]
-        start = [
-            v if length else np.rad2deg(v) for v, length in zip(self.start.tolist(), lengths, strict=True)
-        ]
+        start = [v if length else np.rad2deg(v) for v, length in zip(self._start, lengths, strict=True)]
         named = {"units": ["m" if length else "deg" for length in lengths]} if any(lengths) else {}
         rises: dict[str, Any] = {}
         if self.rise_times:
@@ -213,8 +215,8 @@ class ArmMotion(Trajectory):
         return {**named, "start": start, "commands": commands, **rises}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> ArmMotion:
-        """Return the motion written by :meth:`to_dict`; keys that it does not write are ignored.
+    def from_dict(cls, data: Mapping[str, Any]) -> VelocityProfiles:
+        """Return the profiles written by :meth:`to_dict`; keys that it does not write are ignored.
 
         Raises:
             InputError: a key is missing or unknown, or a value cannot be used; names joint and command.

@@ -9,12 +9,11 @@ from ocptip.basics.errors import InputError, InputWarning
 from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
-from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion, motion_origin
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.trajectory import Trajectory
 
-RAMP = ArmMotion.from_commands(
+RAMP = Trajectory.from_profiles(
     [0.2, -0.4],
     [[RampCommand(1.1, 0.8, 2.0), RampCommand(-0.3, 1.2, 3.0)], [RampCommand(0.5, 0.9, 1.7)]],
 )
@@ -27,7 +26,7 @@ def sampled(motion, count, *, speeds=True, events=True):
         times = times[np.concatenate([[True], np.diff(times) > 1e-6])]
     angles, rates, _ = motion.states(times)
     rates[-1] = 0.0
-    return SampledMotion(times, angles, rates if speeds else None)
+    return Trajectory.from_points(times, angles, rates if speeds else None)
 
 
 def write_csv(path, motion, count, *, unit="deg", speeds=True):
@@ -68,7 +67,7 @@ def test_missing_an_event_overshoots_by_a_third_of_the_jump_at_most():
     overshoots = []
     for event in np.linspace(0, 1, 61)[1:-1]:
         way, rate = 0.5 * (1 - event) ** 2, 1 - event  # from rest, acceleration 1 after the event
-        there = SampledMotion(
+        there = Trajectory.from_points(
             [0, 1, 2, 3], [[0], [way], [way + rate], [way + 1.5 * rate]], [[0], [rate], [rate], [0]]
         )
         inner = there.states([0.0, 1 - 1e-12])[2]
@@ -83,11 +82,11 @@ def test_extremes_are_those_of_a_dense_grid_and_derivatives_fit(speeds):
     angles = np.cumsum(random.normal(0, 0.2, (12, 3)), axis=0)
     rates = random.normal(0, 0.5, (12, 3))
     rates[[0, -1]] = 0
-    motion = SampledMotion(times, angles, rates if speeds else None)
-    dense = np.unique(np.concatenate([np.linspace(0, motion.end, 20001), motion.times]))
+    motion = Trajectory.from_points(times, angles, rates if speeds else None)
+    dense = np.unique(np.concatenate([np.linspace(0, motion.end, 20001), motion.points.times]))
     q, qd, qdd = motion.states(dense)
     _, _, before = motion.states(dense, side="left")
-    np.testing.assert_allclose(motion.states(motion.times)[0], angles, atol=1e-12)
+    np.testing.assert_allclose(motion.states(motion.points.times)[0], angles, atol=1e-12)
     np.testing.assert_allclose(motion.angle_ranges, np.column_stack([q.min(0), q.max(0)]), atol=1e-6)
     np.testing.assert_allclose(motion.speed_peaks, np.abs(qd).max(0), atol=1e-5)
     np.testing.assert_allclose(motion.acceleration_peaks, np.abs([qdd, before]).max((0, 1)), atol=1e-9)
@@ -143,14 +142,16 @@ def test_a_motion_of_another_number_of_joints_is_refused():
 
 
 def test_joints_that_rest_have_no_events():
-    still = SampledMotion([0, 1, 2], np.full((3, 2), 0.3))
+    still = Trajectory.from_points([0, 1, 2], np.full((3, 2), 0.3))
     np.testing.assert_array_equal(still.event_times, [0, 2])
     np.testing.assert_array_equal(still.angle_ranges, [[0.3, 0.3]] * 2)
 
 
 def test_a_rest_amid_a_motion_has_only_its_ends_as_events():
     way = np.array([0, 0.5, 1, 1, 1, 1, 1, 0.5, 0])
-    motion = SampledMotion(np.arange(9.0), way[:, None], np.array([0, 1, 0, 0, 0, 0, 0, -1, 0.0])[:, None])
+    motion = Trajectory.from_points(
+        np.arange(9.0), way[:, None], np.array([0, 1, 0, 0, 0, 0, 0, -1, 0.0])[:, None]
+    )
     np.testing.assert_array_equal(motion.event_times, [0, 1, 2, 6, 7, 8])
 
 
@@ -158,7 +159,7 @@ def test_a_rest_amid_a_motion_has_only_its_ends_as_events():
 @pytest.mark.parametrize("speeds", [True, False])
 def test_csv_in_either_unit(tmp_path, unit, speeds):
     motion = load_motion(write_csv(tmp_path / "m.csv", RAMP, 60, unit=unit, speeds=speeds))
-    assert (motion.speed_distance is not None) == speeds
+    assert (motion.fit.speed_distance is not None) == speeds
     times = np.linspace(0, RAMP.end, 333)
     np.testing.assert_allclose(motion.states(times)[0], RAMP.states(times)[0], atol=3e-6 if speeds else 1e-3)
 
@@ -167,7 +168,7 @@ def test_rows_next_to_each_other_are_thinned_and_times_start_at_zero(tmp_path):
     path = tmp_path / "m.csv"
     path.write_text("q1_rad, time_s\n0,5\n0,5\n0.1,6\n0.1,6.00000001\n\n0.3,7\n0.3,7.00001\n")
     motion = load_motion(path)
-    assert motion.samples == 3
+    assert motion.fit.samples == 3
     np.testing.assert_allclose(motion.states([0, 1, 2.00001])[0][:, 0], [0, 0.1, 0.3], atol=0.06)
     assert motion.end == pytest.approx(2.00001)
 
@@ -176,7 +177,7 @@ def test_json_of_commands(tmp_path):
     path = tmp_path / "plan.json"
     path.write_text(json.dumps({"case": "A", "base": "effective", "worst": {}, **RAMP.to_dict()}))
     motion = load_motion(path)
-    assert isinstance(motion, ArmMotion)
+    assert motion.profiles is not None
     np.testing.assert_allclose(motion.goal, RAMP.goal)
     assert motion_origin(path) == {"case": "A", "base": "effective"}
     assert motion_origin(write_csv(tmp_path / "m.csv", RAMP, 5)) == {}
@@ -240,7 +241,7 @@ def test_unreadable_files_are_refused(tmp_path):
 )
 def test_bad_samples_are_refused(arguments, message):
     with pytest.raises(InputError, match=message):
-        SampledMotion(*arguments)
+        Trajectory.from_points(*arguments)
 
 
 def test_bad_questions_are_refused():
