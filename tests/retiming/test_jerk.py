@@ -38,7 +38,7 @@ def test_jerks_are_within_the_limit_and_nothing_is_faster(objective, nodes):
     found = retime(task.robot, path, limits, objective, nodes=nodes, jerk=jerk)
     motion = found.motion
     assert found.verified, found.check.violations
-    assert np.all(motion.x <= first.motion.x * (1 + 1e-6))
+    assert np.all(motion.timing.x <= first.motion.timing.x * (1 + 1e-6))
     assert first.motion.end < motion.end < 1.5 * first.motion.end
     assert found.slower < 1.05
     times, h = np.linspace(1e-5, motion.end - 1e-5, 20_001), 1e-6

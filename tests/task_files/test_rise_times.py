@@ -94,8 +94,8 @@ def test_a_plan_is_checked_as_it_was_planned(tmp_path, capsys):
         assert checked["energy_J"] == pytest.approx(data["energy_J"], rel=1e-6)
         assert checked["duration_s"] == pytest.approx(data["duration_s"], abs=1e-8)
     points = load_motion(out / "trajectory.json")
-    assert points.accelerations is not None
-    assert np.all(np.abs(points.accelerations[[0, -1]]) == 0)
+    assert points.points.accelerations is not None
+    assert np.all(np.abs(points.points.accelerations[[0, -1]]) == 0)
     assert main(["check", str(out / "trajectory.json"), "--case", "A", "--rise-time", "0.1"]) == 2
     assert "--rise-time: " in capsys.readouterr().err
 

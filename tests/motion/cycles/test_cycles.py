@@ -116,7 +116,7 @@ def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
         assert found.energy == pytest.approx(data["energy_J"], rel=2e-4)
     efforts = json.loads((tmp_path / "out" / "trajectory.json").read_text())["points"]
     second = [
-        p["effort"] for p, t in zip(efforts, points.times, strict=True) if t > data["segments"][1]["begin_s"]
+        p["effort"] for p, t in zip(efforts, points.points.times, strict=True) if t > data["segments"][1]["begin_s"]
     ]
     robot = task.segments[1].task.robot
     np.testing.assert_allclose(
@@ -291,7 +291,7 @@ def test_standstills_that_are_not_clear_are_refused(plan):
         return Trajectory.from_points(times, np.repeat(stops, 2, axis=0), np.zeros((len(times), 6)))
 
     found = parts_of(task, through(a, 0.5 * (a + b), b, a))
-    assert len(found) == 2
+    assert len(found.segments) == 2
     np.testing.assert_allclose(found.segments[0].goal, b)
     with pytest.raises(InputError, match="stands still 0 times on its way; 2 segments of swing need 1"):
         parts_of(task, through(a, b))

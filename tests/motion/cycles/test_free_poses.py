@@ -64,7 +64,7 @@ def test_the_written_trajectory_is_within_the_range_and_says_where(plans, tmp_pa
     write_cycle(folder, plan)
     points = load_motion(folder / "trajectory.json", plan.task.robot.names, plan.task.robot.units)
     own = plan.task.segments[0].target
-    seam = points.angles[np.argmin(np.abs(points.times - plan.parts[0].duration))]
+    seam = points.points.angles[np.argmin(np.abs(points.points.times - plan.parts[0].duration))]
     position, rotation = gripper_pose(plan.task.robot.arm, seam)
     x, *offsets = position - own.position
     assert abs(x) < 1e-6
