@@ -252,16 +252,18 @@ class ExcitingMotion:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write its samples as CSV; returns the path."""
-        motion = self.found.motion
-        assert motion.speeds is not None
-        assert motion.accelerations is not None  # they were sampled from a formula
+        points = self.found.motion.points
+        assert points is not None
+        assert points.speeds is not None
+        assert points.accelerations is not None  # they were sampled from a formula
+        numbers = range(1, self.found.motion.n + 1)
         kinds = (
-            ("q{}_rad", motion.angles),
-            ("qd{}_rad_s", motion.speeds),
-            ("qdd{}_rad_s2", motion.accelerations),
+            ("q{}_rad", points.angles),
+            ("qd{}_rad_s", points.speeds),
+            ("qdd{}_rad_s2", points.accelerations),
         )
-        head = ["time_s", *(name.format(k) for name, _ in kinds for k in range(1, motion.n + 1))]
-        rows = np.column_stack([motion.times, *(values for _, values in kinds)])
+        head = ["time_s", *(name.format(k) for name, _ in kinds for k in numbers)]
+        rows = np.column_stack([points.times, *(values for _, values in kinds)])
         lines = [",".join(head), *(",".join(map(repr, row)) for row in rows.tolist())]
         write_text(Path(path), "\n".join(lines) + "\n")
         return Path(path)

@@ -116,7 +116,9 @@ def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
         assert found.energy == pytest.approx(data["energy_J"], rel=2e-4)
     efforts = json.loads((tmp_path / "out" / "trajectory.json").read_text())["points"]
     second = [
-        p["effort"] for p, t in zip(efforts, points.points.times, strict=True) if t > data["segments"][1]["begin_s"]
+        p["effort"]
+        for p, t in zip(efforts, points.points.times, strict=True)
+        if t > data["segments"][1]["begin_s"]
     ]
     robot = task.segments[1].task.robot
     np.testing.assert_allclose(
