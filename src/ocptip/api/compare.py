@@ -17,7 +17,6 @@ from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, doubt_turns, read_recording
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
-from ocptip.trajectories.trajectory import Trajectory
 
 
 def compare(

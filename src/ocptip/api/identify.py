@@ -31,7 +31,6 @@ from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import PlanFolder, arm_of, read_plan_folder
 from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.read_csv import csv_table
-from ocptip.trajectories.trajectory import Trajectory
 
 What = Literal["payload", "base", "bodies", "arm", "power"]
 
