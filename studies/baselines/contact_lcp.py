@@ -11,7 +11,7 @@ contact forces (components n, t1, t2 for each contact [N]), `a` the acceleration
 The friction cone is replaced by the package's pyramid, whose cross-section at normal force 1 is the regular
 polygon with face normals `s_h` and inradius mu_S (2.84).
 
-:class:`PairwiseContactProblem` is the formulation with friction reserves of the source's section 2.5.3,
+:class:`PairwiseContactProblem` is the formulation with friction reserves of thesis M, 2.5.3,
 whose pivot matrices lose rank; :class:`StewartTrinkleContactProblem` is that of D. E. Stewart and
 J. C. Trinkle, Int. J. Numer. Methods Eng. 39, 1996, whose matrix is copositive, so that Lemke's method solves
 it in exact arithmetic.

@@ -4,7 +4,7 @@
 
 The source leaves this question open. The answer for legs of equal length L, of any platform in any pose:
 with Q, the metric of all 2 n anchors, and N, that of the leg rates, the passive joint rates have
-Z = (Q - 2 N) / L^2 (section 7.2). The eigenvalues of (Z, N) and of (Q, N) belong together,
+Z = (Q - 2 N) / L^2 ([Naw07] 6.3). The eigenvalues of (Z, N) and of (Q, N) belong together,
 lambda = (kappa - 2) / L^2, and CTN = 1 exactly where N is a multiple of Q: where the platform is isotropic
 for the ellipsoid of inertia of its anchors, `OperationEllipsoid.from_points(anchors)`. No other ellipsoid
 has that metric.

@@ -28,7 +28,7 @@ def random_ellipsoid(rng: np.random.Generator) -> OperationEllipsoid:
 
 
 def published_motion(t: float) -> np.ndarray:
-    """(6,) rad: the motion of the IRB 2000 in the specification, section 11.1."""
+    """(6,) rad: the motion of the IRB 2000 in [Naw07] 3.5."""
     degrees = [0, 210 * t - 110, 120 * t**2 - 60, 180 * t - 90, 240 * t - 120, 0]
     return np.radians(degrees)
 

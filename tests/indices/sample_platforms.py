@@ -45,7 +45,7 @@ def flat_pose(rng: np.random.Generator, n: int = 6) -> PlatformPose:
 
 
 def example_main_anchors() -> PlatformPose:
-    """The printed anchors of K_M for mu = pi/3 (section 11.6), rescaled as there."""
+    """The printed anchors of K_M for mu = pi/3 ([Naw07] 7.3.3), rescaled as there."""
     r2, r3, r6 = math.sqrt(2), math.sqrt(3), math.sqrt(6)
     b1, p1 = (1, r2, 0), (1, 0, 1)
     b2, p2 = (-(1 + r6) / 2, (r3 - r2) / 2, 0), (-0.5, r3 / 2, 1)

@@ -1,4 +1,4 @@
-"""Joint angles at start and goal that tables E.1 and E.2 imply, from the ramp rules of section 5.2 alone."""
+"""Joint angles at start and goal that tables E.1 and E.2 imply, from the rules of thesis M, 5.2, alone."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def test_maps_of_size_and_time_are_those_of_single_poses():
         for name in ("pi_oe", "inv_cdn_oe"):
             assert found["maps"][shape][name][3, 2] == pytest.approx(rating[name].value, rel=1e-9)
     line = ellipsoid_size.along(11)
-    # section 11.2: t = 0.6, and the difference quotient of the motion
+    # [Naw07] 4.6: t = 0.6, and the difference quotient of the motion
     assert line["dm_2"][6] == pytest.approx(0.407505, abs=1e-6)
     assert line["sigma"][6] == pytest.approx(0.958908, abs=1e-6)
     h, t = 1e-6, np.array([0.3])

@@ -43,7 +43,7 @@ def test_search_and_workspaces_are_reported(small):
 
 
 def test_height_and_rotations_of_the_flight_simulator():
-    """Values that the specification computed for the source's lost figures, section 11.3."""
+    """Values that the specification computed for the source's lost figures, [Naw07] 6.4."""
     best = FlightSimulator.optimal()
     pose = best.platform.at(best.position)
     for coordinate, shift, value in (

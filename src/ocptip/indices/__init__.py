@@ -2,6 +2,9 @@
 
 Arms (`rate_arm`, `index_values`) and platforms (`rate_platform`) have one entry point each for all indices of
 a pose; the modules hold the single indices and their forms for optimisers.
+
+Equation numbers such as (4.14), and [Naw07], are those of G. Nawratil's thesis, TU Wien 2007
+(docs/bibliography.md).
 """
 
 from ocptip.indices.arms.distance import singularity_distance

@@ -3,7 +3,7 @@
 Indices are ratios of extremal eigenvalues, which have no derivative where eigenvalues meet: exactly in the
 best poses of symmetric designs. The encodings here are smooth. `ldl` and `lifted` are exact, `trace` and the
 surrogate are conservative: what they accept satisfies the index. Leading principal minors are not offered: an
-optimiser's tolerance on a tiny determinant lets the index be violated by far. Source: sections 14.2, 14.3.
+optimiser's tolerance on a tiny determinant lets the index be violated by far.
 
 All functions take SX or MX matrices; SX gives far smaller programs. Scale the matrices to entries near one.
 """

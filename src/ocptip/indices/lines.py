@@ -3,7 +3,7 @@
 Every 6-vector holds the direction or angular part first and the moment or linear part second. A spear is a
 line with an orientation: unit direction g and moment x × g for any point x of the line. A screw q is an
 instantaneous motion: angular velocity, then velocity of the point at the origin. A linear complex (c, ĉ) is
-the set of lines (l, l̂) with ĉ·l + c·l̂ = 0. Arrays may carry leading dimensions. Source: sections 1.1 to 1.4.
+the set of lines (l, l̂) with ĉ·l + c·l̂ = 0. Arrays may carry leading dimensions. Source: [Naw07] 1.1, 1.2.
 """
 
 from __future__ import annotations

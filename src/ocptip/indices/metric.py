@@ -2,7 +2,7 @@
 
 How much a body moves is measured, to first order, by the sum of the squared velocities of some of its points.
 The operation ellipsoid stands for the region of interest of an end-effector; its six vertices are those
-points. The metric depends only on number, centroid and second moments of the points. Source: section 2,
+points. The metric depends only on number, centroid and second moments of the points. Source: [Naw07] 3.2.1,
 (3.12), (3.16), (3.23).
 """
 

@@ -1,8 +1,8 @@
 """Indices of serial arms from the literature: condition numbers and manipulability.
 
 They are here to compare with and because they are asked for; each has a known flaw, named with it. All take
-Jacobians (..., 6, n) whose columns are the spears of the axes, base frame, moments in m. Source: sections 3.1
-and 3.2.
+Jacobians (..., 6, n) whose columns are the spears of the axes, base frame, moments in m. Source: [Naw07]
+3.1 and 4.1.
 """
 
 from __future__ import annotations

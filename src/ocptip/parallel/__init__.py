@@ -6,6 +6,8 @@ A robot in a few lines::
 
     robot = ParallelRobot(delta())
     print(robot.mobility().dof, robot.inverse_dynamics([0, 0, -0.45], [1, 0, 0], [0, 0, 5]).motors)
+
+Equation numbers such as (3.42) are those of thesis P (docs/bibliography.md).
 """
 
 from ocptip.parallel.code.codegen import write_c

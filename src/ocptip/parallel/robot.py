@@ -102,7 +102,7 @@ class ParallelRobot(MadeOf):
         return assembly_modes(self.kinematics, qa)
 
     def passive(self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, guess: Joints = None) -> JointRates:
-        """Positions, speeds and accelerations of all joints (section 9).
+        """Positions, speeds and accelerations of all joints.
 
         Args:
             z, zd, zdd: (m,) coordinates and their time derivatives.
@@ -213,7 +213,7 @@ class ParallelRobot(MadeOf):
         *,
         wrench: ArrayLike | None = None,
     ) -> np.ndarray:
-        """Quasi-accelerations s'' (m,) under motor forces (section 10).
+        """Quasi-accelerations s'' (m,) under motor forces.
 
         Args:
             z: (m,) coordinates.

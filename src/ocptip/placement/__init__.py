@@ -1,4 +1,7 @@
-"""Where the base should stand: optimal placement at rest (chapter 4)."""
+"""Where the base should stand: optimal placement at rest.
+
+Equation numbers such as (4.21) are those of thesis M, chapter 4 (docs/bibliography.md).
+"""
 
 from ocptip.placement.for_motion import place_for_motion
 from ocptip.placement.for_path import place_for_path

@@ -259,7 +259,7 @@ AXES_ONLY_ARMS = ("IRB2000",)
 
 @cache
 def irb_2000() -> ArmModel:
-    """The ABB IRB 2000 by its axes (section 11.1); z vertical, x forward; gripper z on axis 6, x vertical."""
+    """The ABB IRB 2000 by its axes ([Naw07] 3.5); z vertical, x forward; gripper z on axis 6, x vertical."""
     data = published_data("irb_2000")
     upright = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # (u, v, w) to (x, y, z)
     axes = [[*axis["direction"], *(np.array(axis["moment_mm"]) * 1e-3)] for axis in data["axes"]]

@@ -19,7 +19,7 @@ JOINTS = (0, 1, 2)  # with three commands each; the others follow in one ramp
 
 
 PRINTED_LIMITS = MotionLimits(clearance=0.0)
-"""The source asks for no collision, (4.29) to (4.32), and for no distance beyond that."""
+"""Thesis M asks for no collision, (4.29) to (4.32), and for no distance beyond that."""
 
 _FACETS = 12
 
@@ -30,7 +30,7 @@ def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _
     Args:
         case: one of the eight cases.
         base: "printed" (6.582 kg, contacts 140 mm below Q_1) or "effective" (3.45 kg, 298 mm, fitted so that
-            the printed motions come close to the limits as the source reports).
+            the printed motions come close to the limits as thesis M reports).
         facets: of the friction pyramids.
 
     Raises:

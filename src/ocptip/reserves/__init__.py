@@ -4,6 +4,8 @@ A base on contacts with a unique state persists if and only if GN < 1 and GT < 1
 friction pyramid. The reserves do not see one kind of motion: a rotation about two loaded contacts in which
 others, unloaded, move only along their tangent planes (possible with normals in different directions).
 `ContactStates.persistent` sees every motion.
+
+Thesis M, whose equation numbers are cited, is described in docs/bibliography.md.
 """
 
 from ocptip.reserves.slip import Slip

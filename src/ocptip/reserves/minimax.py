@@ -3,7 +3,7 @@
 The forces of every z hold the equilibrium exactly (z runs over the tangential forces that cancel each
 other), so that the usage of any z is an upper bound of the optimum, and any multipliers v with Q'v = 0 give
 the lower bound sum v_i . q_i / sum |v_i| l_i. The gap between the two certifies a result whatever the solver
-said about it. Source: (4.12); second-order cone program solved by Clarabel, then polished by Newton steps on
+said about it. Source: thesis M, (4.12). A second-order cone program of Clarabel, polished by Newton steps on
 the optimality conditions, because derivatives need the multipliers to more digits than an
 interior-point method gives.
 """

@@ -3,7 +3,7 @@
 The solver's basic solution puts forces on edges of the friction pyramid, which says nothing about the
 reserve. Therefore the forces are redistributed so that the largest usage |tangential force| / limit
 becomes as small as possible while the equation of motion (4.13) holds with the state's own accelerations.
-Source: (4.12) to (4.18).
+Source: thesis M, section 4.3, (4.12) to (4.18).
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class SlipReserve:
     def GT(self) -> np.ndarray:
         """(N,) slip ratio, below 1 where nothing slides, plus the value of the slide acceleration.
 
-        The sum is by analogy with (4.11); the source has no such part. It only orders states.
+        The sum is by analogy with (4.11); thesis M has no such part. It only orders states.
         """
         return self.slip_ratio + self.slide_acceleration
 
@@ -108,7 +108,7 @@ class Slip:
 
     Args:
         support: the base on its contacts.
-        redistribution: "tangential" keeps the normal forces of the state, as the source does. "full" also
+        redistribution: "tangential" keeps the normal forces of the state, as thesis M does. "full" also
             redistributes the normal forces (which are one choice of many with four or more feet, or where
             normals differ), within the convex piece of the force set in which the state's normal force lies.
             It never gives a larger ratio. Where the base does not persist, sliding friction is bound to the

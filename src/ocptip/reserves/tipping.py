@@ -2,7 +2,7 @@
 
 A contact's normal reserve is the distance of its normal force from the end of its force set at which it
 lets go. About every potential tipping axis the reserves have a moment sum M_i; when the smallest one
-vanishes, the base tips. Source: (4.5) to (4.11); there the axes are the edges of a support polygon, here
+vanishes, the base tips. Source: thesis M, (4.5) to (4.11). There the axes are edges of a polygon, here
 they are found for contacts in any position. Off a plane, where tangential forces act about the axes, too,
 M_i is the largest moment that can be added about the axis (`tip_moments`); on a plane the two are the same.
 """

@@ -1,6 +1,6 @@
 """Recursive Newton-Euler (2.32 to 2.45): joint torques of a serial arm and its wrench on the resting base.
 
-The source has turning joints only. A sliding joint i leaves the angular velocity of its link as it is; Q_i
+Thesis M has turning joints only. A sliding joint i leaves the angular velocity of its link as it is; Q_i
 gets the Coriolis and the sliding acceleration, 2 omega x z qd + z qdd, and the drive the force along z.
 One definition as CasADi expressions, in link axes with the joint axis along z; NumPy evaluates the same
 function for many states at once.

@@ -3,7 +3,7 @@
 An index over all poses compares arms: by its largest value (for 1/CDN_OE: fix the ellipsoid from the task and
 prefer the arm with the largest maximum), or by mean and percentiles over the joint space. The maxima come
 from Ipopt with matrix inequalities, exact also where eigenvalues meet, from the best of many samples; that is
-a search, no proof of global optimality. Source: sections 3.1 (definition 3.1), 4.4 and 10.
+a search, no proof of global optimality. Source: [Naw07] 3.1 (definition 3.1) and 3.4.1.
 """
 
 from __future__ import annotations

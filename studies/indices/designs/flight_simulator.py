@@ -1,7 +1,7 @@
 """Flight-simulator platforms: anchors on two equal circles, the classical six-legged design.
 
 The base anchors sit in pairs at +-alpha about 0, 120 and 240 degrees, the platform anchors opposite to them;
-alpha is the design parameter, half the height h the pose parameter. Source: section 11.3 (thesis 6.4).
+alpha is the design parameter, half the height h the pose parameter. Source: [Naw07] 6.4.
 """
 
 from __future__ import annotations

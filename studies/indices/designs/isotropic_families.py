@@ -2,7 +2,7 @@
 
 Two groups of g >= 3 lines, each closed under rotations by 2 pi / g about the z-axis; the operation
 ellipsoid is a spheroid about z with half-axes (1, 1, p) and its centre in the origin, which fixes the
-scale. The anchors may sit anywhere on the lines. Source: section 6.2, (5.9).
+scale. The anchors may sit anywhere on the lines. Source: [Naw07] 5.3, (5.9).
 """
 
 from __future__ import annotations

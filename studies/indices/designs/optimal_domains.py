@@ -53,7 +53,7 @@ def main_roots(t: float, r1: float) -> dict[int, float]:
 
 
 def discriminants(t: float, r1: float) -> tuple[float, tuple[float, float]]:
-    """S and (S_1, S_2) of section 9.3; S_1, S_2 are NaN where S < 0."""
+    """S and (S_1, S_2) of [Naw07] 7.3.1; S_1, S_2 are NaN where S < 0."""
     q, u = r1 * r1, t * t
     S = q * (4 * u**4 - 16 * u**3 + 15 * u * u + 2 * u - 5) + 24 * u * u - 12 * u + 15
     if S < 0.0:

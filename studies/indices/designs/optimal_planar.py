@@ -41,7 +41,7 @@ def optimal_planar_angle(r: float, branch: Literal["-", "+"]) -> float:
 def optimal_planar_pose(
     r: float, branch: Literal["-", "+"] = "-", n: int = 3, exchanged: Iterable[int] = ()
 ) -> PlanarPlatformPose:
-    """Planar platform of n legs closed under rotations by 2 pi / n in a pose with CTN = 1 (section 8.2).
+    """Planar platform of n legs closed under rotations by 2 pi / n in a pose with CTN = 1 ([Naw07] 7.2.1).
 
     The base anchors x_i carry legs of length |r| to platform anchors y_i on a circle of radius 2/sqrt(3); all
     three eigenvalues are 2/r^2.

@@ -1,8 +1,8 @@
 """Stewart-Gough platforms with control number 1: the families L_H and L_S and named members.
 
 Each family has two shape parameters; the closed forms are evaluated and the result is checked: a member is
-returned only if its control number is 1 up to rounding. Source: sections 9.3 and 9.4, (7.35) to (7.82), and
-the examples 11.3, 11.6 and 11.7.
+returned only if its control number is 1 up to rounding. Source: [Naw07] 7.3.1, 7.3.2, (7.35) to (7.82), and
+its examples 6.4 and 7.3.3.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def ctn_optimal_main(
     mu: float = 0.0,
     g: int = 3,
 ) -> OptimalPlatform:
-    """Member of the main family L_H: all legs of the same length |r1| sqrt(2 t^2 + 1) (section 9.3).
+    """Member of the main family L_H: all legs of the same length |r1| sqrt(2 t^2 + 1) ([Naw07] 7.3.1).
 
     Args:
         t: shape, -1 < t < 1, not 0.
@@ -106,7 +106,7 @@ def ctn_optimal_special(
     mu: float = 0.0,
     g: int = 3,
 ) -> OptimalPlatform:
-    """Member of the special family L_S: the first group in a plane, the second on a cone (section 9.4).
+    """Member of the special family L_S: the first group in a plane, the second on a cone ([Naw07] 7.3.2).
 
     Args:
         t: ratio r2 / r1, -1 < t < 1, not 0.
@@ -149,7 +149,7 @@ def ctn_optimal_special(
 
 
 def example_main(mu: float = 0.0, phi_sign: int = 1) -> OptimalPlatform:
-    """K_M: the member of L_H at t = +-1/2, |r1| = (2/3) sqrt 6, isotropic for CDN_OE, too (section 11.6)."""
+    """K_M: the member of L_H at t = +-1/2, |r1| = (2/3) sqrt 6, isotropic for CDN_OE ([Naw07] 7.3.3)."""
     r, phi = 2.0 / 3.0 * math.sqrt(6.0), _sign("phi_sign", phi_sign) * math.pi / 2.0
     a1 = 2.0 / math.sqrt(3.0)
     platform = SymmetricPlatform.from_parameters(
@@ -159,7 +159,7 @@ def example_main(mu: float = 0.0, phi_sign: int = 1) -> OptimalPlatform:
 
 
 def example_special() -> OptimalPlatform:
-    """K_S: the member of L_S with equal legs, t = sqrt(3)/3 (section 11.7)."""
+    """K_S: the member of L_S with equal legs, t = sqrt(3)/3."""
     a1, half = -math.sqrt(87.0) / 12.0, math.sqrt(15.0) / 6.0
     platform = SymmetricPlatform.from_parameters(
         a1=a1,
@@ -179,7 +179,7 @@ def example_special() -> OptimalPlatform:
 def _main_member(
     t: float, r1: float, b1: float, phi1: float, branch: int, mu: float, g: int
 ) -> SymmetricPlatform | None:
-    """Steps 2, 4, 5 and 6 of section 9.3."""
+    """Steps of the main case, [Naw07] 7.3.1."""
     a1 = math.sqrt(2.0) * t * r1 + b1
     d, total = a1 - b1, 2.0 * b1 + math.sqrt(2.0) * t * r1
     root = math.sqrt(6.0 * r1 * r1 - 3.0 * d * d) * (1.0 if branch <= 2 else -1.0)

@@ -1,7 +1,7 @@
 """Search for symmetric platforms with control number 1 from random starts: a check that no family is missing.
 
 Least squares on the seven conditions (7.27) over the nine shape parameters of two groups of legs; every
-regular solution is classified by leg lengths and shape. Source: section 9.5.
+regular solution is classified by leg lengths and shape. Families: [Naw07] 7.3.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Platforms of two groups of g legs with g-fold rotational symmetry, by eleven parameters.
 
 Scale: the first anchors y_i lie on a circle of radius R1 = 2/sqrt(3). Because of the symmetry the matrices
-N and Z of a pose have few entries, which are sums of one term per group. Source: section 9.2, (7.16) to
+N and Z of a pose have few entries, which are sums of one term per group. Source: [Naw07] 7.3, (7.16) to
 (7.27).
 """
 

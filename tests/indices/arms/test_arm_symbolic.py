@@ -124,7 +124,7 @@ def heavy_arm(joints):
 
 
 def test_published_constrained_pose():
-    """Test A of the specification, section 14.3: PI_OE >= 0.35 with the tool point held."""
+    """PI_OE >= 0.35 with the tool point held."""
     arm, start = SymbolicArm.of(irb_2000()), published_motion(0.55)
     found = {}
     for method, most in (("ldl", 30), ("lifted", 150)):

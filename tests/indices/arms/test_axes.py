@@ -88,7 +88,7 @@ def test_irb_2000_is_the_printed_robot():
     s2, c3, s3, s5 = np.sin(q[:, 1]), np.cos(q[:, 2]), np.sin(q[:, 2]), np.sin(q[:, 4])
     both = q[:, 1] + q[:, 2]
     elbow, shoulder = 850 * c3 + 125 * s3, 710 * s2 + 850 * np.cos(both) + 125 * np.sin(both)
-    printed = 710 * np.abs(elbow * shoulder * s5)  # mm^3, section 11.1
+    printed = 710 * np.abs(elbow * shoulder * s5)  # mm^3, [Naw07] 3.5
     assert np.abs(np.linalg.det(arm_pose(arm, q).jacobian)) * 1e9 == pytest.approx(printed)
     assert np.degrees(arm.limits.angle_max) == pytest.approx([179, 100, 60, 200, 120, 200])
     assert arm_pose(arm, np.zeros(6)).position == pytest.approx([1.15, 0, 0.835])

@@ -28,7 +28,7 @@ from tests.indices.sample_axes import (
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 STATIONARY = (0.88638233, -0.19062529, np.pi / 2)
 
-# (theta_2, theta_3, MPB in mm^3, DM_inf, DM_2) with theta_5 = 60 degrees, section 11.2
+# (theta_2, theta_3, MPB in mm^3, DM_inf, DM_2) with theta_5 = 60 degrees, [Naw07] 4.6
 MAP = [
     (0, 0, 4.442494e8, 0.539426, 0.849763),
     (np.pi / 4, 0, 6.227200e8, 1.150138, 1.554889),
@@ -37,7 +37,7 @@ MAP = [
     (1, 0.8, 2.205569e8, 0.258418, 0.381475),
     (0.5, -0.9, 2.844251e8, 0.269193, 0.411222),
 ]
-# (t, MPB in mm^3, DM_inf, DM_2, sigma) along the motion of section 11.1
+# (t, MPB in mm^3, DM_inf, DM_2, sigma) along the motion of [Naw07] 3.5
 MOTION = [
     (0.05, 3.335623e8, 0.366020, 0.419153, 0.111298),
     (0.10, 3.521316e8, 0.401875, 0.463211, 0.033041),
@@ -144,7 +144,7 @@ def nearest_along(direction):
 def test_most_negative_curvature_is_the_worst_direction():
     directions = stationary_curvatures(at(*STATIONARY)).directions[:, [0, 1, 3]]
     distances = [nearest_along(d) for d in directions]
-    assert distances[0] == pytest.approx([1.388, 1.480], abs=2e-3)  # section 5.5
+    assert distances[0] == pytest.approx([1.388, 1.480], abs=2e-3)  # [Naw07] 4.4.2
     assert distances[1] == pytest.approx([1.571, 1.571], abs=2e-3)
     assert distances[2] == pytest.approx([2.47, 2.67], abs=7e-3)
     assert min(distances[0]) == min(min(pair) for pair in distances)

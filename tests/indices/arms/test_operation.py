@@ -15,7 +15,7 @@ from tests.indices.sample_axes import published_motion, random_axes, random_elli
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
-# (half-axes a, b, c in mm, t, PI_OE, 1/CDN_OE, lambda_min in mm^2, DC in mm^2), section 11.1
+# (half-axes a, b, c in mm, t, PI_OE, 1/CDN_OE, lambda_min in mm^2, DC in mm^2), [Naw07] 3.5
 PUBLISHED = [
     ((100, 100, 100), 0.60, 0.228157, 0.009430, 2082.227856, 40000),
     ((100, 100, 100), 0.75, 0.546932, 0.026440, 11965.364194, 40000),

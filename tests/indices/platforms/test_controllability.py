@@ -143,7 +143,7 @@ def test_vanishes_with_the_distance_to_a_singularity(seed, exponent):
         assert nearer / near == pytest.approx(0.1, rel=0.01)
 
 
-# --- published and computed numbers of section 11.3
+# --- published and computed numbers of [Naw07] 6.4
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_best_flight_simulator_turned_by_a_right_angle_is_singular(best):
         assert control_number(pose).value == 0.0
 
 
-# --- section 11.6: neighbourhood of K_M
+# --- [Naw07] 7.3.3: neighbourhood of K_M
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,7 @@ def test_plain_condition_number_changes_with_origin_and_unit():
 @settings(max_examples=30)
 @given(SEEDS, LEGS, st.floats(0.05, 2.0))
 def test_characteristic_length_is_a_sphere(seed, n, radius):
-    """Section 4.4: CDN_CL with CL = R sqrt(2/3) equals CDN_OE of a sphere of radius R about the point."""
+    """[Naw07] 3.4.1: CDN_CL with CL = R sqrt(2/3) equals CDN_OE of a sphere of radius R about the point."""
     rng = np.random.default_rng(seed)
     pose, point = random_pose(rng, n), rng.normal(size=3)
     sphere = OperationEllipsoid.sphere(radius, point)

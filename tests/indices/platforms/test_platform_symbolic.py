@@ -101,7 +101,7 @@ def test_sigmas_are_where_their_matrices_stop_being_positive(seed):
     [("lifted", 8, 0.3001), ("ldl", 8, 0.3001), ("trace", 4, 0.33), ("trace", 8, 0.31)],
 )
 def test_closest_pose_with_a_control_number(method, p, upper):
-    """Test B of section 14.3: six pose variables, target with CTN 0.17, bound 0.3."""
+    """Six pose variables, target with CTN 0.17, bound 0.3."""
     design = FlightSimulator.optimal()
     target = np.array([0.35, 0.1, 0.6, 0.6, 0.25, 0.6])
 

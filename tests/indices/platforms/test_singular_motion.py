@@ -17,7 +17,7 @@ from tests.indices.sample_platforms import SEEDS, flat_pose, moved, random_motio
     [(0.1, -0.722425, -0.722490), (0.01, -0.780109, -0.780109), (0.001, -0.785550, -0.785550)],
 )
 def test_pitch_near_the_singular_turn(epsilon, pitch, kernel):
-    """Section 7.5: the platform of 11.3 turned about z by pi/2 - epsilon."""
+    """[Naw07] 6.3.3: the platform of 6.4 turned about z by pi/2 - epsilon."""
     design = FlightSimulator.optimal()
     turned = Rotation.from_euler("z", math.pi / 2 - epsilon).as_matrix()
     pose = design.platform.at(design.position, turned)

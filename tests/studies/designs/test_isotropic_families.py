@@ -40,7 +40,7 @@ def test_u2_is_isotropic(p, mu, g, signs):
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 6))
 def test_form_of_two_rotated_groups(seed, g):
-    """Entries of N and the factors of the characteristic polynomial for any two groups (section 6.2)."""
+    """Entries of N and the factors of the characteristic polynomial for any two groups ([Naw07] 5.3)."""
     rng = np.random.default_rng(seed)
     (r1, h1, z1), (r2, h2, z2), mu, p = *rng.normal(size=(2, 3)), rng.normal(), rng.uniform(0.3, 2)
     family = IsotropicFamily(LineGroup(r1, h1, z1), LineGroup(r2, h2, z2, mu), p, g)

@@ -24,7 +24,7 @@ T_N = TOUCHING_POINT[0]
 @settings(max_examples=60)
 @given(SHAPES, st.floats(0.01, 4))
 def test_roots_follow_the_borders(t, r1):
-    """The pattern of section 9.3: which roots are real between the curves."""
+    """The pattern of [Naw07] 7.3.1: which roots are real between the curves."""
     S, (lower, upper) = outer_border(t), inner_borders(t)
     assume(min(abs(r1 - c) for c in (S, lower, upper) if not math.isnan(c)) > 1e-6)
     assume(abs(abs(t) - 0.5) > 1e-6 and abs(abs(t) - T_N) > 1e-6)

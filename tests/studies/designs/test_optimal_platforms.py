@@ -42,7 +42,7 @@ def draw_main(data, t, r1, **more):
 @settings(max_examples=80)
 @given(SHAPES, REACH, st.floats(-3, 3), st.integers(3, 6), st.data())
 def test_every_main_member(t, r1, mu, g, data):
-    """CTN = 1, regular, equal legs, cone angles: section 9.3."""
+    """CTN = 1, regular, equal legs, cone angles: [Naw07] 7.3.1."""
     member = draw_main(data, t, r1, mu=mu, g=g)
     pose = member.pose
     square = r1 * r1 * (2 * t * t + 1)
@@ -73,7 +73,7 @@ def test_angles_between_legs_of_three(t, r1, data):
 @settings(max_examples=25)
 @given(SHAPES, REACH, st.data())
 def test_main_members_are_isotropic_for_a_spheroid(t, r1, data):
-    """Remark of section 9.3, with its half-axes; the anchors lie on it on average."""
+    """Remark of [Naw07] 7.3.1, with its half-axes; the anchors lie on it on average."""
     member = draw_main(data, t, r1)
     pose = member.pose
     R2 = 1.5 * pose.N[2, 2] / pose.N[5, 5]
@@ -101,7 +101,7 @@ def test_at_one_half_the_top_view_is_the_planar_optimum(r, sign_r, sign_t, data)
 @settings(max_examples=80)
 @given(SHAPES, st.floats(0.02, 1), SIGN, st.tuples(SIGN, SIGN, SIGN), SIGN, st.integers(3, 6))
 def test_every_special_member(t, share, sign, signs, phi1_sign, g):
-    """CTN = 1, regular, first group flat, leg lengths and cone: section 9.4."""
+    """CTN = 1, regular, first group flat, leg lengths and cone: [Naw07] 7.3.2."""
     r1 = sign * share * special_limit(t)
     member = ctn_optimal_special(t, r1, signs=signs, phi1_sign=phi1_sign, g=g)
     pose = member.pose
@@ -176,7 +176,7 @@ def test_example_main_printed_anchors():
 @settings(max_examples=40)
 @given(SEEDS)
 def test_example_main_turned_by_a_right_angle_about_a_horizontal_axis_is_singular(seed):
-    """Section 11.6, mu = 0: for every horizontal axis and every translation."""
+    """[Naw07] 7.3.3, mu = 0: for every horizontal axis and every translation."""
     rng = np.random.default_rng(seed)
     pose = example_main(0.0).pose
     angle, side = rng.uniform(-np.pi, np.pi), rng.choice([-1, 1])
@@ -195,7 +195,7 @@ def _anchors(member):
 
 
 def test_singular_positions_of_example_main_are_a_quadric_cylinder():
-    """Section 11.6: for constant orientation det J of B = y, P = x, times the leg lengths, is free of z and
+    """[Naw07] 7.3.3: for constant orientation det J of B = y, P = x, times the leg lengths, is free of z and
     quadratic in x and y."""
     pose = example_main(0.0).pose
     platform = StewartPlatform(pose.platform, pose.base)

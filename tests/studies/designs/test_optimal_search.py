@@ -6,7 +6,7 @@ from studies.indices.designs.optimal_search import classify, search_optimal
 
 
 def test_random_starts_find_no_third_family():
-    """Section 9.5: every regular solution belongs to L_H or L_S, and both are found."""
+    """Every regular solution belongs to L_H or L_S, and both are found."""
     search = search_optimal(20, seed=1)
     assert search.count("L_H") >= 3
     assert search.count("L_S") >= 3

@@ -36,7 +36,7 @@ def test_averages_are_the_entries_of_both_forms(seed, g):
 @settings(max_examples=20)
 @given(SEEDS, st.floats(-3, 3))
 def test_characteristic_polynomial_factors(seed, x):
-    """det(Z - lambda N) = H1 H2^2 with the corrected factors of section 9.2."""
+    """det(Z - lambda N) = H1 H2^2 with the corrected factors of [Naw07] 7.3."""
     platform = random_platform(np.random.default_rng(seed), 3)
     pose = platform.pose()
     one, two = platform.first.forms(), platform.second.forms()

@@ -1,7 +1,7 @@
 """Five kinds of local clamps, each reduced to one contact point with its own set of admissible forces.
 
-The upper jaw (index o in the source) pushes the base along +n, the lower jaw (u) along -n. `K_n` is the
-normal force on the base at the reduced point. Source: sections 3.2.1 to 3.2.5 and appendix A.
+The upper jaw (index o in thesis M) pushes the base along +n, the lower jaw (u) along -n. `K_n` is the
+normal force on the base at the reduced point. Source: thesis M, 3.2.1 to 3.2.5 and A.
 """
 
 from __future__ import annotations

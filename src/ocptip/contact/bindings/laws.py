@@ -6,7 +6,7 @@ A contact force K = (K_n, K_t) and a contact acceleration a = (a_n, a_t) obey th
 * K_t lies in the polygon (the pyramid's cross-section) that belongs to K_n;
 * no other force in that polygon would dissipate more: -a_t' K_t is the polygon's support function.
 
-Source: sections 2.4 and 3 (maximum dissipation is the polyhedral form of "friction opposes sliding").
+Source: thesis M, 2.4 and chapter 3. Maximum dissipation is the polyhedral form of "friction opposes sliding".
 """
 
 from __future__ import annotations

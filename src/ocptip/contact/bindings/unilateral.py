@@ -169,7 +169,7 @@ def following(h: int, facets: int) -> int:
 def stick_triples(facets: int, first: int = 1) -> list[tuple[str, str, str]]:
     """Edges of the pyramid in triples that fill it: a triangulation of its cross-section.
 
-    Any triangulation gives a closed mode list with S - 2 stick modes. The source takes a fan from one
+    Any triangulation gives a closed mode list with S - 2 stick modes. Thesis M takes a fan from one
     edge, across which a force may have to pass S - 2 triangles; here every triangle halves the rest, so
     that no more than about log2(S) pivots lead from a face to the middle.
 

@@ -2,7 +2,7 @@
 
 Indices see an arm as the spears of its joint axes in the base frame: the columns of the Jacobian that maps
 joint rates to the screw of the end-effector (angular part first). The frame of the end-effector is the arm's
-gripper frame. Source: sections 1.5 and 4.5, (2.2), (3.17).
+gripper frame. Source: [Naw07] 2.1, (2.2), (3.17).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 det J is linearised in the joint angles. Turning axis 1 or 6 cannot change it, so the angles are those of
 joints 2 to 5, in radians. DM_inf is the smallest angle by which all four would have to turn, DM_2 the
-shortest way if the sum of squared angles counts. Source: section 5.
+shortest way if the sum of squared angles counts. Source: [Naw07] 4.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ class Curvatures:
     def worst(self) -> np.ndarray:
         """(4,) direction of the most negative curvature, in which a singularity is nearest to second order.
 
-        The source takes the curvature of smallest magnitude; that contradicts its own example.
+        [Naw07] takes the curvature of smallest magnitude; that contradicts its own example.
         """
         return self.directions[0]
 

@@ -2,7 +2,7 @@
 
 The sum of squared velocities of the ellipsoid's vertices, zeta = w' Z w with Z = J' W J, is extremised over
 joint rates w of unit length (or of unit rotational energy, in the weighted form). PI_OE compares the smallest
-value with what axis 6 alone can always do; CDN_OE compares smallest and largest. Source: section 4.
+value with what axis 6 alone can always do; CDN_OE compares smallest and largest. Source: [Naw07] 3.3, 3.4.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Two forms. :func:`index_expression` and :func:`index_function` give one smooth n
 CDN_OE it is a lower bound of the index, usually within a few per cent. The `*_constraint` functions give the
 exact conditions, with auxiliary variables where needed. All depend on the joint angles only: the pose of the
 base drops out. Manipulability and the distances carry the sign of det J: an optimiser must stay in one
-aspect, so take the sign from the start. Source: section 14.
+aspect, so take the sign from the start.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ Near a singularity small changes of leg lengths move the platform uncontrollably
 are the angular velocities of the passive joints: with the sum of squared leg rates fixed to one, the sum of
 squared passive joint rates lies between lambda_- and lambda_+ (rad^2/m^2): CTN = sqrt(lambda_- / lambda_+).
 CTN is 0 exactly in singular poses and 1 where every motion moves the passive joints equally much. It depends
-on the anchors themselves, not only on the lines of the legs. Source: sections 7.1 to 7.3, (6.4) to (6.7), and
-8.1 for the planar case.
+on the anchors themselves, not only on the lines of the legs. Source: [Naw07] 6.3, (6.4) to (6.7), and 7.2 for
+the planar case.
 
 Numerically: with J the leg rates and A = Q R the passive joint rates per screw, the singular values of
 J R^-1 are 1/sqrt(lambda). That loses no digits near a singularity, as the eigenvalues of J'J would.

@@ -2,7 +2,7 @@
 
 The sum of squared velocities of the ellipsoid's six vertices, q' W q, is compared with the sum of squared leg
 rates, q' N q. 1/CDN_OE = sqrt(lambda_min / lambda_max) with the eigenvalues of (W, N); 0 exactly in singular
-poses, 1 (isotropic) where every motion of the ellipsoid costs the same leg rates. Source: section 6.1, (5.7).
+poses, 1 (isotropic) where every motion of the ellipsoid costs the same leg rates. Source: [Naw07] 5.2, (5.7).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Planar RPR platforms: n >= 3 legs in a plane, in a pose.
 
 A planar screw is q = (angular velocity, velocity of the point at the origin), three numbers; everything else
-is as for Stewart-Gough platforms with the third coordinate zero. Source: section 8, (7.8) to (7.15).
+is as for Stewart-Gough platforms with the third coordinate zero. Source: [Naw07] 7.2, (7.8) to (7.15).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A platform has n >= 6 legs from b_i on the base to p_i on the moving platform. A platform screw q = (angular
 velocity, velocity of the point at the origin of the base frame) causes the leg rates J q. The joints at both
 ends of a leg turn as well, and nothing drives them: their angular velocities are the rest of the velocity of
-p_i (and, seen from the platform, of b_i) across the leg, divided by its length. Source: sections 1.6 and 7.1,
+p_i (and, seen from the platform, of b_i) across the leg, divided by its length. Source: [Naw07] 2.2 and 6.3,
 (2.5) to (2.7), (6.4), (6.5).
 """
 
@@ -162,7 +162,7 @@ class PlatformPose(AnchoredPose):
 
     @cached_property
     def Z(self) -> np.ndarray:
-        """(6, 6) q' Z q = sum of squared angular velocities of the passive joints (section 7.2)."""
+        """(6, 6) q' Z q = sum of squared angular velocities of the passive joints."""
         return self.passive_map.T @ self.passive_map
 
     @property

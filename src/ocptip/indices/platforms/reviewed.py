@@ -1,7 +1,7 @@
 """Indices of Stewart-Gough platforms from the literature: what they measure and where they mislead.
 
 None of them sees where on its line an anchor sits (except the rigidity rate, which sees the platform anchors
-only). Source: sections 3.3 and 3.4, (5.1), (6.2). The quality index (6.1)
+only). Source: [Naw07] 5.1 and 6.1, (5.1), (6.2). The quality index (6.1)
 is a search and lives in :mod:`studies.indices.designs.platform_search`.
 """
 
@@ -54,7 +54,7 @@ class RigidityRate(Record):
 
 
 def manipulability(pose: PlatformPose) -> float:
-    """|det J|, m^3; for more than six legs sqrt(det J'J) (section 3.4).
+    """|det J|, m^3; for more than six legs sqrt(det J'J).
 
     Scales with the third power of lengths and may be largest next to a singularity: not comparable between
     platforms.
@@ -140,7 +140,7 @@ def best_complex(pose: PlatformPose) -> BestComplex:
 
 
 def rigidity_rate(pose: PlatformPose) -> RigidityRate:
-    """Rigidity rate: angle of the self-motion with scalings to the displacements (section 3.4).
+    """Rigidity rate: angle of the self-motion with scalings to the displacements ([Naw07] 6.1.3).
 
     With the legs' lengths fixed a platform that may also be scaled has one infinitesimal self-motion
     (q, q_hat, s); phi = atan2(|s|, |q|), the bilinear form q.q + s^2.

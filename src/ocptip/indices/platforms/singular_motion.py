@@ -2,8 +2,7 @@
 
 Near a singularity the legs nearly are path normals of the least controllable screw e_+, i.e. lines of its
 linear complex. If more eigenvalues lambda are about as large as lambda_+, the legs are close to the lines
-that all complexes of the spanned pencil or bundle have in common. Source: section 7.5, (6.10), with section
-1.4.
+that all complexes of the spanned pencil or bundle have in common. Source: [Naw07] 6.3.3, (6.10).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Indices of platforms as CasADi expressions and constraints.
 
-The forms N and Z (and W of an operation ellipsoid) of a symbolic pose, and the encodings of section 14.2 on
-them. Lengths are measured in units of the platform's extent and screws are taken about the origin of the
+The forms N and Z (and W of an operation ellipsoid) of a symbolic pose, and their encodings.
+Lengths are measured in units of the platform's extent and screws are taken about the origin of the
 platform frame, so that all entries are near one; the indices do not change by that. The constraints CTN,
-1/CDN_OE, sigma_R and sigma_S take a method of :mod:`ocptip.indices.encodings`. Source: sections 14.1 to 14.3.
+1/CDN_OE, sigma_R and sigma_S take a method of :mod:`ocptip.indices.encodings`.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ class SymbolicPlatform:
 
 
 def leg_forms(base: list[Symbolic | cs.DM], platform: list[Symbolic]) -> tuple[Symbolic, Symbolic, Symbolic]:
-    """J, N and Z from anchors, all in one frame (section 7.2); anchors (3, 1), or (2, 1) for the plane.
+    """J, N and Z from anchors, all in one frame; anchors (3, 1), or (2, 1) for the plane.
 
     In the plane the screws are (rotation, velocity) and the matrices (n, 3) and (3, 3).
     """

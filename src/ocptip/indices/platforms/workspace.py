@@ -1,7 +1,7 @@
 """Indices of platforms over many poses: maps and statistics.
 
 An index of a pose serves control; for design it is taken over a sample of the workspace (minimum, mean,
-percentile). Source: section 10.
+percentile).
 """
 
 from __future__ import annotations

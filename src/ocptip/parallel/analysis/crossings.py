@@ -1,4 +1,4 @@
-"""Singular poses between the samples of a path: sign changes of the implicit pair (section 13).
+"""Singular poses between the samples of a path: sign changes of the implicit pair.
 
 A measure that is far from zero at every sample says nothing about what lies between them. The determinant of
 A (type II) and the entries of b (type I) are smooth through a singular pose and change their sign there.

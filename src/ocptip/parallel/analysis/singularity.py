@@ -1,4 +1,4 @@
-"""Singular poses: of a leg (type I), of the platform (type II), of the Euler angles (section 13).
+"""Singular poses: of a leg (type I), of the platform (type II), of the Euler angles (thesis P, 5.5.3).
 
 Type I: a leg's own Jacobian loses rank, the platform loses a motion. Type II: locked motors no longer hold
 the platform, motor forces grow without bound. Both measures are made comparable by a characteristic length

@@ -1,4 +1,4 @@
-"""Motor forces of parallel robots with more motors than degrees of freedom (section 8).
+"""Motor forces of parallel robots with more motors than degrees of freedom (thesis P, 5.5.2).
 
 J_a^T tau_a = tau_s has many solutions then: the shortest one, the shortest in a weighted norm, and the best
 within limits of the motors. Forces of the null space of J_a^T pretension the robot without moving it.

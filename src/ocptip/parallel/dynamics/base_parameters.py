@@ -1,4 +1,4 @@
-"""Base parameters of a whole parallel robot, by numbers (section 7b).
+"""Base parameters of a whole parallel robot, by numbers.
 
 The regressor of the generalised force is stacked over closed configurations of the robot; its rank is the
 number of base parameters. Equal legs show one parameter less than leg by leg: a point mass at the end of all

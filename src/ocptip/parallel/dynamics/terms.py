@@ -1,4 +1,4 @@
-"""Equations of motion in quasi-velocities, tau_s = M s'' + c + g, and their other forms (section 6).
+"""Equations of motion in quasi-velocities, tau_s = M s'' + c + g, and their other forms (thesis P, 3.3).
 
 tau_s is the generalised force dual to s': force and moment about the platform's origin, world axes, as far as
 free. Platform and legs are projected with the legs' inverse Jacobians (3.48) to (3.54).

@@ -1,7 +1,7 @@
 """Kinematics and dynamics of one leg as compiled CasADi functions: straightforward form, world axes.
 
 A leg is a tree of bodies over MDH rows; a serial leg is the tree without branches. Dynamics by body Jacobians
-(section 4 of the derivation, generalised (3.19)); the lean form for code generation is a separate module.
+(thesis P, (3.19), generalised); the lean form for code generation is a separate module.
 """
 
 from __future__ import annotations

@@ -157,7 +157,7 @@ class LegClosure:
         s: np.ndarray,
         rho: list[int],
     ) -> LegMotion:
-        """Rates of all joints of the complete leg (section 12 of the derivation).
+        """Rates of all joints of the complete leg.
 
         Args:
             q: (n,).

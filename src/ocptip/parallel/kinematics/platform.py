@@ -162,7 +162,7 @@ class Kinematics:
         return self.along.at(z, self.joints(z).q if q is None else q)
 
     def joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
-        """All joint positions at a pose, coupling joints included (section 9).
+        """All joint positions at a pose, coupling joints included.
 
         Args:
             z: (m,).

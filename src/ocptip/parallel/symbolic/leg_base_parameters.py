@@ -1,4 +1,4 @@
-"""Base parameters of a parallel robot leg by leg, in closed form (section 7a).
+"""Base parameters of a parallel robot leg by leg, in closed form.
 
 Rules of Gautier and Khalil: what a joint cannot tell apart moves to the body before it. Of a revolute joint
 that is a body of revolution about its axis, of a prismatic joint the whole inertia tensor.
@@ -41,7 +41,7 @@ class LegBaseParameters:
 
 
 def leg_base_parameters(description: RobotDescription) -> LegBaseParameters:
-    """Group the parameters of every leg from its coupling point to the base, in closed form (section 7a).
+    """Group the parameters of every leg from its coupling point to the base, in closed form.
 
     Raises:
         InputError: a robot without the coupling form.

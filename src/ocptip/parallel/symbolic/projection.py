@@ -183,7 +183,7 @@ class Projection:
         return cs.vertcat(*rows)
 
     def closures(self) -> cs.SX:
-        """(n, N) legs' coupling points minus the platform's, zero if closed (section 9)."""
+        """(n, N) legs' coupling points minus the platform's, zero if closed."""
         columns = []
         for leg, arm in zip(self.legs, self.arms, strict=True):
             end = leg.origin
