@@ -79,10 +79,30 @@ def test_what_cannot_be_used_is_named(changes, message):
         Robot.from_urdf(given.pop("source"), **given)
 
 
-def test_a_base_lighter_than_the_urdf_says_is_refused(tmp_path):
+def with_base(mass, x):
+    """The URDF with a mass in its base link, its centre at x, m."""
     text = URDF.read_text(encoding="utf-8")
-    body = '<inertial><mass value="50"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    body = f'<inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>{inertia}</inertial>'
     heavy = text.replace('<link name="base_link">', f'<link name="base_link">{body}')
-    heavy = heavy.replace('<link name="base_link"/>', f'<link name="base_link">{body}</link>')
+    return heavy.replace('<link name="base_link"/>', f'<link name="base_link">{body}</link>')
+
+
+def test_a_base_lighter_than_the_urdf_says_is_refused():
     with pytest.raises(InputError, match=r"base_mass: 35 kg is less than the 5\d kg"):
-        Robot.from_urdf(heavy, contacts=FEET, friction=0.6, **CART)
+        Robot.from_urdf(with_base(50, 0), contacts=FEET, friction=0.6, **CART)
+
+
+def test_mass_and_centre_of_the_base_are_those_of_the_links_that_rest():
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    mounted = {"mount_position": [0, 0, 0.75], "mount_rotation": turn}
+    robot = Robot.from_urdf(with_base(50, 0.1), contacts=FEET, friction=0.6, **mounted)
+    assert robot.support.mass == pytest.approx(robot.arm.base_mass)
+    share = 50 / robot.support.mass
+    assert robot.support.center_of_mass == pytest.approx(
+        [0, 0.1 * share, 0.75], abs=0.02 * (1 - share) + 1e-9
+    )
+    with pytest.raises(InputError, match="base_mass: missing; the links of the arm's file that rest have no"):
+        Robot.from_urdf(URDF, contacts=FEET, friction=0.6)
+    with pytest.raises(InputError, match="base_com: missing"):
+        Robot.from_urdf(URDF, contacts=FEET, friction=0.6, base_mass=35.0)

@@ -10,10 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import InputError
 from ocptip.robots.collision.urdf import geometry_from_urdf
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import PinocchioModel
+from ocptip.robots.resting import resting_body
 from ocptip.robots.urdf import arm_from_pinocchio, arm_from_urdf
 
 _TEXT = "robot.urdf"
@@ -44,11 +47,19 @@ def arm_from(
     names = {"base_link": base_link, "tool_frame": tool_frame, "locked_joints": locked_joints}
     if not isinstance(source, str | os.PathLike):
         return _from_model(source, **names).with_usual_accelerations("the model")
-    with _file_of(source) as path:
+    with file_of(source) as path:
         arm = arm_from_urdf(path, **names)
         if collision:
             arm = replace(arm, geometry=geometry_from_urdf(path, arm, package_dirs=package_dirs))
     return arm.with_usual_accelerations("the URDF")
+
+
+def resting_base(source: str | os.PathLike[str] | PinocchioModel, arm: ArmModel) -> tuple[float, np.ndarray]:
+    """Mass, kg, and centre of mass (3,), m, in the frame of `base_link`, of the source's links that rest."""
+    if not isinstance(source, str | os.PathLike):
+        return 0.0, np.zeros(3)
+    with file_of(source) as path:
+        return resting_body(path, arm)
 
 
 def _from_model(
@@ -64,7 +75,7 @@ def _from_model(
 
 
 @contextmanager
-def _file_of(source: str | os.PathLike[str]) -> Iterator[Path]:
+def file_of(source: str | os.PathLike[str]) -> Iterator[Path]:
     """The file of a path, or a temporary one of a text; messages do not name its folder."""
     if not (isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")):
         yield Path(source)

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.doubts import too_light
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, rotation_matrix
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
 from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.slip import Redistribution
-from ocptip.robots.arm_source import arm_from
+from ocptip.robots.arm_source import arm_from, resting_base
 from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
 from ocptip.robots.collision.model import ShapeCollisions, collisions_of
 from ocptip.robots.collision.opened import opened
@@ -101,8 +101,8 @@ class Robot(StandingMechanism):
         source: str | os.PathLike[str] | PinocchioModel,
         *,
         contacts: Sequence[Binding] | ArrayLike,
-        base_mass: float,
-        base_com: ArrayLike,
+        base_mass: float | None = None,
+        base_com: ArrayLike | None = None,
         friction: float | None = None,
         base_inertia: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
@@ -123,8 +123,8 @@ class Robot(StandingMechanism):
             source: path, text (it begins with <), or `pinocchio.Model`, which needs `tool_frame`.
             contacts: positions (n, 3), m, base axes, of ordinary contacts with a vertical normal; or contacts
                 of any kind.
-            base_mass: kg, without the arm, with those links of the URDF that do not move.
-            base_com: (3,), m, base axes: centre of mass of the base.
+            base_mass: kg, without the arm; default: of those links of the URDF that do not move.
+            base_com: (3,), m, base axes; default likewise.
             friction: coefficient of the contacts, where `contacts` are positions.
             base_inertia, gravity: see `Support`.
             base_link, tool_frame, locked_joints: see `ocptip.robots.urdf.arm_from_urdf`.
@@ -132,12 +132,11 @@ class Robot(StandingMechanism):
             mount_rotation: (3, 3): axes of `base_link` to base axes; default none.
             payload: what the gripper holds; kg: a point mass at the tool frame.
             motors: default: estimated from limits of torque and speed.
-            collision: whether collision geometry is read from the URDF.
-            package_dirs: folders of ROS packages for meshes.
+            collision, package_dirs: whether collision geometry is read, and folders of its ROS packages.
             others: obstacles, shapes, floor, reference_moment, redistribution, sensor: see `Robot`.
 
         Raises:
-            InputError: naming the argument that cannot be used.
+            InputError: an argument cannot be used; names it.
         """
         arm = arm_from(
             source,
@@ -147,6 +146,14 @@ class Robot(StandingMechanism):
             collision=collision,
             package_dirs=package_dirs,
         )
+        if base_mass is None or base_com is None:
+            mass, centre = resting_base(source, arm)
+            if not mass:
+                name = "base_mass" if base_mass is None else "base_com"
+                raise InputError(f"{name}: missing; the links of the arm's file that rest have no mass")
+            turn = np.eye(3) if mount_rotation is None else rotation_matrix("mount_rotation", mount_rotation)
+            base_mass = mass if base_mass is None else base_mass
+            base_com = np.add(mount_position, turn @ centre) if base_com is None else base_com
         if reason := too_light(base_mass, arm.base_mass):
             raise InputError(f"base_mass: {reason}")
         support = Support(
@@ -156,8 +163,8 @@ class Robot(StandingMechanism):
             inertia=base_inertia,
             gravity=gravity,
         )
-        held = payload if payload is None or isinstance(payload, Payload) else Payload(payload)
-        arm = arm.mounted(mount_position, mount_rotation).with_payload(held)
+        arm = arm.mounted(mount_position, mount_rotation)
+        arm = arm.with_payload(Payload(payload) if isinstance(payload, float | int) else payload)
         if motors is None:
             motors, note = DCMotors.estimated(arm), "motors: estimated from torque and speed limits"
             arm = replace(arm, notes=(*arm.notes, note))
