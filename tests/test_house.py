@@ -60,6 +60,8 @@ def _imports(name: str) -> Iterator[str]:
     for node in ast.walk(_tree(name)):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name}: relative import"
+            if str(node.module).startswith("ocptip."):
+                assert node.module in MODULES, f"{name}: there is no {node.module}"
             for alias in node.names:
                 full = f"{node.module}.{alias.name}"
                 yield from (m for m in (full if full in MODULES else node.module,) if m in MODULES)

@@ -22,7 +22,7 @@ def test_nothing_is_nearer(number, m, n, alike, power):
     slopes = A.T @ (b - A @ x) / (np.linalg.norm(A, axis=0) * np.linalg.norm(b))  # Kuhn and Tucker
     assert np.max(slopes) <= 1e-12
     assert np.max(np.abs(slopes[x > 0]), initial=0.0) <= 1e-12
-    scipy_x, _ = nnls(A, b)  # what it says of the residual is not always that of its x (1.17)
+    scipy_x, _ = nnls(A, b)
     assert residual <= np.linalg.norm(A @ scipy_x - b) + 1e-10 * np.linalg.norm(b)
 
 

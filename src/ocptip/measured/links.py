@@ -38,7 +38,7 @@ from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import mass_sensitivities
-from ocptip.robots.model import ArmModel, without_process
+from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 
 _STATES, _SEED = 60, 0  # random states at which the rank is found
@@ -299,7 +299,7 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     away = found.basis.combinations @ all_parameters(bare) - found.estimate.values[:p]
     unsure = sigmas * np.sqrt(np.einsum("nap,pq,naq->na", ways, covariance, ways)) + np.abs(ways @ away)
     given = *states, support.gravity, support.center_of_mass
-    slopes = mass_sensitivities(without_process(bare))(*given, np.zeros(4 * links + 1))[1].reshape(
+    slopes = mass_sensitivities(bare.without_process)(*given, np.zeros(4 * links + 1))[1].reshape(
         len(ways), robot.n + 6, -1
     )
     moved = axes(wrenches)[1] @ slopes[:, robot.n :, :links]

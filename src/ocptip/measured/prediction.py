@@ -12,7 +12,6 @@ from ocptip.basics.errors import InputError
 from ocptip.measured.recording import ANGLE, BASE, GRIPPER, POWER, SHIFT, SPEED, TORQUE, WRENCH
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.kinematics import gripper_batch
-from ocptip.robots.model import without_process
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
@@ -86,7 +85,7 @@ class Predictor:
         if not isinstance(robot, Robot):
             raise InputError(f"only recordings of arms are compared, not of a {robot.kind}")
         self.robot, self.motion = robot.during(motion), motion
-        self._masses = mass_sensitivities(without_process(robot.arm))
+        self._masses = mass_sensitivities(robot.arm.without_process)
         self._linear, self._swings = lru_cache(8)(self._linearised), lru_cache(16)(self._swung)
 
     def states(self, times: np.ndarray, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,7 +24,6 @@ from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
-from ocptip.robots.model import without_process
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
@@ -192,7 +191,7 @@ class _Parts(RestLoads):
         self.times, self.support = times, robot.support
         q, qd, qdd = motion.states(times)
         super().__init__(robot, q, robot.acting(times))
-        arm, about = without_process(robot.arm), robot.support.center_of_mass
+        arm, about = robot.arm.without_process, robot.support.center_of_mass
         bare = arm.with_payload(None)
         one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
 

@@ -1,8 +1,9 @@
 """Least squares over non-negative numbers, for small dense problems.
 
-The active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23), here because
-the import of scipy.optimize takes longer than most verdicts, for unknowns of any sign among the others, and
-because SciPy's (1.17) now and then names a residual that its x does not have.
+The active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23). SciPy's nnls
+(1.17.1) finds the same minima (4,000 random problems, with columns that depend on each other, too), but the
+import of scipy.optimize takes 0.37 s of CPU time, two thirds of a whole verdict on a scene; and here unknowns
+may have any sign among the others.
 """
 
 from __future__ import annotations

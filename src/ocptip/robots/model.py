@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from weakref import WeakKeyDictionary
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -322,7 +322,17 @@ class ArmModel:
 
     def with_process(self, process: ProcessWrench | None) -> ArmModel:
         """The same arm on whose gripper this acts, and nothing else."""
-        return dataclasses.replace(self, process=process)
+        bare = self.without_process
+        if process is None:
+            return bare
+        other = dataclasses.replace(bare, process=process)
+        vars(other)["without_process"] = bare  # what was built for it serves again
+        return other
+
+    @cached_property
+    def without_process(self) -> ArmModel:
+        """The same arm on whose gripper nothing acts."""
+        return self if self.process is None else dataclasses.replace(self, process=None)
 
     def with_gears(self, gears: Gears | None) -> ArmModel:
         """The same arm with gears that give."""
@@ -378,23 +388,6 @@ class ArmModel:
         return dataclasses.replace(
             self, sphere_sets=sets, collision_pairs=pairs, floor_sets=moving, obstacle_sets=moving
         )
-
-
-_BARE: WeakKeyDictionary[ArmModel, ArmModel] = WeakKeyDictionary()
-
-
-def without_process(arm: ArmModel) -> ArmModel:
-    """The same arm, one for each, on whose gripper nothing acts."""
-    if arm.process is None:
-        return arm
-    if arm not in _BARE:
-        _BARE[arm] = arm.with_process(None)
-    return _BARE[arm]
-
-
-def keep_bare(arm: ArmModel, bare: ArmModel) -> None:
-    """Let `without_process` give this one for an arm, so that what was built for it serves again."""
-    _BARE[arm] = bare
 
 
 def joint_states(name: str, value: ArrayLike, joints: int) -> tuple[np.ndarray, bool]:

@@ -28,7 +28,7 @@ from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import Floor, Obstacle
 from ocptip.robots.kinematics import chain, gripper_batch
-from ocptip.robots.model import ArmModel, keep_bare, without_process
+from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.pinocchio import PinocchioModel
@@ -284,7 +284,7 @@ class Robot(StandingMechanism):
         """See `robots.dynamics.evaluate_dynamics`: of an arm with the process, (N, 6) if it varies."""
         load = {}
         if process is not None and self.varying is not None:
-            arm, load = without_process(arm), {"force": process[:, :3], "moment": process[:, 3:]}
+            arm, load = arm.without_process, {"force": process[:, :3], "moment": process[:, 3:]}
             if self.varying.turns_with_tool:
                 turn = gripper_batch(arm)(q)[1]
                 load = {name: np.einsum("kij,kj->ki", turn, rows) for name, rows in load.items()}
@@ -301,7 +301,7 @@ class Robot(StandingMechanism):
         if process is None:
             return self
         if share and process.over != SHARE:
-            return self.varied(arm=without_process(self.arm))
+            return self.varied(arm=self.arm.without_process)
         force, moment = process.at(np.array([share]))
         return self.varied(arm=self.arm.with_process(ProcessWrench(force[0], moment[0], process.axes)))
 
@@ -352,7 +352,6 @@ class Robot(StandingMechanism):
     def _acting(self, process: ProcessWrench) -> Self:
         """The same robot with another process; what was built for the arm without one stays."""
         arm = self.arm.with_process(process)
-        keep_bare(arm, without_process(self.arm))
         other = object.__new__(type(self))
         vars(other).update(vars(self) | {"arm": arm, "_arguments": {**self._arguments, "arm": arm}})
         return other
@@ -382,7 +381,7 @@ class Robot(StandingMechanism):
         self, arm: ArmModel, springs: tuple[int, ...], q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """With the base."""
-        support, arm = self.support, without_process(arm) if self.varying else arm
+        support, arm = self.support, arm.without_process if self.varying else arm
         found = small_motions(arm, springs)(q, qd, qdd, support.gravity, support.center_of_mass)
         inertia, turning, stiffening = found
         inertia[:, :6, :6] += np.linalg.inv(support.inverse_mass)
@@ -441,7 +440,7 @@ class Robot(StandingMechanism):
         """The same as CasADi columns; of a process that varies its present value (6,) is asked for."""
         support, arm, force, moment = self.support, self.arm, cs.SX.zeros(3), cs.SX.zeros(3)
         if process is not None and self.varying:
-            arm, turns = without_process(self.arm), self.varying.turns_with_tool
+            arm, turns = self.arm.without_process, self.varying.turns_with_tool
             turn = chain(arm, q)[0][-1] if turns else cs.SX.eye(3)
             force, moment = (turn @ part for part in cs.vertsplit(process, 3))
         torque, wrench = inverse_dynamics(arm)(

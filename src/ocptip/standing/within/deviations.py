@@ -18,7 +18,6 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
-from ocptip.robots.model import without_process
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 
@@ -115,7 +114,7 @@ class Deviations:
         pressed, twisted = cs.SX.zeros(3), cs.SX.zeros(3)
         if varying is not None:
             arm, turn = (
-                without_process(arm),
+                arm.without_process,
                 chain(arm, q)[0][-1] if varying.turns_with_tool else cs.SX.eye(3),
             )
             pressed, twisted = (turn @ own for own in cs.vertsplit(acting[0], 3))

@@ -16,7 +16,7 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
-from ocptip.robots.model import ArmModel, without_process
+from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Tolerance
 
@@ -37,7 +37,7 @@ def maximum_torques(
         q, qd, qdd: (N, n) states.
         acting: (N, 6) the process if it varies, else (N, 0); see `StandingMechanism.acting`.
     """
-    own, arm = tolerance.of(robot.payload), without_process(robot.arm)
+    own, arm = tolerance.of(robot.payload), robot.arm.without_process
     parts, still, none = _parts(arm), np.zeros(q.shape), np.zeros(3)
     pace, push, swing, side, axes = parts(q, qd, qdd, none)
     pulls = np.stack([parts(q, still, still, axis)[0] for axis in np.eye(3)])  # (3, N, n, bodies)
