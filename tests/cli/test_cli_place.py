@@ -76,17 +76,20 @@ def test_summary(task, search, capsys):
     lines = {line.split("  ")[0].strip(): line for line in out.splitlines()}
     best = search.result.best
     scope = "(contacts and drives; collision not checked)"
-    assert out.startswith(f"press: FOUND, all constraints verified {scope}. Total {best.total:.4f}; ")
+    assert out.startswith(
+        f"press   FOUND for the given uncertainty, all constraints verified {scope}. Total {best.total:.4f}; "
+    )
     assert f"p1 {best.parameters[0]:.3f} m, p2 {best.parameters[1]:.3f} m" in lines["place"]
     angles = [float(word) for word in lines["joints"].split()[1:3]]
     np.testing.assert_allclose(angles, np.rad2deg(best.angles[0]), atol=0.006)
-    assert f"{best.criteria['GN']:.3f}" in lines["GN"]
-    assert "weight 0.25" in lines["GN"]
-    assert "not weighted" in lines["GT"]
+    left = best.problem.robot.tip_over.reference_moment * (1 / best.criteria["GN"] - 1)
+    assert f" {left:.3g} N m (GN {best.criteria['GN']:.3f}), weight 0.25" in lines["tipping margin"]
+    assert f" {100 * best.criteria['GT']:.3g} % (GT " in lines["friction used"]
+    assert "not weighted" in lines["friction used"]
     assert "torque:" in out
     assert "joint angle:" in out
     assert lines["active"].split(None, 1)[1] == (
-        "; ".join(map(str, best.active)) or "none: the optimum is inside all limits"
+        "; ".join(map(str, best.active)) or "none: no limit is reached"
     )
     assert re.fullmatch(r"masses +base [\d.]+ kg, arm [\d.]+ kg; together [\d.]+ kg", lines["masses"])
     assert lines["written"].endswith("ocptip-place-press/: placement.json")
@@ -113,9 +116,9 @@ def test_no_placement(task, search, capsys, tmp_path):
     search.result = refused()
     code, out, err = run(capsys, task, "--no-figures")
     assert (code, err) == (1, "")
-    assert out.startswith("press: NO PLACEMENT. No placement keeps all constraints")
+    assert out.startswith("press   NO PLACEMENT. No placement keeps all constraints")
     worst = search.result.nearest.violations[0]
-    assert f"broken   {worst}" in out
+    assert re.search(rf"^broken +{re.escape(str(worst))}", out, flags=re.MULTILINE)
     assert "off by" in out
     assert json.loads((tmp_path / "ocptip-place-press" / "placement.json").read_text())["found"] is False
     code, out, _ = run(capsys, task, "--no-figures", "--json")
@@ -154,7 +157,7 @@ def test_files_that_cannot_be_written_do_not_cost_the_result(task, search, capsy
     monkeypatch.setattr("ocptip.api.place.write_placement", refuse)
     code, out, err = run(capsys, task, "--no-figures")
     assert code == 2
-    assert out.startswith("press: FOUND")
+    assert out.startswith("press   FOUND")
     assert err == "ocptip: out/placement.json: No space left on device\n"
 
 

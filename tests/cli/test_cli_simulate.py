@@ -89,7 +89,7 @@ def test_export_writes_a_model_per_segment(cycle, tmp_path, capsys):
 def test_simulate_says_no(written, capsys):
     assert main(["simulate", str(written), "--tilt", "6", "-120", "--friction", "0.9"]) == 1
     said = capsys.readouterr().out
-    assert "DOES NOT STAND" in said or "FALLS" in said
+    assert "NOT STABLE" in said or "FALLS" in said
     assert "floor tilted by 6 deg, downhill towards (-0.5, -0.87, 0), friction x 0.9" in said
     assert "a contact is lost" in said
 

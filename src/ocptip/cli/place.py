@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.api.place import Placed, place
 from ocptip.basics.errors import naming
+from ocptip.basics.text import quantity
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.many import Asked, answer_many
@@ -27,7 +28,7 @@ from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.tolerance import load_tolerance
 
-_MEANING = {"GN": "tip-over", "GT": "slip", "GK": "force space", "GE": "power at rest"}
+_MEANING = {"GN": "tipping margin", "GT": "friction used", "GK": "force space index", "GE": "power at rest"}
 _MOST_VIOLATED = 6
 
 
@@ -102,13 +103,15 @@ class PlaceReport(Report):
         head, lines = _found(answer) if isinstance(answer, PlacementResult) else refusal_lines(answer)
         if within:
             if not within.stands:
-                head = f"NO PLACEMENT within the uncertainty. In the nominal model: {head}"
+                head = f"NO PLACEMENT for {within.tolerance.title}. In the nominal model: {head}"
+            else:
+                head = head.replace("FOUND", f"FOUND for {within.tolerance.title}", 1)
             lines += under("uncertainty", within.lines(shown.problem.robot.tip_over.reference_moment))
             if self.found.dropped and within.stands:
                 lines.append(("", f"{self.found.dropped} better ones or alternatives are not robust enough"))
         lines.append(("masses", masses(shown.problem.robot)))
         lines += [("assumed", note) for note in shown.problem.robot.notes]
-        return summary(f"{self.found.name}: {head}", lines, self.written)
+        return summary(f"{self.found.name}   {head}", lines, self.written)
 
 
 def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
@@ -121,7 +124,7 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
         f"{result.seconds:.1f} s, seed {result.seed}."
     )
     lines = [*_pose_lines(best), *_criteria_lines(best), *_margin_lines(best)]
-    active = "; ".join(str(m) for m in best.active) or "none: the optimum is inside all limits"
+    active = "; ".join(str(m) for m in best.active) or "none: no limit is reached"
     lines.append(("active", active))
     for number, other in enumerate(result.places[1:], 2):
         lines.append((f"no. {number}", _alternative(other)))
@@ -134,7 +137,7 @@ def _scope(placement: Placement) -> str:
 
 def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
     """Which constraints cannot be met, and by how much at the least-infeasible place."""
-    lines = [("nearest", "the least-infeasible placement found:"), *_pose_lines(error.nearest)]
+    lines = [("nearest", "the placement that violates limits least:"), *_pose_lines(error.nearest)]
     violated = error.nearest.violations
     lines += [("broken", str(margin)) for margin in violated[:_MOST_VIOLATED]]
     if len(violated) > _MOST_VIOLATED:
@@ -159,7 +162,7 @@ def _alternative(placement: Placement) -> str:
     """Total, place and criteria."""
     terrain = placement.problem.terrain
     on = f" on {terrain[placement.patch].name}" if len(terrain) > 1 else ""
-    values = ", ".join(f"{name} {_value(name, placement)}" for name in placement.criteria)
+    values = ", ".join(f"{_MEANING[name]} {_value(name, placement)}" for name in placement.criteria)
     return f"total {placement.total:.4f}{on} at {where_text(placement)}; {values}"
 
 
@@ -187,7 +190,11 @@ def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
 
 
 def _value(name: str, placement: Placement) -> str:
-    value = placement.criteria[name]
+    value, reference = placement.criteria[name], placement.problem.robot.tip_over.reference_moment
+    if name == "GN" and reference and 0 < value < 1:
+        return quantity(reference * (1 / value - 1), "N m", 3)
+    if name == "GT" and value <= 1:
+        return quantity(100 * value, "%", 3)
     unit = placement.problem.energy.unit if name == "GE" else ""
     return f"{value:.1f} {unit}".rstrip() if name == "GE" else f"{value:.3f}"
 
@@ -196,13 +203,13 @@ def _criteria_lines(placement: Placement) -> list[tuple[str, str]]:
     problem, lines = placement.problem, []
     for name, value in placement.criteria.items():
         weight, reference = getattr(problem.weights, name), problem.references[name]
-        text = f"{_value(name, placement):<9} {_MEANING[name]}"
+        text = _value(name, placement) + (f" ({name} {value:.3f})" if name in ("GN", "GT") else "")
         if weight:
             by = f" / {reference:.4g}" if reference != 1 else ""
-            text += f": weight {weight:.3g}{by}, share {weight * value / reference:.4f}"
+            text += f", weight {weight:.3g}{by}, share {weight * value / reference:.4f}"
         else:
-            text += ": not weighted"
-        lines.append((name, text))
+            text += ", not weighted"
+        lines.append((_MEANING[name], text))
     return lines
 
 
@@ -212,7 +219,7 @@ def _margin_lines(placement: Placement) -> list[tuple[str, str]]:
     for margin in placement.margins:  # the smallest first
         tightest.setdefault(margin.kind, margin)
     shown = [m for m in tightest.values() if m.kind not in ("reach", "persistence", "tip-over")]
-    lines = [("margins", "tightest of each kind; all of them are in placement.json")]
+    lines = [("limits", "the nearest of each kind; placement.json has all of them")]
     return [*lines, *(("", _margin(margin)) for margin in shown)]
 
 
@@ -223,5 +230,5 @@ def _margin(margin: Margin) -> str:
     value, limit, unit = scale * margin.value, scale * margin.limit, f" {unit}" if unit else ""
     sign = "<=" if margin.upper else ">="
     room = abs(limit - value)
-    compared = f"{value:.4g} {sign} {limit:.4g}{unit}, room {room:.3g}{unit}"
+    compared = f"{value:.4g} {sign} {limit:.4g}{unit}, margin {room:.3g}{unit}"
     return f"{margin.kind + ':':<15} {compared}: {margin.full_name}"

@@ -224,7 +224,7 @@ class Document:
         """One line."""
         if self.checked is not None:
             return f"{self.task.name}: {self.checked.headline}"
-        return f"{self.task.name}: at rest it {'STANDS' if self.stands else 'DOES NOT STAND'}"
+        return f"{self.task.name}: {'STABLE' if self.stands else 'NOT STABLE'} at rest"
 
     # --- parts of the page --------------------------------------------------------------------------------
 

@@ -63,10 +63,10 @@ class SimulateReport(Report):
         """Verdict, forces, lifts and slides."""
         seen, own = self.found.replay, self.found.library
         limits = f"{1e3 * LIFTED:g} mm high, none slides by more than {1e3 * SLID:g} mm"
-        verdict = f"STANDS in the simulator. No foot gets {limits}"
+        verdict = f"STABLE in the simulator. No foot gets {limits}"
         if not seen.stands:
-            verdict = f"{'FALLS' if seen.falls else 'DOES NOT STAND'} in the simulator"
-        lines = [f"{self.found.name}: {verdict}.", "", *self._table(), ""]
+            verdict = f"{'FALLS' if seen.falls else 'NOT STABLE'} in the simulator"
+        lines = [f"{self.found.name}   {verdict}.", "", *self._table(), ""]
         rows = [("world", seen.world.text() or "as described")]
         if own is not None:
             stands = "no contact is lost" if own.stands else "a contact is lost"
