@@ -7,6 +7,7 @@ Paragraphs and list items do. Table cells are measured by themselves. `tests/tes
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import re
 from collections.abc import Iterator
@@ -120,12 +121,8 @@ class Page:
         return 206.835 - 1.015 * self.mean - 84.6 * sum(map(_syllables, words)) / max(len(words), 1)
 
     def banned(self) -> Iterator[str]:
-        """Word, its line, and what to use instead."""
-        plain = re.sub(r"\s*\n\s*(?![\n#|])", " ", self._plain)
-        for pattern, instead in BANNED.items():
-            for match in re.finditer(rf"\b(?:{pattern})\b", plain, flags=re.IGNORECASE):
-                around = plain[max(match.start() - 30, 0) : match.end() + 30].replace("\n", " ")
-                yield f"{match[0]!r} in '...{around}...': {instead}"
+        """Word, what is around it, and what to use instead."""
+        return banned(re.sub(r"\s*\n\s*(?![\n#|])", " ", self._plain))
 
     def long_cells(self) -> list[str]:
         return [cell for cell in self.cells if _length(cell) > CELL]
@@ -146,6 +143,28 @@ class Page:
         if _length(self.longest) > LONGEST:
             faults.append(f"sentence of {_length(self.longest)} words: {self.longest}")
         return faults
+
+
+def banned(text: str) -> Iterator[str]:
+    """Word, what is around it, and what to use instead."""
+    for pattern, instead in BANNED.items():
+        for match in re.finditer(rf"\b(?:{pattern})\b", text, flags=re.IGNORECASE):
+            around = text[max(match.start() - 30, 0) : match.end() + 30].replace("\n", " ")
+            yield f"{match[0]!r} in '...{around}...': {instead}"
+
+
+def texts_of_code() -> Iterator[tuple[str, str, str]]:
+    """Kind ("docstring" or "message"), place and text of all that people read in the modules of ocptip."""
+    for path in sorted((ROOT / "src").rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        nodes = list(ast.walk(tree))
+        strings = [n for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+        docstrings = {id(n.value) for n in nodes if isinstance(n, ast.Expr)}
+        for node in strings:
+            kind = "docstring" if id(node) in docstrings else "message"
+            if kind == "docstring" or " " in str(node.value).strip():
+                plain = re.sub(r"`+[^`]+`+", "X", str(node.value))
+                yield kind, f"{path.relative_to(ROOT)}:{node.lineno}", plain
 
 
 def _length(text: str) -> int:
@@ -171,11 +190,16 @@ def main() -> None:
     """Print the table, or the faults of the pages that are named."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("page", nargs="*", type=Path, help="list the faults of these pages")
-    named = parser.parse_args().page
+    parser.add_argument("--code", action="store_true", help="list banned words of docstrings and messages")
+    options = parser.parse_args()
+    named = options.page
+    for kind, place, text in texts_of_code() if options.code else ():
+        for word in banned(text):
+            print(f"{place}: {kind}: {word}")
     for page in map(Page, named):
         print(f"{page.path}: {page.words} words, {page.mean:.1f} per sentence, ease {page.ease:.0f}")
         print(*(f"  {fault}" for fault in page.faults()), sep="\n")
-    if not named:
+    if not named and not options.code:
         head = ("page", "words", "mean", "longest", "ease", "banned", "cells", "paths")
         rows = [
             (
