@@ -119,7 +119,7 @@ def test_filled_in_as_they_are_the_examples_make_a_task(tmp_path):
 @pytest.mark.parametrize(
     ("meshes", "mark", "key"),
     [
-        ("package://elsewhere", "package_dirs", "where packages are"),
+        ("package://elsewhere", "package_dirs", "Folders with packages"),
         ("elsewhere", "collision", "or get what"),
     ],
 )

@@ -1,15 +1,19 @@
 """The base and the motion that `ocptip init` writes: those of the URDF where it has them, else examples."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from jsonschema import Draft202012Validator
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.task import refusals
 from ocptip.robots.urdf_file import read_urdf
 from ocptip.task_files.motion import load_task
+from ocptip.task_files.reference import json_schema
+from ocptip.task_files.task_scene import ROBOT_BASE
 from ocptip.task_files.template import MARK, task_template
 
 LINK = """<link name="{0}"><inertial><origin xyz="{2}"/><mass value="{1}"/>
@@ -123,8 +127,12 @@ def test_what_is_invented_is_said_at_each_number(tmp_path):
     lines = template.text.splitlines()
     for key in ("mass", "center_of_mass", "feet", "friction"):
         (line,) = [line for line in lines if line.startswith(f"{MARK} {key} =")]
-        assert "invented" in line.partition("#  ")[2] or "invented" in line
+        assert "invented" in line
+        declared = ROBOT_BASE.keys[key]
+        assert f"{declared.unit}: {declared.meaning[:-1]}".removeprefix(": ") in line
     assert "0.5 kg of the URDF" in template.text
+    filled = tomllib.loads(template.text.replace(f"{MARK} ", ""))
+    Draft202012Validator(json_schema()).validate(filled)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.schema import Key
 from ocptip.basics.text import some
 from ocptip.basics.toml import MARK
 from ocptip.basics.toml_text import toml_value
@@ -19,8 +20,13 @@ from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
+from ocptip.task_files.arm import ARM, ARM_LIMITS
+from ocptip.task_files.ends import end_keys
 from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
+from ocptip.task_files.motors import MOTORS
+from ocptip.task_files.task_scene import ROBOT_BASE, SEGMENT_LIMITS
 
+_OF_URDF = ARM.known_variants["urdf"].keys
 _WIDTH = 44  # columns before a comment
 
 
@@ -90,7 +96,7 @@ def task_template(
         "#:schema ./task.schema.json",
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
         f"# The lines that begin with {MARK} are examples: put your numbers there and take the mark away.",
-        "# SI units; keys in degrees say so. All keys: docs/motion-planner.md.",
+        "# SI units; keys in degrees say so. All keys: `ocptip schema --page`.",
         f"name = {toml_value(file.name)}",
     ]
     text = "\n\n".join(filter(None, ("\n".join(lines) for lines in (head, *sections)))) + "\n"
@@ -98,45 +104,43 @@ def task_template(
 
 
 def _base(foot: ExampleBase) -> Iterator[str]:
-    yield "[base]  # what the arm stands on, without the arm; its origin is where you like, z upwards"
+    yield f"[base]  # {ROBOT_BASE.meaning}"
     yield f"# {foot.source}."
-    about = "kg, of the URDF's links that rest" if foot.of_urdf else "kg, invented"
+    keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else "invented"
     if foot.foot_mass > 1e-9:
         about += f"; it has to contain {foot.foot_mass:.3g} kg of the URDF: links that rest"
-    where = "m, of the URDF" if foot.of_urdf else "m, invented"
-    yield _line(f"mass = {foot.mass:.6g}", about, mark=True)
-    yield _line(f"center_of_mass = {_list(np.round(foot.center_of_mass, 4))}", where, mark=True)
+    where = "of the URDF" if foot.of_urdf else "invented"
+    yield _line(keys, "mass", f"{foot.mass:.6g}", about, mark=True)
+    yield _line(keys, "center_of_mass", _list(np.round(foot.center_of_mass, 4)), where, mark=True)
     feet = ", ".join(map(_list, np.round(foot.feet, 4)))
-    where = "m, from the URDF's geometry" if foot.feet_of_urdf else "m, invented"
-    yield _line(f"feet = [{feet}]", where, mark=True)
-    yield _line("friction = 0.5", "invented; of all feet; castors and clamps: [[contact]]", mark=True)
+    where = "from the URDF's geometry" if foot.feet_of_urdf else "invented"
+    yield _line(keys, "feet", f"[{feet}]", where, mark=True)
+    yield _line(keys, "friction", "0.5", "invented, of all feet; castors and clamps: [[contact]]", mark=True)
 
 
 def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path, height: float) -> Iterator[str]:
     yield f"[arm]  # {arm.n} joints, {arm.masses.sum():.4g} kg, reach from joint 1 below {arm.reach:.3g} m"
     path = Path(os.path.relpath(file.path.resolve(), folder.resolve())).as_posix()
     yield f"urdf = {toml_value(path)}"
-    yield _line(f"base_link = {toml_value(base)}", "the link that rests")
+    yield _line(_OF_URDF, "base_link", toml_value(base))
     others = [link for link in file.ends(base) if link != tool]
-    yield _line(
-        f"tool_frame = {toml_value(tool)}", f"others: {some(others)}" if others else "the gripper frame"
-    )
-    yield _line(
-        f"mount_position = [0.0, 0.0, {height:.6g}]", "m: base origin to the frame of base_link", mark=True
-    )
+    yield _line(_OF_URDF, "tool_frame", toml_value(tool), f"others: {some(others)}" if others else "")
+    yield _line(ARM.keys, "mount_position", f"[0.0, 0.0, {height:.6g}]", mark=True)
     yield from (f"# {note}" for note in arm.notes)
 
 
 def _geometry(missing: list[str] | None, broken: str) -> Iterator[str]:
     """What collisions need that the URDF does not give."""
     if broken:
-        yield _line("collision = false", f"or mend {broken}", mark=True)
+        yield _line(_OF_URDF, "collision", "false", f"or mend {broken}", mark=True)
     elif missing is None:
         yield "# sphere_radius = 0.06  # m; no collision geometry in the URDF: else nothing is checked"
     elif any(name.startswith(PACKAGE) for name in missing):
-        yield _line('package_dirs = ["."]', f"where packages are; not found: {some(missing, 2)}", mark=True)
+        yield _line(_OF_URDF, "package_dirs", '["."]', f"not found: {some(missing, 2)}", mark=True)
     elif missing:
-        yield _line("collision = false", f"or get what is not found: {some(missing, 2)}", mark=True)
+        yield _line(
+            _OF_URDF, "collision", "false", f"or get what is not found: {some(missing, 2)}", mark=True
+        )
 
 
 def _limits(arm: ArmModel) -> Iterator[str]:
@@ -156,12 +160,14 @@ def _limits(arm: ArmModel) -> Iterator[str]:
         for key, values, example in zip(keys, (limits.speed, limits.torque), examples, strict=False):
             if lacking := [arm.joint_names[j] for j in own if not np.isfinite(values[j])]:
                 table = ", ".join(f"{toml_value(name)} = {example}" for name in lacking)
-                yield _line(f"{key} = {{ {table} }}", "not in the URDF", mark=True)
+                yield _line(ARM_LIMITS.keys, key, f"{{ {table} }}", "not in the URDF", mark=True)
         if own.size and np.isfinite(limits.speed[own]).all():
             values = arm.in_degrees(limits.speed / FULL_SPEED)[own]
-            yield _line(f"{keys[2]} = {_list(values)}", f"an assumption: full speed in {FULL_SPEED:g} s")
+            about = f"an assumption: full speed in {FULL_SPEED:g} s"
+            yield _line(ARM_LIMITS.keys, keys[2], _list(values), about)
     yield "\n[motors]"
-    yield _line('kind = "estimated"', 'from torque and speed limits; "dc" with motor data')
+    about = 'from torque and speed limits; "dc" with motor data'
+    yield _line(MOTORS.keys, "kind", '"estimated"', about)
 
 
 def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
@@ -169,7 +175,7 @@ def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
     if doubtful:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in doubtful.items())
         names = ", ".join(map(toml_value, doubtful))
-        yield _line(f"accept_inertia = [{names}]", f"if that is meant: {reasons}", mark=True)
+        yield _line(_OF_URDF, "accept_inertia", f"[{names}]", f"if that is meant: {reasons}", mark=True)
 
 
 def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
@@ -180,7 +186,7 @@ def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
         if own.size:
             names = ", ".join(arm.joint_names[j] for j in own)
             for place, values in places.items():
-                yield _line(f"{place}_{key} = {_list(values[own])}", names, mark=True)
+                yield _line(end_keys(place, place), f"{place}_{key}", _list(values[own]), names, mark=True)
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
     first = ", ".join(map(toml_value, arm.joint_names[:3]))
     yield f"# optimised = [{first}]  # only these; the others move in one ramp each"
@@ -190,15 +196,16 @@ def _near(example: ExampleMotion) -> Iterator[str]:
     """A smaller clearance for an arm whose links are nearer to each other than the default."""
     if example.clear is not None and 0 <= example.clear < CLEARANCE:
         yield "[limits]"
-        about = (
-            f"m, invented; links are {1e3 * example.clear:.2g} mm apart in the example; default {CLEARANCE}"
-        )
-        yield _line(f"clearance = {np.floor(8e3 * example.clear) / 1e4:g}", about, mark=True)
+        about = f"invented; links are {1e3 * example.clear:.2g} mm apart in the example; default {CLEARANCE}"
+        value = f"{np.floor(8e3 * example.clear) / 1e4:g}"
+        yield _line(SEGMENT_LIMITS, "clearance", value, about, mark=True)
 
 
-def _line(text: str, comment: str, *, mark: bool = False) -> str:
-    text = f"{MARK} {text}" if mark else text
-    return f"{text:<{_WIDTH}}  # {comment}"
+def _line(keys: Mapping[str, Key], name: str, value: str, note: str = "", *, mark: bool = False) -> str:
+    """A key with its value, and as comment what is declared of it and where the value comes from."""
+    key, text = keys[name], f"{MARK} {name} = {value}" if mark else f"{name} = {value}"
+    comment = ": ".join(filter(None, [key.unit, key.meaning.removesuffix(".")]))
+    return f"{text:<{_WIDTH}}  # {comment}{f'; {note}' if note else ''}"
 
 
 def _limit(value: float) -> str:
