@@ -29,7 +29,7 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import Frame, compose, inverse, rotation_angles
-from ocptip.parallel.description.robot_description import COORDINATES, Leg, Platform, RobotDescription
+from ocptip.parallel.description.robot_description import COORDINATES, Platform, RobotDescription, SerialLeg
 from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.formats.skeleton import Skeleton, joint_name, link_name
 from ocptip.parallel.kinematics.closures import LegClosure
@@ -194,7 +194,7 @@ class _Assembly:
         legs = (leg.leg(self._tree, side, end, values, wanted=None) for leg, side, end, values in parts)
         return [LegClosure(i, leg) for i, leg in enumerate(legs)]
 
-    def _with_platform(self, legs: Sequence[Leg], moved: Frame) -> tuple[list[Leg], BodyInertia]:
+    def _with_platform(self, legs: Sequence[SerialLeg], moved: Frame) -> tuple[list[SerialLeg], BodyInertia]:
         """Legs without, and the platform with the bodies that are rigid with it."""
         total, lighter = np.zeros(10), []
         for source, leg, side in zip(self._legs, legs, self._sides, strict=True):
