@@ -14,7 +14,7 @@ from ocptip.robots.payload import Payload
 from tests.cli.test_cli_compare import write
 from tests.measured.machines import predictor, recorded
 from tests.pictures.plan_stand_in import plan_of
-from tests.places import EXAMPLES
+from tests.places import EXAMPLES, ROOT
 from tests.standing.simulation.test_replay import plan_of as committed
 
 VERBS = ["compare", "export", "identify", "place", "rate", "simulate", "stand"]
@@ -45,3 +45,18 @@ def folder(tmp_path_factory):
 def test_its_example_runs(verb, folder, monkeypatch):
     monkeypatch.chdir(folder)
     exec(example(getattr(ocptip, verb)), {"ocptip": ocptip, "np": np})
+
+
+def test_the_page_about_python_runs(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    assert len(blocks) == 3
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(block, names)
+
+
+def test_the_page_about_python_names_all_that_there_is():
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    assert [name for name in VERBS if f"`{name}(" not in page] == []
