@@ -158,7 +158,7 @@ def main(arguments: list[str] | None = None) -> None:
     limits = replace(task.limits, tolerance=WORKSHOP)
     path = load_path(PATH, task).paths[0].path
     timed = retime(robot, path, limits)
-    third, _ = by_toppra(robot, path, timed.motion.s)
+    third, _ = by_toppra(robot, path, timed.motion.timing.s)
     nominal = check_motion(robot, third, task.limits)
     if nominal.stands or not timed.verified:
         raise SystemExit("the picture would be wrong: the cart stands, or the timing is not verified")

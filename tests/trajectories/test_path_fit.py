@@ -11,7 +11,8 @@ from scipy.interpolate import PPoly
 from ocptip.basics.errors import InputError
 from ocptip.trajectories import path_fit
 from ocptip.trajectories.fit import fitted
-from ocptip.trajectories.path_fit import FINE, FittedPath, Leg, blended_lines, path_of_motion, spline_through
+from ocptip.trajectories.path_fit import FINE, FittedPath, blended_lines, path_of_motion, spline_through
+from ocptip.trajectories.path_legs import Leg
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 

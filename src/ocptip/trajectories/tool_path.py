@@ -19,7 +19,8 @@ from ocptip.robots.inverse.pose_search import Orientation, miss_sizes, pose_erro
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
-from ocptip.trajectories.path_fit import BACK, FINE, FittedPath, Leg, blend_reach, blend_rows, joined
+from ocptip.trajectories.path_fit import BACK, FINE, FittedPath, blend_reach, blend_rows, joined
+from ocptip.trajectories.path_legs import Leg
 
 ARM_LENGTH = 0.5  # m: a rotation by 1 rad is as long as a way of this
 REACHED = 1e-8  # m and rad

@@ -35,6 +35,14 @@ class Trajectory:
 
     Exactly one of profiles, points, timing and parts says what it is.
 
+    Example::
+
+        from ocptip import Trajectory
+        from ocptip.trajectories.ramps import RampCommand
+
+        motion = Trajectory.from_profiles([0.0], [[RampCommand(phi_e=1.0, speed=1.0, acceleration=2.0)]])
+        print(motion, motion(0.5 * motion.end), motion([0.1, 0.2], order=1), motion.event_times)
+
     Attributes:
         profiles: commands to the drives, of which it is the trapezoidal velocity profiles or S-curves.
         points: points or samples between which it is interpolated.
