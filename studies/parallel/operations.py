@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import platform
+import shutil
 import subprocess
 import tempfile
 import time
@@ -24,7 +25,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.parallel.code.codegen import find_compiler, write_c
+from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.kinematics.platform import Kinematics
@@ -104,7 +105,7 @@ def inputs_of(row: str, function: LeanFunction) -> list[np.ndarray]:
 
 def compiled_time(function: LeanFunction, inputs: list[np.ndarray], flag: str, repeats: int) -> float | None:
     """Nanoseconds per call of the compiled code, the best of some runs; None without a compiler."""
-    compiler = find_compiler()
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         return None
     plain = function.function
@@ -185,7 +186,7 @@ def study(repeats: int, flag: str) -> dict[str, Any]:
 
 def environment(flag: str) -> dict[str, str]:
     """Versions and machine."""
-    compiler = find_compiler()
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     version = ""
     if compiler is not None:
         done = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
