@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import PointFunction
 from ocptip.placement.ground import Bump, HeightField, HeightGrid, Wave
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.terrain import plane, rough_ground

@@ -21,7 +21,6 @@ from ocptip.parallel.code.counting import OperationCount
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
-from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.reactions import JointReactions, joint_reactions
 from ocptip.parallel.dynamics.terms import (
     DynamicTerms,
@@ -39,7 +38,11 @@ from ocptip.parallel.kinematics.platform import (
     Kinematics,
     RobotMotion,
 )
-from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters, leg_base_parameters
+from ocptip.parallel.symbolic.base_parameters import (
+    LegBaseParameters,
+    NumericBaseParameters,
+    leg_base_parameters,
+)
 
 Joints = Sequence[np.ndarray] | None
 """Joint positions per leg; None: to be found by the inverse kinematics."""

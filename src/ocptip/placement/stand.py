@@ -24,8 +24,7 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import BatchFunction, PointFunction
 from ocptip.placement.ground import ORDERS
 from ocptip.placement.terrain import Patch
 from ocptip.reserves.slip import Redistribution, Slip

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.description.robot_description import SerialLeg
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import DynamicTerms

@@ -18,7 +18,7 @@ from ocptip.parallel.dynamics.base_parameters import (
     stacked_regressor,
 )
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters, transform_inertia
+from ocptip.parallel.symbolic.base_parameters import leg_base_parameters, transform_inertia
 from ocptip.parallel.symbolic.symbols import inertia_layout, inertia_values
 from tests.parallel.parallel_cases import KIND_NAMES, error, golden, random_state
 from tests.parallel.parallel_examples import five_axes

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.description.entries import Parameter, elementary_rotation
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, MDHRow, SerialLeg

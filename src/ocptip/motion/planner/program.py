@@ -23,8 +23,8 @@ from ocptip.basics.errors import SolverError
 from ocptip.motion.objective import Objective
 from ocptip.motion.planner.node_physics import NodeJacobian, NodePhysics
 from ocptip.motion.planner.profiles import Layout, Nodes, NodeStates
+from ocptip.numerics.batch import PointFunction
 from ocptip.numerics.ipopt import Solution, solve
-from ocptip.numerics.point import PointFunction
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.limit import Limit
 from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes

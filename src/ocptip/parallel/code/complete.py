@@ -19,9 +19,9 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.code.lean import LeanFunction
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.terms import InverseDynamics
 from ocptip.parallel.kinematics.platform import JointPositions, Kinematics
+from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters
 from ocptip.parallel.symbolic.complete_legs import (
     CompleteArguments,
     CompleteEquations,

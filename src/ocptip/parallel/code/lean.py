@@ -25,16 +25,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.analysis.singularity import elimination_order
 from ocptip.parallel.code.counting import OperationCount, count_operations
 from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.terms import FORMS
+from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters, leg_base_parameters
 from ocptip.parallel.symbolic.block_solver import BlockSystem
-from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters
 from ocptip.parallel.symbolic.projection import Arguments, Plans, Projection
 from ocptip.parallel.symbolic.symbols import (
     CENTRAL,

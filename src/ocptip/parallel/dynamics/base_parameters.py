@@ -15,14 +15,14 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.analysis.singularity import characteristic_length, require_regular
 from ocptip.parallel.code.complete import complete_joints, newton_function
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription, SerialLeg
-from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.terms import regressor
 from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE
 from ocptip.parallel.kinematics.platform import Kinematics
+from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters
 from ocptip.parallel.symbolic.complete_legs import complete_obstacle
 from ocptip.parallel.symbolic.symbols import InertiaLayout, inertia_layout, inertia_values
 

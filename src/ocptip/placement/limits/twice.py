@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as cs
 import numpy as np
 
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import PointFunction
 
 
 @dataclass(frozen=True, eq=False)
