@@ -9,6 +9,12 @@ A support in a few lines::
     support = Support(feet, mass=60.0, center_of_mass=[0, 0, 0.6])
     print(solve(support, support.wrench([Load(force=[100, 0, 0], point=[0, 0, 1])])).persistent)
 
+A motion in a few more::
+
+    plan = ocptip.plan("A", starts=4)  # a published case, or the path of a task file
+    print(plan)
+    plan.save("plan-A")
+
 The names below are imported on first use, so that `import ocptip` (and `ocptip --help`) is quick.
 """
 
@@ -18,13 +24,18 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ocptip.api.certify import Certified, certify
+    from ocptip.api.check import Check, check
     from ocptip.api.compare import compare
     from ocptip.api.export import export
     from ocptip.api.identify import identify
     from ocptip.api.place import place
+    from ocptip.api.plan import NoPlanError, Plan, plan
     from ocptip.api.rate import rate, rate_along, rate_workspace
+    from ocptip.api.retime import RetimedPlan, retime
     from ocptip.api.simulate import simulate
     from ocptip.api.stand import stand
+    from ocptip.api.tasks import load_task
     from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
         Binding,
@@ -50,13 +61,18 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Binding": "ocptip.contact",
+    "Certified": "ocptip.api.certify",
+    "Check": "ocptip.api.check",
     "ForceConstantHalfRigidClamp": "ocptip.contact",
     "ForceConstantTwoSidedClamp": "ocptip.contact",
     "ForceVariableHalfRigidClamp": "ocptip.contact",
     "ForceVariableTwoSidedClamp": "ocptip.contact",
     "InputError": "ocptip.basics.errors",
     "Load": "ocptip.contact",
+    "NoPlanError": "ocptip.api.plan",
     "OcptipError": "ocptip.basics.errors",
+    "Plan": "ocptip.api.plan",
+    "RetimedPlan": "ocptip.api.retime",
     "RigidClamp": "ocptip.contact",
     "Robot": "ocptip.standing.arm",
     "Scene": "ocptip.task_files.scene",
@@ -65,16 +81,21 @@ _HOME = {
     "TipOver": "ocptip.reserves",
     "Trajectory": "ocptip.trajectories.trajectory",
     "UnilateralContact": "ocptip.contact",
+    "certify": "ocptip.api.certify",
+    "check": "ocptip.api.check",
     "compare": "ocptip.api.compare",
     "export": "ocptip.api.export",
-    "simulate": "ocptip.api.simulate",
     "identify": "ocptip.api.identify",
+    "load_task": "ocptip.api.tasks",
     "place": "ocptip.api.place",
+    "plan": "ocptip.api.plan",
     "plot_scene": "ocptip.pictures.scene",
     "rate": "ocptip.api.rate",
     "rate_along": "ocptip.api.rate",
     "rate_workspace": "ocptip.api.rate",
     "read_scene": "ocptip.task_files.scene",
+    "retime": "ocptip.api.retime",
+    "simulate": "ocptip.api.simulate",
     "solve": "ocptip.contact",
     "solve_many": "ocptip.contact",
     "stability": "ocptip.contact",
@@ -83,13 +104,18 @@ _HOME = {
 
 __all__ = [
     "Binding",
+    "Certified",
+    "Check",
     "ForceConstantHalfRigidClamp",
     "ForceConstantTwoSidedClamp",
     "ForceVariableHalfRigidClamp",
     "ForceVariableTwoSidedClamp",
     "InputError",
     "Load",
+    "NoPlanError",
     "OcptipError",
+    "Plan",
+    "RetimedPlan",
     "RigidClamp",
     "Robot",
     "Scene",
@@ -99,15 +125,20 @@ __all__ = [
     "Trajectory",
     "UnilateralContact",
     "__version__",
+    "certify",
+    "check",
     "compare",
     "export",
     "identify",
+    "load_task",
     "place",
+    "plan",
     "plot_scene",
     "rate",
     "rate_along",
     "rate_workspace",
     "read_scene",
+    "retime",
     "simulate",
     "solve",
     "solve_many",

@@ -28,9 +28,9 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
-from ocptip.motion.cycles.output import run_motion, write_cycle
 from ocptip.motion.cycles.plan import plan_cycle
 from ocptip.motion.execution import execute
+from ocptip.motion.plan_files import run_by, write_plan
 from ocptip.motion.source import TASK
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.read import load_motion
@@ -95,11 +95,11 @@ def row_of(folder: Path, text: str, starts: int) -> dict[str, Any]:
         return {"verdict": verdict, "reason": str(error), "cpu_s": time.process_time() - began}
     cpu = time.process_time() - began
     executions = [execute(p.task.robot, p.motion, p.task.limits, "cubic") for p in plan.parts]
-    write_cycle(folder / "plan", plan, executions=executions)
+    write_plan(folder / "plan", plan, executions=executions)
     again = load_cycle(folder / "plan" / TASK)
     points = load_motion(folder / "plan" / "trajectory.json", again.robot.names, again.robot.units)
     found = check_cycle(again, parts_of(again, points)).whole
-    run = cycle_check(task, run_motion(plan, executions), [own.check for own in executions])
+    run = cycle_check(task, run_by(plan, executions), [own.check for own in executions])
     worst = run.whole.worst
     off = {name: abs(found.worst[name].value - own.value) for name, own in worst.items()}
     return {

@@ -26,8 +26,9 @@ from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
-from ocptip.motion.output import sample_motion, write_plan
+from ocptip.motion.output import sample_motion
 from ocptip.motion.plan import plan_motion
+from ocptip.motion.plan_files import write_plan
 from ocptip.motion.task import MotionTask
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.task_files.motion import load_task
@@ -193,7 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
     write_json(options.out / f"{_NAME}.json", data, indent=1)
     write_text(options.out / f"{_NAME}.md", text)
     plot(samples, task, options.out / f"{_NAME}.png")
-    write_plan(options.out / "plan", plan, samples=samples["planned"])
+    write_plan(options.out / "plan", plan, samples=[samples["planned"]])
     print(text, end="")
     return 0
 

@@ -56,9 +56,9 @@ HEAD = (
 )
 WHOLE = {  # parts of a command: the functions that do them
     "task": "ocptip.cli.plan._asked",
-    "search": "ocptip.cli.plan.plan_motion",
+    "search": "ocptip.api.plan.plan_motion",
     "controller": "ocptip.motion.execution.execute",
-    "tolerated": "ocptip.cli.plan.tolerances",
+    "tolerated": "ocptip.api.plan.robustness",
     "figures": "ocptip.pictures.frame.Drawing.save",
 }
 STAGES = ("case", "building s", "start", "coarse", "fine", "exact", "check", "all but building")

@@ -10,7 +10,8 @@ import shutil
 
 import pytest
 
-from ocptip.cli import parallel, place, plan
+from ocptip.api import plan
+from ocptip.cli import parallel, place
 from ocptip.cli.main import main
 from tests.places import EXAMPLES
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ocptip.cli.check import _offsets
+from ocptip.api.check import offsets_of
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion, write_motion_csv
@@ -180,7 +180,7 @@ def test_a_motion_that_does_not_fit_start_and_goal_is_noted(capsys, plan, tmp_pa
     [
         (["{dir}/none.json"], "{dir}/none.json: no such file"),
         (["{plan}", "--case", "Q"], "case: there is no 'Q'; there are A, B"),
-        (["{plan}", "--base", "steel"], "base: there is no 'steel'; there are printed, effective"),
+        (["{plan}", "--base", "steel"], "--base: there is no 'steel'; there are printed, effective"),
         (["{plan}", "--task", "{dir}/none.toml"], "{dir}/none.toml: no such file"),
         (["{plan}", "--task", "x.toml", "--base", "printed"], "--base: only for --case"),
         (["{anonymous}"], "{anonymous}: names no case; say which robot by --case A..H or --task TASK.toml"),
@@ -233,8 +233,8 @@ def test_offsets_of_lengths_are_lengths(task):
     cart = load_task(EXAMPLES / "tasks" / "delta_cart.toml")
     off = np.full_like(cart.start, 1e-3)
     moved = SimpleNamespace(start=cart.start + off, goal=cart.goal)
-    assert _offsets(moved, cart) == {"m": (pytest.approx(1e-3), 0.0)}
-    assert _offsets(task.reference, task)["deg"] == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert offsets_of(moved, cart) == {"m": (pytest.approx(1e-3), 0.0)}
+    assert offsets_of(task.reference, task)["deg"] == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from ocptip.basics.toml import Table
 from ocptip.basics.toml_text import toml_text
 from ocptip.cli.main import main
 from ocptip.measured.links import identify_links
-from ocptip.motion.output import write_plan
+from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.task_files.arm import arm_of_file

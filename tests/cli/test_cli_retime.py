@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ocptip.cli.check import retimed
+from ocptip.api.check import retimed
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.robots.kinematics import gripper_pose

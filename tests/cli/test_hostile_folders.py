@@ -15,7 +15,7 @@ import pytest
 
 from ocptip.basics.sums import SUMS
 from ocptip.cli.main import main
-from ocptip.motion.output import write_plan
+from ocptip.motion.plan_files import write_plan
 from ocptip.robots.urdf_parser import printed
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.trajectory import Trajectory

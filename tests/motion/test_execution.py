@@ -12,7 +12,8 @@ from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.execution import SLOWEST, Execution, execute
-from ocptip.motion.output import joint_trajectory, write_plan
+from ocptip.motion.output import joint_trajectory
+from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
@@ -105,7 +106,7 @@ def test_efforts_are_the_torques(task, executed):
 
 def test_files_of_a_plan_are_of_what_the_controller_runs(task, executed, tmp_path):
     plan = stand_in_plan("C")
-    paths = write_plan(tmp_path, plan, execution=executed)
+    paths = write_plan(tmp_path, plan, executions=[executed])
     assert json.loads(paths[0].read_text())["controller"]["verified"] is True
     for path in paths[1:3]:
         motion = load_motion(path, task.robot.names)

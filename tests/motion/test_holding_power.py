@@ -9,9 +9,9 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp, ForceConstantTwoSidedClamp
 from ocptip.motion.check import check_motion
-from ocptip.motion.cycles.task import Segment
 from ocptip.motion.objective import ENERGY, TIME, priced
 from ocptip.motion.planner.formulation import Formulation
+from ocptip.motion.task import Segment
 from ocptip.placement.power import HoldingPower
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime

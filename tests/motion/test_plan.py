@@ -415,43 +415,12 @@ def test_the_first_hops_do_not_wait_for_the_least_promising_start(case_b, script
 
 
 class AtOnce(Executor):
-    """Runs calls when they are submitted, and notes what."""
-
-    def __init__(self):
-        self.calls = []
+    """Runs calls when they are submitted."""
 
     def submit(self, function, payload, what, arguments):
-        self.calls.append(what)
         future = Future()
         future.set_result(function(payload, what, arguments))
         return future
-
-
-def test_the_best_is_looked_at_while_it_is_proved(case_b, scripted):
-    slow, slower = (case_b.reference.time_scaled(factor) for factor in (1.3, 1.6))
-    scripted(slower, slow, None)
-    executor, seen = AtOnce(), []
-
-    def look(task, motion, check):
-        seen.append((task.name, motion.end, check.verified, list(executor.calls)))
-
-    _search.cache_clear()
-    plan = plan_motion(case_b, starts=3, executor=executor, prove=certified, meanwhile=look)
-    _search.cache_clear()
-    calls = [*3 * ["rough"], *3 * ["run"], "hopped", "proved"]
-    assert seen == [(case_b.name, slow.end, True, calls)]
-    assert (plan.best, plan.interrupted) == (1, False)
-
-
-def test_an_interrupt_while_it_is_looked_at_keeps_the_plan(case_b, scripted):
-    slow = case_b.reference.time_scaled(1.3)
-    scripted(slow)
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    plan = plan_motion(case_b, starts=1, jobs=1, prove=certified, meanwhile=interrupt)
-    assert (plan.motion, plan.interrupted, plan.verified) == (slow, True, True)
 
 
 def test_where_no_start_succeeds_the_nearest_one_is_described(case_b, scripted):

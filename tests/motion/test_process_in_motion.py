@@ -17,10 +17,11 @@ from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
-from ocptip.motion.output import sample_motion, write_plan
+from ocptip.motion.output import sample_motion
 from ocptip.motion.plan import plan_motion
+from ocptip.motion.plan_files import write_plan
 from ocptip.motion.planner.node_physics import NodePhysics
-from ocptip.motion.tolerated import _Parts, tolerances
+from ocptip.motion.tolerated import _Parts, tolerated
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.problem import GripperTask, PlacementProblem, ProcessLoad
 from ocptip.placement.terrain import plane
@@ -325,7 +326,7 @@ def test_what_is_tolerated_knows_one_that_varies(over):
     parts = _Parts(robot, motion, times)
     expected = robot.loads(q, 1.3 * qd, 1.69 * qdd, robot.acting(times))[1]
     np.testing.assert_allclose(parts.total(speed=1.3), expected, atol=1e-9)
-    found = {one.quantity: one for one in tolerances(robot, motion)}
+    found = {one.quantity: one for one in tolerated(robot, motion)}
     everywhere = np.linspace(1e-6, motion.end - 1e-6, 2000)
     for speed, stands in ((0.995, True), (1.01, False)):
         factor = 1 + speed * found["faster"].value / 100

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ocptip.api import plan as planning
 from ocptip.basics.errors import InputError, PlanningError
-from ocptip.cli import plan as plan_command
 from ocptip.cli.main import main
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.check import check_motion
@@ -336,7 +336,7 @@ def test_no_plan_for_stops_says_what_is_wrong_with_the_one_without(monkeypatch, 
         plan = SimpleNamespace(motion=task.reference, energy=210.8, duration=task.reference.end)
         return plan
 
-    monkeypatch.setattr(plan_command, "plan_motion", found)
+    monkeypatch.setattr(planning, "plan_motion", found)
     assert main(["plan", "C", "--stop-safe", "path", "--tolerance", "none", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["without_stops"]["energy_J"] == 210.8

@@ -8,7 +8,7 @@ import pytest
 from ocptip.cli.layout import tolerated_lines
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
-from ocptip.motion.tolerated import Tolerated, _beyond, tolerances, tolerated
+from ocptip.motion.tolerated import Tolerated, _beyond, robustness, tolerated
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
@@ -176,7 +176,7 @@ def test_parallel_robots_have_none():
     from tests.places import EXAMPLES
 
     task = load_task(EXAMPLES / "tasks" / "delta_cart.toml")
-    assert tolerances(task.robot, at_rest(task.start)) == ()
+    assert robustness(task, at_rest(task.start)) == ()
 
 
 def test_stiffness_of_feet_in_words():

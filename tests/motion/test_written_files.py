@@ -6,7 +6,8 @@ import pytest
 
 from ocptip.motion.check import check_motion
 from ocptip.motion.execution import Execution, execute
-from ocptip.motion.output import MOTION, PLAN, TRAJECTORY, write_plan
+from ocptip.motion.output import MOTION, PLAN, TRAJECTORY
+from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import CONTROLLERS
@@ -57,7 +58,7 @@ def test_files_say_what_was_checked(make, controller, tmp_path):
     run = Execution.of_drives(task.robot, motion, task.limits, checked)
     if controller in CONTROLLERS:
         run = execute(task.robot, motion, task.limits, controller, step=0.03)
-    write_plan(tmp_path, plan_of(task, motion, checked), execution=run)
+    write_plan(tmp_path, plan_of(task, motion, checked), executions=[run])
     for name in (PLAN, MOTION, TRAJECTORY):
         rate = 1 / 0.03 if controller == "linear" else None  # which messages do not hold
         read = load_motion(tmp_path / name, task.robot.names, task.robot.units, rate=rate)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 from ocptip.motion.check import check_motion
+from ocptip.motion.plan import MotionPlan
+from ocptip.motion.planner.attempt import StartResult
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 
@@ -19,23 +21,19 @@ def _checked(name, base, factor, limits):
 
 @cache
 def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, reference=True, interrupted=False):
-    """All attributes of a `MotionPlan`; the motion is the printed one with all times multiplied by factor."""
+    """A `MotionPlan`; the motion is the printed one with all times multiplied by factor."""
     limits = limits or MotionLimits()
     printed, motion, checked = _checked(name, base, factor, limits)
-    task = (
-        SimpleNamespace(**vars(printed))
-        if reference
-        else SimpleNamespace(**{**vars(printed), "reference": None})
-    )
+    task = printed if reference else replace(printed, reference=None)
     return plan_of(task, motion, checked, interrupted=interrupted)
 
 
 def plan_of(task, motion, checked=None, *, interrupted=False):
-    """All attributes of a `MotionPlan` with this motion."""
+    """A `MotionPlan` with this motion."""
     checked = checked or check_motion(task.robot, motion, task.limits)
     nan = float("nan")
     starts = (
-        SimpleNamespace(
+        StartResult(
             number=1,
             status="verified",
             energy=checked.energy,
@@ -44,9 +42,10 @@ def plan_of(task, motion, checked=None, *, interrupted=False):
             seconds=1.2,
             cpu_seconds=1.1,
             solves=2,
+            stages={},
             hops=2,
         ),
-        SimpleNamespace(
+        StartResult(
             number=2,
             status="infeasible",
             energy=nan,
@@ -55,21 +54,18 @@ def plan_of(task, motion, checked=None, *, interrupted=False):
             seconds=0.7,
             cpu_seconds=0.6,
             solves=1,
+            stages={},
             hops=0,
         ),
     )
-    return SimpleNamespace(
+    return MotionPlan(
         task=task,
         motion=motion,
         check=checked,
         starts=starts,
-        lost=(),
         best=0,
         seed=3,
         seconds=2.5,
         interrupted=interrupted,
         options={"starts": 2, "limits": task.limits},
-        energy=checked.energy,
-        duration=checked.duration,
-        verified=checked.verified,
     )

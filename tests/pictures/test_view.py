@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.cli.main import main
 from ocptip.cli.view import _show
-from ocptip.motion.output import write_plan
+from ocptip.motion.plan_files import write_plan
 from ocptip.pictures.view import motion_show, pose_show, to_html
 from ocptip.pictures.view_bodies import HEAD, LINK
 from ocptip.placement.output import result_to_dict, write_placement

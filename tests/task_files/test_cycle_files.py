@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+import ocptip
 from ocptip.basics.errors import InputError, InputWarning
 from ocptip.motion.objective import ENERGY, TIME, priced
 from ocptip.motion.task import MotionTask
@@ -101,11 +102,11 @@ def test_a_file_with_one_motion_is_one_motion(tmp_path):
 
 
 def test_changes_of_all_segments(cycle):
-    tight = cycle.with_limits({"GN": 0.4}).with_objective(TIME)
+    tight = ocptip.load_task(cycle, GN=0.4, objective="time")
     assert {s.task.limits.GN for s in tight.segments} == {0.4}
     assert {s.task.objective for s in tight.segments} == {TIME}
     assert {s.task.objective for s in cycle.segments} == {ENERGY}
-    assert cycle.with_limits({}) is cycle
+    assert ocptip.load_task(cycle) is cycle
     assert dataclasses.replace(cycle.robot.arm, payload=Payload(1.0)) is not cycle.robot.arm
 
 

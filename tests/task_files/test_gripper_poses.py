@@ -5,8 +5,8 @@ import shutil
 import numpy as np
 import pytest
 
+from ocptip.api.check import offsets_of
 from ocptip.basics.errors import InputError, InputWarning
-from ocptip.cli.check import _offsets
 from ocptip.motion.planner.free_ends import FOUND_MARGIN
 from ocptip.motion.planner.one_start import free_ends
 from ocptip.robots.kinematics import gripper_pose
@@ -84,7 +84,7 @@ def test_check_compares_with_the_pose(tmp_path):
     for turn, joint in ((0.2, 5), (0.2, 0)):
         goal = task.goal + turn * np.eye(6)[joint]
         motion = Trajectory.ending_together(task.start, goal, [None] * 6, limits.speed, limits.acceleration)
-        start_off, goal_off = _offsets(motion, task)["deg"]
+        start_off, goal_off = offsets_of(motion, task)["deg"]
         assert start_off == 0
         assert goal_off == pytest.approx(0.0 if joint == 5 else np.rad2deg(turn), abs=1e-6)
 

@@ -15,7 +15,7 @@ from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.execution import execute
 from ocptip.motion.objective import TIME, priced
-from ocptip.motion.output import write_plan
+from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import PRINTED_LIMITS, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
@@ -91,7 +91,7 @@ def test_the_hashes_are_those_of_sha256sum(plan):
 def test_the_motion_is_that_of_the_controller(case, tmp_path, controller):
     motion = case.reference.with_rise_times(0.02) if controller == "quintic" else case.reference
     execution = execute(case.robot, motion, case.limits, controller)
-    write_plan(tmp_path, plan_of(case, motion), execution=execution)
+    write_plan(tmp_path, plan_of(case, motion), executions=[execution])
     same_check(read_plan_folder(tmp_path), case, execution.motion)
 
 

@@ -15,7 +15,6 @@ from ocptip.measured.compare import compare as compared
 from ocptip.measured.comparison import Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, doubt_turns, read_recording
-from ocptip.motion.cycles.task import CycleTask
 from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
 
 
@@ -47,7 +46,7 @@ def compare(
     """
     folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
     name = str(folder.path if isinstance(plan, PlanFolder) else plan)
-    if isinstance(folder.task, CycleTask) or folder.motion.parts:
+    if folder.task.is_cycle:
         raise InputError("is a cycle; recordings of its segments are compared with their own plans", "", name)
     with naming(name):
         predictor = Predictor(folder.task.robot, folder.motion)

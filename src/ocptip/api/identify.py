@@ -24,7 +24,6 @@ from ocptip.measured.power_maps import PowerMap, fit_power_map, motors_table, sa
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, doubt_turns, read_recording
 from ocptip.measured.signals import gaps
-from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
@@ -212,7 +211,7 @@ def motion_for_identification(task: MotionTask | str | os.PathLike[str], *, seed
     """
     given = task if isinstance(task, MotionTask) else read_task(task, WORKSHOP)
     name = given.name if isinstance(task, MotionTask) else Path(task).name
-    if isinstance(given, CycleTask):
+    if given.is_cycle:
         raise InputError("is a cycle; motions for identification start at one pose", "", str(task))
     with naming(name):
         return ExcitingMotion(given.name, excite(given, seed=seed))

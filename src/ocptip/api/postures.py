@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.text import did_you_mean
 from ocptip.contact.support import Load
-from ocptip.motion.cycles.task import CycleTask
-from ocptip.motion.task import MotionTask
+from ocptip.motion.cycles.task import Task
 from ocptip.placement.within import posture_within
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
@@ -89,7 +88,7 @@ class RestingPosture:
 
 
 def resting_posture(
-    what: MotionTask | CycleTask | StandingMechanism | RestingPosture | str | os.PathLike[str],
+    what: Task | StandingMechanism | RestingPosture | str | os.PathLike[str],
     q: ArrayLike | str | None,
 ) -> RestingPosture:
     """The posture of a robot, or of that of a task or its file; see :func:`ocptip.stand`."""
@@ -100,7 +99,7 @@ def resting_posture(
             raise InputError(f"q: expected {what.n} joint values of the robot, got {q!r}")
         values = finite_array("q", q, (what.n,))
         return RestingPosture.of("robot", "given", what, values, MotionLimits())
-    task = what if isinstance(what, MotionTask | CycleTask) else read_task(what, WORKSHOP)
+    task = read_task(what, WORKSHOP) if isinstance(what, str | os.PathLike) else what
     rests = rests_of(task)
     if isinstance(q, str):
         if q not in rests:
@@ -112,14 +111,11 @@ def resting_posture(
     return RestingPosture.of(task.name, "given", robot, finite_array("q", q, (robot.n,)), limits)
 
 
-def rests_of(task: MotionTask | CycleTask) -> Rests:
+def rests_of(task: Task) -> Rests:
     """Postures at rest that a task names: start, goal, goals of segments."""
-    if isinstance(task, MotionTask):
-        ends = {"start": (0, task.start), "goal": (1, task.goal)}
-        return {name: (task.robot.resting(share), q, task.limits) for name, (share, q) in ends.items()}
     first = task.segments[0].task
     rests = {"start": (first.robot.resting(0), first.start, first.limits)}
     for segment in task.segments:
         own = segment.task
-        rests[segment.name] = own.robot.resting(1), own.goal, own.limits
+        rests[segment.name or "goal"] = own.robot.resting(1), own.goal, own.limits
     return rests

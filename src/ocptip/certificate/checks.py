@@ -7,7 +7,7 @@ from dataclasses import replace
 from ocptip.certificate.find import certify
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
-from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.task import Task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
@@ -29,7 +29,7 @@ def certified(
     return replace(checked, certificate=certify(robot, motion, limits or MotionLimits(), checked.worst))
 
 
-def certified_cycle(task: CycleTask, motion: Trajectory, checked: CycleCheck) -> CycleCheck:
+def certified_cycle(task: Task, motion: Trajectory, checked: CycleCheck) -> CycleCheck:
     """The check with certificates of all segments, if it is verified.
 
     Each holds for its segment and the rests before and after it with what that segment holds, which are

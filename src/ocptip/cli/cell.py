@@ -9,16 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ocptip.api.plan import Plan
+from ocptip.api.tasks import load_task
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import OUTPUTS, remove_figures, require_replaceable
 from ocptip.basics.text import quantity
 from ocptip.basics.write import plain, versions, write_json
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.cycles import CycleReport, cycle_with_options, report_of
 from ocptip.cli.layout import summary, table, under
-from ocptip.cli.many import Asked, digest_of
+from ocptip.cli.many import digest_of
 from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.place import refusal_lines, where_text
+from ocptip.cli.plan_report import CycleReport
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.placement.for_cycle import CyclePlacement, CyclePlacements, place_for_cycle
 from ocptip.placement.output import refusal_to_dict
@@ -28,19 +30,17 @@ from ocptip.task_files.cell import CellTask, load_cell
 from ocptip.task_files.tolerance import load_tolerance
 
 PLAN_FOLDER = "plan"
-_AS_PLAN = {"controller": "ramps", "rise_time": None, "rate": 100.0, "effort": False, "time_scale": []}
-_NOT_HERE = ("gn", "gt", "torque_ratio", "clearance", "foot_lift", "duration", "max_duration", "stop_safe")
 
 
 def run(options: Namespace) -> Report:
     """Place and plan; where there is no place or no plan, the report says why."""
     require_least(options, starts=1, seed=0, jobs=1, places=1)
-    options = Namespace(**{**vars(options), **_AS_PLAN, **dict.fromkeys((*_NOT_HERE, "sensitivities"))})
+    least = {"objective": options.objective, "price_per_second": options.price_per_second}
     cell = load_cell(options.task, WORKSHOP)
     if options.tolerance is not None:
         with naming("--tolerance"):
             cell = cell.within(load_tolerance(options.tolerance))
-    cycle_with_options(cell.cycle, options)  # complains before anything is computed
+    load_task(cell.cycle, **least)  # complains before anything is computed
     directory = output_directory(options, cell.name)
     source = cell.cycle.source
     with naming("--out"):
@@ -50,7 +50,7 @@ def run(options: Namespace) -> Report:
     try:
         found = place_for_cycle(
             cell.problem,
-            lambda placement: cycle_with_options(cell.placed(placement), options),
+            lambda placement: load_task(cell.placed(placement), **least),
             candidates=options.places,
             starts=options.starts,
             seed=options.seed,
@@ -65,8 +65,8 @@ def run(options: Namespace) -> Report:
     best = None
     if found.best.plan is not None and found.best.verified:
         plan, folder = found.best.plan, directory / PLAN_FOLDER
-        one = Asked(plan.task, cell.name, folder, digest_of(plan.task.source, options))
-        best = report_of(plan, one, options)
+        digest = digest_of(plan.task.source, options)
+        best = CycleReport(Plan.of(plan), folder, not options.no_figures, digest=digest)
     return CellReport(cell, found, best, directory, not options.no_figures)
 
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.text import percent, quantity
+from ocptip.basics.text import percent, quantity, ratio
 from ocptip.standing.limits import WITHIN_OF
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
     from ocptip.motion.cycles.check import CycleCheck
+    from ocptip.motion.cycles.task import Task
     from ocptip.motion.stops import Stops
     from ocptip.motion.tolerated import Tolerated
     from ocptip.standing.mechanism import StandingMechanism
@@ -24,6 +25,8 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
 
 
 _WRITTEN = "written"
+_COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
+_HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
 
 
 def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
@@ -150,6 +153,68 @@ def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]
         text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after a jump by "
         texts.append(text + percent(within.overshoot))
     return under("S-curves", texts)
+
+
+def price_line(price: Mapping[str, Any]) -> list[str]:
+    """The same in words."""
+    if not price:
+        return []
+    costs, more = price["without_stops"], 100 * price["energy_more"]
+    than = f"the plan without, {costs['energy_J']:.1f} J in {costs['duration_s']:.3f} s"
+    return [f"price: {round(more, 1) + 0.0:+.1f} % energy against {than}"]
+
+
+def stop_table(stops: Stops) -> list[str]:
+    """Largest safe share of the planned speed over time, and how long stops take."""
+    columns = [
+        ("along the path", stops.path_speeds, "{:.2f}"),
+        ("stop takes", stops.path_times, "{:.3f} s"),
+        ("by brakes", stops.brake_speeds, "{:.2f}"),
+        ("stop takes", stops.brake_times, "{:.3f} s"),
+    ]
+    known = [(title, values, form) for title, values, form in columns if values is not None]
+    rows = [["stopped at", *(title for title, _, _ in known)]]
+    for i, time in enumerate(stops.times):
+        cells = [
+            form.format(values[i]) if np.isfinite(values[i]) else "never rests" for _, values, form in known
+        ]
+        rows.append([f"{time:.3f} s", *cells])
+    return ["largest safe share of the planned speed, at most 1", *table(rows, left=())]
+
+
+def segment_table(task: Task, check: CycleCheck) -> list[str]:
+    """Lines of `segment_rows`."""
+    return table(segment_rows(task, check), left=(0, 1))
+
+
+def segment_rows(task: Task, check: CycleCheck) -> list[list[str]]:
+    """Titles, a row per segment (what it holds, energy, duration, rest, worst values), and one of all."""
+    rows = [["segment", "holds", "energy", "time", "rest", *_HEADS.values(), ""]]
+    for k, (name, own) in enumerate(zip(check.names, check.segments, strict=True)):
+        payload = task.segments[k].task.robot.payload
+        pause, energy = check.pauses[k], check.rest_energies[k]
+        rest = f"{quantity(pause, 's')}, {quantity(energy, 'J')}" if pause else "-"
+        rows.append(
+            [
+                f"{k + 1} {name}",
+                quantity(payload.mass, "kg") if payload else "nothing",
+                quantity(own.energy, "J"),
+                f"{own.duration:.3f} s",
+                rest,
+                *_values(own),
+                "" if own.verified else "BROKEN",
+            ]
+        )
+    whole = check.whole
+    rest = f"{quantity(sum(check.pauses), 's')}, {quantity(sum(check.rest_energies), 'J')}"
+    total = [quantity(whole.energy, "J"), f"{whole.duration:.3f} s", rest if any(check.pauses) else "-"]
+    rows.append(["in all", "", *total, *_values(whole), "" if whole.verified else "BROKEN"])
+    return rows
+
+
+def _values(check: Any) -> list[str]:
+    values = [check.worst[name].value if name in check.worst else np.nan for name in _COLUMNS]
+    return [*map(ratio, values[:-1]), quantity(1e3 * values[-1], "mm")]
 
 
 def use_of_reserves(checked: MotionCheck) -> str:

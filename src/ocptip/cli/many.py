@@ -39,14 +39,12 @@ class Asked:
         name: its own.
         directory: where its files go.
         digest: of all that its answer depends on.
-        base: of the data of a case.
     """
 
     task: Any
     name: str
     directory: Path
     digest: str = ""
-    base: str | None = None
 
 
 Work = Callable[[Asked, Namespace, Executor | None], Report]

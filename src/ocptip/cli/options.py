@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import tempfile
 from argparse import Namespace
@@ -14,10 +13,8 @@ from typing import Any
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
 from ocptip.motion.source import TaskSource
-from ocptip.motion.task import MotionTask
 from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.tolerance import load_tolerance
-from ocptip.trajectories.velocity_profiles import checked_rise_times
 
 _LIMITS = (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2, ("foot_lift",) * 2)
 
@@ -33,17 +30,8 @@ def given_limits(options: Namespace) -> dict[str, Any]:
             given[limit] = positive_number(option, value, zero_allowed=limit in ("clearance", "foot_lift"))
     if getattr(options, "tolerance", None) is not None:
         with naming("--tolerance"):
-            given["tolerance"] = load_tolerance(options.tolerance)
+            given["uncertainty"] = load_tolerance(options.tolerance)
     return given
-
-
-def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
-    """The task with limits and rise time as typed; InputError names an option that cannot be."""
-    given = given_limits(options)
-    if options.rise_time is not None:
-        rise_times = checked_rise_times(options.rise_time, task.robot.n, "--rise-time")
-        task = dataclasses.replace(task, rise_times=rise_times)
-    return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **given)) if given else task
 
 
 def rate_of(options: Namespace) -> float | None:
@@ -62,6 +50,11 @@ def given_columns(options: Namespace) -> dict[str, str | int] | None:
     if options.columns is None:
         return None
     return read_columns(options.columns)
+
+
+def typed(options: Namespace, *names: str) -> list[str]:
+    """Those of these options that are given."""
+    return [name for name in names if getattr(options, name) is not None]
 
 
 @contextmanager

@@ -17,18 +17,15 @@ from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.sums import SUMS, read_sums
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
-from ocptip.certificate.checks import certified, certified_cycle
+from ocptip.certificate.checks import certified_cycle
 from ocptip.cli import report_page as html
 from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
-from ocptip.cli.cycles import segment_rows
-from ocptip.cli.layout import certificate_rows, masses, tolerated_lines, within_rows
-from ocptip.cli.stops import stops_of
+from ocptip.cli.layout import certificate_rows, masses, segment_rows, tolerated_lines, within_rows
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle
-from ocptip.motion.cycles.task import CycleTask
-from ocptip.motion.cycles.tolerated import cycle_tolerances
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.load_cases import (
     MOST_TILT,
     Asked,
@@ -37,9 +34,9 @@ from ocptip.motion.load_cases import (
     load_cases,
     tilt_by_direction,
 )
-from ocptip.motion.stops import Stops
+from ocptip.motion.stops import Stops, stops_of
 from ocptip.motion.task import MotionTask
-from ocptip.motion.tolerated import Tolerated, tolerances
+from ocptip.motion.tolerated import Tolerated, robustness
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
@@ -81,7 +78,8 @@ def run(options: Namespace) -> DocumentReport:
     if folder is not None:
         stages = [Stage(*one) for one in zip(_tasks(task), folder.parts("report is about"), strict=True)]
     else:
-        stages = [Stage(own, None, _names(task)[k]) for k, own in enumerate(_tasks(task))]
+        names = [segment.name for segment in task.segments]
+        stages = [Stage(own, None, name) for own, name in zip(_tasks(task), names, strict=True)]
     found = Document(path.name, task, folder, options.cases, stages)
     if folder is not None:
         found.moves(folder.motion)
@@ -90,17 +88,13 @@ def run(options: Namespace) -> DocumentReport:
     return DocumentReport(found, out)
 
 
-def _tasks(task: MotionTask | CycleTask) -> list[MotionTask]:
+def _tasks(task: Task) -> list[MotionTask]:
     """That of the motion; of a cycle one per segment, from and to the first posture of those it may take."""
-    if isinstance(task, MotionTask):
+    if not task.is_cycle:
         return [task]
     starts = [task.starts[0], *(segment.goals[0] for segment in task.segments[:-1])]
     pairs = zip(task.segments, starts, strict=True)
     return [segment.between(start, segment.goals[0]) for segment, start in pairs]
-
-
-def _names(task: MotionTask | CycleTask) -> list[str]:
-    return [""] if isinstance(task, MotionTask) else [segment.name for segment in task.segments]
 
 
 class Stage:
@@ -182,7 +176,7 @@ class Document:
     def __init__(
         self,
         name: str,
-        task: MotionTask | CycleTask,
+        task: Task,
         folder: PlanFolder | None,
         cases_file: str | None,
         stages: Sequence[Stage],
@@ -193,18 +187,12 @@ class Document:
         self.segments: CycleCheck | None = None
         self.tolerated: tuple[Tolerated, ...] = ()
 
-    def moves(self, motion: Trajectory) -> None:
+    def moves(self, sequence: Trajectory) -> None:
         """Look at the motions."""
-        if isinstance(self.task, CycleTask):
-            self.segments = certified_cycle(self.task, motion, check_cycle(self.task, motion))
-            self.checked, checks = self.segments.whole, self.segments.segments
-            self.tolerated = cycle_tolerances(self.task, motion)
-        else:
-            robot, limits = self.task.robot, self.task.limits
-            self.checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
-            checks = (self.checked,)
-            self.tolerated = tolerances(robot, motion)
-        for stage, checked in zip(self.stages, checks, strict=True):
+        self.segments = certified_cycle(self.task, sequence, check_cycle(self.task, sequence))
+        self.checked = self.segments.whole
+        self.tolerated = robustness(self.task, sequence)
+        for stage, checked in zip(self.stages, self.segments.segments, strict=True):
             stage.moves(checked)
 
     @property
@@ -276,7 +264,7 @@ class Document:
         yield html.heading("Motion")
         energy = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         yield html.paragraph(f"{energy}; looked at {checked.samples} instants.")
-        if self.segments is not None and isinstance(self.task, CycleTask):
+        if self.segments is not None and self.task.is_cycle:
             titles, *rows = segment_rows(self.task, self.segments)
             yield html.grid(titles, rows)
         yield html.items(map(_labelled, certificate_rows(checked)))
@@ -293,7 +281,7 @@ class Document:
         yield html.items(tolerated_lines(self.tolerated))
         if any(stage.stops for stage in self.stages):
             yield html.heading("Stops")
-            if self.segments is not None:
+            if self.task.is_cycle:
                 yield html.paragraph("Times are those of the segment.")
             for stage in self.stages:
                 if stops := stage.stops:
@@ -361,14 +349,13 @@ class Document:
 
     def to_dict(self) -> dict[str, Any]:
         """The same as data."""
-        known = self.segments or self.checked
-        worst = {} if known is None else {"check": known.to_dict()}
+        worst = {} if self.segments is None else {"check": self.segments.to_dict()}
         stops = [{"segment": s.name, **s.stops.to_dict()} for s in self.stages if s.stops]
         held = [float(s.payloads[1].min()) for s in self.stages if s.payloads is not None]
         return {
             "name": self.task.name,
             **worst,
-            **({"stops": stops if self.segments else stops[0]} if stops else {}),
+            **({"stops": stops if self.task.is_cycle else stops[0]} if stops else {}),
             **({"least_more_payload_kg": min(held)} if held else {}),
             "tolerated": [one.to_dict() for one in self.tolerated],
             "load_cases": [case.to_dict() for case in self.cases],

@@ -8,7 +8,6 @@ such as the platform's coordinates of a parallel robot, are in metres everywhere
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -173,56 +172,6 @@ def joint_trajectory(robot: StandingMechanism, points: Points, *, effort: bool =
             for *values, time in rows
         ],
     }
-
-
-def write_plan(
-    directory: str | os.PathLike[str],
-    plan: MotionPlan,
-    *,
-    samples: MotionSamples | None = None,
-    extra: Mapping[str, Any] | None = None,
-    execution: Execution | None = None,
-    effort: bool = False,
-) -> list[Path]:
-    """Write plan.json, motion.csv, trajectory.json, the task and the hashes of all; old ones are replaced.
-
-    If there is a certificate, certificate.json is among them.
-
-    The task, with all that its file names, is left out if it was made in Python, or its robot was changed
-    since it was read.
-
-    Args:
-        directory: made if it does not exist; the one above it must.
-        plan: the plan.
-        samples: of its motion, from :func:`sample_motion`; computed if None.
-        execution: what runs it; motion.csv and trajectory.json are of its motion. Default: drives with
-            ramps or S-curves, and trajectory.json is for a controller that runs them as they are.
-        effort: see :func:`joint_trajectory`.
-        extra: more entries of plan.json; they win over those of :func:`plan_to_dict`.
-
-    Returns:
-        The paths.
-
-    Raises:
-        OSError: a file or the directory cannot be written; names it.
-    """
-    directory = Path(directory)
-    robot, own = plan.task.robot, (plan.task.robot, plan.motion, plan.task.limits, plan.check)
-    execution = execution or Execution.of_drives(*own)
-    samples = samples or sample_motion(robot, execution.motion)
-    points = joint_trajectory(robot, execution.points, effort=effort)
-    data = {**plan_to_dict(plan, execution), **plain(extra or {})}
-    texts = {
-        PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n",
-        MOTION: csv_text(csv_blocks(samples)),
-        TRAJECTORY: json.dumps(points, allow_nan=False) + "\n",
-    }
-    if (certificate := execution.check.certificate) and certificate.data:
-        texts[CERTIFICATE] = json.dumps(certificate.data, allow_nan=False) + "\n"
-    source = source_of(plan.task)
-    task = plan.task
-    text = source.text(task.name, task.limits, task.objective, task.rise_times) if source else ""
-    return write_folder(directory, texts, source, text)
 
 
 def write_folder(

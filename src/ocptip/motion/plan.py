@@ -72,6 +72,21 @@ class MotionPlan:
         return self.check.duration
 
     @property
+    def parts(self) -> tuple[MotionPlan, ...]:
+        """This plan: a motion has one segment."""
+        return (self,)
+
+    @property
+    def finished(self) -> MotionTask:
+        """The task, all of which is planned."""
+        return self.task
+
+    @property
+    def complete(self) -> bool:
+        """True: there is no further segment."""
+        return True
+
+    @property
     def lost(self) -> tuple[StartResult, ...]:
         """Starts without a result, because they killed their workers."""
         return tuple(start for start in self.starts if start.status.startswith(LOST))
@@ -92,7 +107,6 @@ def plan_motion(
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
     prove: Prove | None = None,
-    meanwhile: Callable[[MotionTask, Trajectory, MotionCheck], None] | None = None,
 ) -> MotionPlan:
     """Plan the ramp motion of least cost that keeps all limits of a task.
 
@@ -122,8 +136,6 @@ def plan_motion(
             one step until its promise is known, and one until it is finished or left out.
         prove: gives the best its certificate, as `ocptip.certificate.checks.certified` does; `proved` gives
             it later.
-        meanwhile: called as meanwhile(task, motion, check) with the best while a worker proves it, after
-            which it may be another one.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -163,7 +175,8 @@ def plan_motion(
                 best = attempts[best.result.number] = _with_best_rise_time(work, best, tasks_of)
             if best is not None and prove is not None:
                 own = tasks_of[best.result.number]
-                best = attempts[best.result.number] = _with_proof(work, own, best, prove, meanwhile)
+                proof = next(work("proved", [(own, (best, prove))]))
+                best = attempts[best.result.number] = proof.after(best, proof)
     except BrokenExecutor as error:
         died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
@@ -192,20 +205,6 @@ def plan_motion(
         interrupted=interrupted,
         options={"starts": starts, **choices},
     )
-
-
-def _with_proof(
-    work: Callable[[str, list[_Job]], Iterator[Any]],
-    task: MotionTask,
-    best: Attempt,
-    prove: Prove,
-    meanwhile: Callable[[MotionTask, Trajectory, MotionCheck], None] | None,
-) -> Attempt:
-    proof = work("proved", [(task, (best, prove))])
-    if meanwhile is not None and best.motion is not None and best.check is not None:
-        meanwhile(task, best.motion, best.check)
-    found = next(iter(proof))
-    return found.after(best, found)
 
 
 def proved(plan: MotionPlan, prove: Prove) -> MotionPlan:

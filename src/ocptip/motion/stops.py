@@ -5,14 +5,18 @@ Categories of IEC 60204-1: 0 takes the drives' power away at once, 1 after a con
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.cycles.check import CycleCheck
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.stop_rules import BRAKES, HOLDING, Kinds, StopRules
+from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import MotionLimits
@@ -150,6 +154,37 @@ def check_stops(
         curve=path and path.curve,
         assumed=_assumed(robot, rules, kinds, lacking, 0.0 if stops is None else stops.time),
     )
+
+
+def stops_of(
+    task: MotionTask, motion: Trajectory, checked: MotionCheck, kinds: Kinds | None = None
+) -> Stops | None:
+    """Stops of the kinds asked for, or else of those that the task's limits ask for; else None."""
+    limits = task.limits
+    if kinds is None:
+        if not limits.stoppable:
+            return None
+        kinds = "path" if limits.brakes is None else "brakes" if limits.stops is None else "both"
+    if limits.stops is None and kinds != "brakes":
+        limits = task.stops.asked(limits)
+    return check_stops(task.robot, motion, limits, task.stops, checked, kinds)
+
+
+def stops_by_segment(
+    task: Task, motion: Trajectory, checked: CycleCheck, kinds: Kinds | None = None
+) -> dict[str, Stops]:
+    """The same by the names of segments, in their own times; the name of a motion is empty."""
+    rows = zip(task.segments, motion.segments, checked.segments, strict=True)
+    found = {segment.name: stops_of(segment.task, own, check, kinds) for segment, own, check in rows}
+    return {name: stops for name, stops in found.items() if stops}
+
+
+def stops_to_dict(task: Task, stops: Mapping[str, Stops]) -> dict[str, Any]:
+    """An entry for JSON: of a motion, or of a cycle one by segment; none if they were not asked for."""
+    if not stops:
+        return {}
+    rows = [{"segment": name, **own.to_dict()} for name, own in stops.items()]
+    return {"stops": rows if task.is_cycle else stops[""].to_dict()}
 
 
 class _PathTable:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, finite_array, is_whole
+from ocptip.basics.errors import InputError, finite_array, is_whole, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.source import TaskSource
@@ -23,6 +25,7 @@ from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import checked_rise_times, earliest_end
 
 MOST_COMMANDS = 12
+_ROUNDED = 1e-6  # s: times in files are
 LONGEST = 30.0  # s, of a motion that is planned
 MOST_JOINTS = 8  # whose directions are all looked at
 REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
@@ -53,6 +56,7 @@ class MotionTask:
             0 or none: ramps. None: the planner chooses, see `ocptip.motion.rise_times`.
     """
 
+    is_cycle: ClassVar[bool] = False
     name: str
     robot: StandingMechanism
     start: np.ndarray
@@ -99,6 +103,15 @@ class MotionTask:
         if self.reference is not None and self.reference.n != n:
             raise InputError(f"reference: has {self.reference.n} joints, the {self.robot.kind} has {n}")
 
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """The motion itself, as the only segment, without a name."""
+        return (Segment("", self),)
+
+    def each(self, change: Callable[[MotionTask], MotionTask]) -> MotionTask:
+        """The task after a change; a cycle changes the task of every segment."""
+        return change(self)
+
     def _check_targets(self) -> None:
         """Raise InputError if start or goal is no posture of its gripper pose."""
         for name, target in zip(("start", "goal"), self.targets, strict=True):
@@ -112,6 +125,47 @@ class MotionTask:
             if not target.reached(arm, q, REACHED)[0]:
                 miss = float(target.residuals(arm, q)[0])
                 raise InputError(f"targets: {name} misses its gripper pose by {miss:.2g} (m, rad)")
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One motion of a cycle.
+
+    Attributes:
+        name: for messages.
+        task: robot with what it holds, limits, objective; its goal is the first of `goals`.
+        goals: postures of which the segment may end in any, (k, n), rad (sliding joints: m).
+        dwell: s, standstill at the goal that is asked for, with what this segment holds.
+        target: the gripper pose that the goals are postures of; None where the angles are given.
+    """
+
+    name: str
+    task: MotionTask
+    goals: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    dwell: float = 0.0
+    target: PoseTarget | None = None
+
+    def __post_init__(self) -> None:
+        n = self.task.robot.n
+        goals = finite_array("goals", self.goals if len(self.goals) else self.task.goal[None], (None, n))
+        settle(self, goals=goals, dwell=positive_number("dwell", self.dwell, zero_allowed=True))
+
+    @property
+    def rest(self) -> float:
+        """s, standstill at the goal: at least until joints that are late have come, too."""
+        late = self.task.limits.tolerance.late
+        return max(self.dwell, late + _ROUNDED if late else 0.0)
+
+    def between(self, start: np.ndarray, goal: np.ndarray) -> MotionTask:
+        """The task from one posture to another, (n,) each."""
+        return replace(self.task, start=start, goal=goal, choices=())
+
+    def standby(self, q: np.ndarray) -> float:
+        """Electric power at rest in posture q, (n,), W."""
+        robot, still = self.task.robot.resting(1), np.zeros((1, self.task.robot.n))
+        torques, _ = robot.loads(q[None], still, still)
+        drawn = robot.motors.power(torques, robot.motor_speeds(q[None], still))
+        return float(np.sum(drawn)) + robot.support.power
 
 
 def refusals(task: MotionTask, *, at_rest: bool = True) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ import numpy as np
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.load_cases import RestLoads, around, everywhere, tilted
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
@@ -179,9 +180,29 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     return tuple(one for one in found if one is not None)
 
 
-def tolerances(robot: StandingMechanism, motion: Trajectory) -> tuple[Tolerated, ...]:
-    """The same where it can be said: empty for parallel robots."""
-    return tolerated(robot, motion) if isinstance(robot, Robot) else ()
+def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
+    """Of every deviation that of the segment that tolerates least; empty for parallel robots.
+
+    Times are from the begin of the first segment.
+    """
+    least: dict[str, Tolerated] = {}
+    for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
+        robot = segment.task.robot
+        for found in tolerated(robot, own) if isinstance(robot, Robot) else ():
+            placed = replace(found, time=float(begin) + found.time)
+            if segment.name and not found.at_most:
+                placed = replace(placed, how=f"segment {segment.name}: {found.how}")
+            before = least.get(found.quantity)
+            if before is None or _worse(placed, before):
+                least[found.quantity] = placed
+    return tuple(least.values())
+
+
+def _worse(one: Tolerated, other: Tolerated) -> bool:
+    """Of the same quantity; a factor of friction is worse if it is larger."""
+    if one.quantity == "friction":
+        return one.value > other.value
+    return (one.value, one.at_most) < (other.value, other.at_most)
 
 
 class _Parts(RestLoads):

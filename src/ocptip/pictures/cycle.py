@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
-from ocptip.motion.cycles.output import samples_joined
-from ocptip.motion.cycles.task import CycleTask
-from ocptip.pictures.plan import draw_plan
+from ocptip.motion.cycles.task import Task
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.mechanism import MotionSamples, StandingMechanism
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
 
@@ -38,37 +33,17 @@ class _Plan:
         segment_limits: of each.
     """
 
-    task: _Task
+    task: Any
     motion: Trajectory
     check: MotionCheck
-    segments: tuple[tuple[float, float, str], ...]
-    segment_limits: tuple[MotionLimits, ...]
+    segments: tuple[tuple[float, float, str], ...] = ()
+    segment_limits: tuple[MotionLimits, ...] = ()
 
 
-def draw_cycle(
-    directory: str | os.PathLike[str],
-    task: CycleTask,
-    motion: Trajectory,
-    check: CycleCheck,
-    samples: Sequence[MotionSamples],
-) -> list[Path]:
-    """Draw all figures of a cycle into a directory as PNG, as `draw_plan` does.
-
-    Args:
-        directory: made if it does not exist; the one above it must.
-        task: what was asked for.
-        motion: of its segments, or of the first of them.
-        check: of that.
-        samples: of `cycle_samples`.
-
-    Raises:
-        OSError: a file or the directory cannot be written; names it.
-    """
-    return draw_plan(directory, seen_plan(task, motion, check), samples_joined(samples))
-
-
-def seen_plan(task: CycleTask, motion: Trajectory, check: CycleCheck) -> Any:
-    """A cycle, or its first segments, as figures of plans see it."""
+def seen_plan(task: Task, motion: Trajectory, check: CycleCheck) -> Any:
+    """What figures of plans draw: a motion, or a cycle, or its first segments."""
+    if not task.is_cycle:
+        return _Plan(task, motion.segments[0], check.whole)
     rows = []
     for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         payload = segment.task.robot.payload

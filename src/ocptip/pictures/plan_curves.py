@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.motion.cycles.output import samples_joined
 from ocptip.motion.output import sample_motion
+from ocptip.motion.plan_files import samples_joined
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory

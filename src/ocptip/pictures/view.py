@@ -21,7 +21,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity
 from ocptip.basics.write import MARK
 from ocptip.contact.support import Support
-from ocptip.motion.cycles.output import samples_joined
+from ocptip.motion.plan_files import samples_joined
 from ocptip.pictures import view_bodies as bodies
 from ocptip.reserves.equal_compliance import equal_normal_map, reported_slip
 from ocptip.reserves.slip import Slip, SlipReserve

@@ -15,8 +15,8 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.read import read_text
 from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import MARK, Table
-from ocptip.motion.cycles.task import CycleTask, Segment
-from ocptip.motion.task import MotionTask
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.task import MotionTask, Segment
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism

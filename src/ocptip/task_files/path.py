@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics import schema
-from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.errors import naming, positive_number
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
-from ocptip.motion.cycles.check import parts_of
-from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.check import segments_of
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.task import MotionTask
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
@@ -81,7 +81,7 @@ class GivenPath:
 
 def load_path(
     path: str | os.PathLike[str],
-    task: MotionTask | CycleTask,
+    task: Task,
     *,
     tolerance: float | None = None,
     unit: str | None = None,
@@ -109,26 +109,14 @@ def load_path(
     found = load_motions(path, task.robot.names, task.robot.units, **known)
     with naming(path.name):
         task.robot.require_fit(found.n)
-        motions = _segments(task, found)
+        motions = segments_of(task, found).segments
         within = None if not tolerance else joint_tolerance(task, tolerance)
         return GivenPath(tuple(path_of_motion(own, within) for own in motions), motions)
 
 
-def joint_tolerance(task: MotionTask | CycleTask, tolerance: float) -> np.ndarray:
+def joint_tolerance(task: Task, tolerance: float) -> np.ndarray:
     """(n,), rad or m, from degrees and mm."""
     return np.where(np.array(task.robot.units) == "rad", np.deg2rad(tolerance), 1e-3 * tolerance)
-
-
-def _segments(task: MotionTask | CycleTask, found: Trajectory) -> tuple[Trajectory, ...]:
-    """The motions of the task's segments."""
-    if isinstance(task, MotionTask):
-        if found.parts:
-            raise InputError(f"has {len(found.parts)} segments, {task.name} is a single motion")
-        return (found,)
-    segments = (found if found.points is None else parts_of(task, found)).segments
-    if len(segments) != len(task.segments):
-        raise InputError(f"has {len(segments)} segments, {task.name} has {len(task.segments)}")
-    return segments
 
 
 def refuse_early(path: str | os.PathLike[str]) -> None:
@@ -154,10 +142,10 @@ def _tables(data: Table) -> list[Table]:
     return tables
 
 
-def _waypoints(path: Path, task: MotionTask | CycleTask, tolerance: float | None) -> GivenPath:
+def _waypoints(path: Path, task: Task, tolerance: float | None) -> GivenPath:
     with Table.read(path, PATH) as data:
         tables = _tables(data)
-        tasks = [task] if isinstance(task, MotionTask) else [own.task for own in task.segments]
+        tasks = [segment.task for segment in task.segments]
         if len(tables) != len(tasks):
             raise data.error(f"{len(tables)} paths, {task.name} has {len(tasks)} segments", "segment")
         paths, before = [], tasks[0].start

@@ -10,10 +10,10 @@ from typing import Any
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.read import only_inside, read_json
 from ocptip.basics.sums import SUMS, require_unchanged
-from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.check import segments_of
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.output import PLAN
 from ocptip.motion.source import TASK
-from ocptip.motion.task import MotionTask
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.task_files.cycle import read_task
@@ -33,7 +33,7 @@ class PlanFolder:
     """
 
     path: Path
-    task: MotionTask | CycleTask
+    task: Task
     motion: Trajectory
     data: dict[str, Any]
 
@@ -47,13 +47,12 @@ class PlanFolder:
             InputError: it is of another mechanism.
         """
         robots = arms_of(self.task, does, self.path)
-        if not self.motion.parts:
-            return (Part(robots[0], self.motion),)
-        assert isinstance(self.task, CycleTask)
-        if len(self.motion.parts) < len(robots):
-            raise InputError(f"holds {len(self.motion.parts)} of {len(robots)} segments", "", str(self.path))
+        if len(self.motion.segments) < len(robots):
+            raise InputError(
+                f"holds {len(self.motion.segments)} of {len(robots)} segments", "", str(self.path)
+            )
         rows = zip(
-            robots, self.motion.parts, [segment.name for segment in self.task.segments],
+            robots, self.motion.segments, [segment.name for segment in self.task.segments],
             self.motion.begins.tolist(), self.motion.pauses, strict=True,
         )  # fmt: skip
         return tuple(Part(*row) for row in rows)
@@ -67,23 +66,21 @@ class PlanFolder:
         Raises:
             InputError: a cycle, or another mechanism.
         """
-        if self.motion.parts:
-            raise InputError(f"is a cycle; {does} single motions", "", str(self.path))
         return arm_of(self.task, does, self.path), self.motion
 
 
-def arm_of(task: MotionTask | CycleTask, does: str, path: Path) -> Robot:
+def arm_of(task: Task, does: str, path: Path) -> Robot:
     """The arm of a single motion; InputError names the file or folder of a cycle, or another mechanism."""
-    if isinstance(task, CycleTask):
+    if task.is_cycle:
         raise InputError(f"is a cycle; {does} single motions", "", str(path))
     return arms_of(task, does, path)[0]
 
 
-def arms_of(task: MotionTask | CycleTask, does: str, path: Path) -> list[Robot]:
+def arms_of(task: Task, does: str, path: Path) -> list[Robot]:
     """The arm of a motion, or those of a cycle's segments; InputError names the file of another mechanism."""
-    tasks = [segment.task for segment in task.segments] if isinstance(task, CycleTask) else [task]
-    arms = [own.robot for own in tasks if isinstance(own.robot, Robot)]
-    if len(arms) < len(tasks):
+    robots = [segment.task.robot for segment in task.segments]
+    arms = [robot for robot in robots if isinstance(robot, Robot)]
+    if len(arms) < len(robots):
         raise InputError(f"is of a parallel robot; {does} arms", "", str(path))
     return arms
 
@@ -127,4 +124,5 @@ def read_plan_folder(path: str | os.PathLike[str]) -> PlanFolder:
     with only_inside(folder):
         task = read_task(folder / TASK)
         motion = load_motions(folder / PLAN, task.robot.names, task.robot.units)
+        motion = motion if task.is_cycle else segments_of(task, motion)
         return PlanFolder(folder, task, motion, read_json(folder / PLAN))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ocptip import load_task
 from ocptip.motion.cycles.check import check_cycle
-from ocptip.motion.cycles.output import write_cycle
 from ocptip.motion.cycles.plan import CyclePlan, sequence_of
+from ocptip.motion.plan_files import write_plan
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.test_task import FEET
@@ -48,7 +49,7 @@ def written(folder, text=CYCLE, name="swing.toml"):
 def planned(folder, slower=2.0):
     """The folder of a plan of it, without planning: one ramp per joint at a share of its limits."""
     task = read_task(written(folder))
-    task = task.with_limits({"GN": 0.99, "GT": 0.99})
+    task = load_task(task, GN=0.99, GT=0.99)
     parts, start = [], task.starts[0]
     for segment in task.segments:
         limits, none, goal = segment.task.robot.limits, [None] * segment.task.robot.n, segment.goals[0]
@@ -58,5 +59,5 @@ def planned(folder, slower=2.0):
         parts.append(plan_of(segment.between(start, goal), motion))
         start = goal
     check = check_cycle(task, sequence_of(task, parts))
-    write_cycle(folder / "swing", CyclePlan(task, tuple(parts), check, 0, 1.0, False, {}))
+    write_plan(folder / "swing", CyclePlan(task, tuple(parts), check, 0, 1.0, False, {}))
     return folder / "swing"

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
+from ocptip import load_task
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.checks import certified, certified_cycle
 from ocptip.certificate.result import Undecided
@@ -19,12 +20,11 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.cycles import plan as planning
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.choices import CANDIDATES, best_ways, layers_of, likely_ways
-from ocptip.motion.cycles.output import cycle_samples, drives_of, samples_joined, write_cycle
 from ocptip.motion.cycles.plan import plan_cycle
-from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.execution import execute
+from ocptip.motion.plan_files import drives_of, samples_joined, task_samples, write_plan
 from ocptip.motion.source import TASK
-from ocptip.motion.tolerated import tolerances
+from ocptip.motion.tolerated import robustness, tolerated
 from ocptip.pictures.cycle import seen_plan
 from ocptip.pictures.plan import _reserve_figure
 from ocptip.pictures.plan_curves import PlanCurves
@@ -80,7 +80,7 @@ def test_the_worst_of_all_is_the_worst_of_its_segment(plan):
 
 
 def test_broken_limits_name_their_segment(plan):
-    tight = plan.task.with_limits({"GN": 0.05})
+    tight = load_task(plan.task, GN=0.05)
     found = check_cycle(tight, plan.motion)
     assert not found.whole.verified
     assert any("segment out" in v for v in found.whole.violations)
@@ -101,7 +101,7 @@ def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
             execute(p.task.robot, p.motion.with_rise_times(rise), p.task.limits, controller)
             for p in plan.parts
         ]
-    paths = write_cycle(tmp_path / "out", plan, executions=executions, effort=True)
+    paths = write_plan(tmp_path / "out", plan, executions=executions, effort=True)
     assert {"plan.json", "motion.csv", "trajectory.json", "task.toml"} <= {path.name for path in paths}
     task = load_cycle(tmp_path / "out" / TASK)
     data = json.loads((tmp_path / "out" / "plan.json").read_text())
@@ -129,9 +129,7 @@ def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
 @pytest.mark.slow
 def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     path = written(tmp_path)
-    monkeypatch.setattr(
-        "ocptip.cli.cycles.plan_cycle", lambda task, **_: dataclasses.replace(plan, task=task)
-    )
+    monkeypatch.setattr("ocptip.api.plan.plan_cycle", lambda task, **_: dataclasses.replace(plan, task=task))
     call = ["plan", str(path), "--tolerance", "none", "--out", str(tmp_path / "out")]
     code = main([*call, "--controller", "cubic", "--time-scale", "0.5"])
     out = capsys.readouterr().out
@@ -162,9 +160,7 @@ def test_a_cycle_that_was_cut_short_says_so(plan, tmp_path, monkeypatch, capsys)
     first = dataclasses.replace(plan, parts=plan.parts[:1], interrupted=True)
     part = dataclasses.replace(plan.task, segments=plan.task.segments[:1], closed=False)
     first = dataclasses.replace(first, check=check_cycle(part, first.motion))
-    monkeypatch.setattr(
-        "ocptip.cli.cycles.plan_cycle", lambda task, **_: dataclasses.replace(first, task=task)
-    )
+    monkeypatch.setattr("ocptip.api.plan.plan_cycle", lambda task, **_: dataclasses.replace(first, task=task))
     out_dir = tmp_path / "out"
     assert main(["plan", str(written(tmp_path)), "--out", str(out_dir), "--no-figures"]) == 1
     out = capsys.readouterr().out
@@ -270,7 +266,7 @@ def test_of_many_postures_those_on_short_ways_are_looked_at(plan):
 def test_a_recording_of_positions_is_parted_where_it_rests(plan, tmp_path):
     """Angles every 10 ms, as somebody else's robot writes them."""
     task, path = plan.task, tmp_path / "theirs.csv"
-    write_cycle(tmp_path / "out", plan)
+    write_plan(tmp_path / "out", plan)
     points = load_motion(tmp_path / "out" / "trajectory.json", task.robot.names, task.robot.units)
     times = np.append(np.arange(0.0, points.end, 0.01), points.end)
     rows = np.column_stack([times, np.degrees(points.states(times)[0])])
@@ -308,9 +304,9 @@ def test_standstills_that_are_not_clear_are_refused(plan):
 
 
 def test_the_least_of_what_segments_tolerate(plan):
-    found = {one.quantity: one for one in cycle_tolerances(plan.task, plan.motion)}
+    found = {one.quantity: one for one in robustness(plan.task, plan.motion)}
     rows = [
-        {one.quantity: one for one in tolerances(s.task.robot, own)}
+        {one.quantity: one for one in tolerated(s.task.robot, own)}
         for s, own in zip(plan.task.segments, plan.motion.segments, strict=True)
     ]
     for quantity, one in found.items():
@@ -323,7 +319,7 @@ def test_figures_draw_the_limits_of_each_segment(plan):
     out, back = plan.task.segments
     own = dataclasses.replace(back.task, limits=dataclasses.replace(back.task.limits, GN=0.5))
     task = dataclasses.replace(plan.task, segments=(out, dataclasses.replace(back, task=own)))
-    samples = samples_joined(cycle_samples(task, plan.motion))
+    samples = samples_joined(task_samples(task, plan.motion))
     curves = PlanCurves(seen_plan(task, plan.motion, check_cycle(task, plan.motion)), samples)
     begin = plan.check.begins[1]
     np.testing.assert_array_equal(curves.limit("GN"), np.where(samples.times < begin, 0.9, 0.5))
@@ -334,7 +330,7 @@ def test_figures_draw_the_limits_of_each_segment(plan):
 
 
 def test_samples_of_all_segments(plan):
-    parts = cycle_samples(plan.task, plan.motion)
+    parts = task_samples(plan.task, plan.motion)
     whole = samples_joined(parts)
     assert np.all(np.diff(whole.times) >= -1e-12)
     assert whole.times[-1] == pytest.approx(plan.duration)
@@ -382,14 +378,14 @@ def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
     assert not found.certified
     assert found.headline.startswith("VERIFIED")
     assert found.certificate.undecided[0].start == pytest.approx(plan.check.begins[1] + 0.1)
-    tight = plan.task.with_limits({"GN": 0.05})
+    tight = load_task(plan.task, GN=0.05)
     broken = check_cycle(tight, plan.motion)
     assert certified_cycle(tight, plan.motion, broken) is broken
 
 
 def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(plan):
     known = Tolerance(tilt=0.005, arm_mass=0.02, friction=0.1, speed=0.02, delay=0.01)
-    task, motion = plan.task.with_limits({"tolerance": known}), plan.motion.time_scaled(1.5)
+    task, motion = load_task(plan.task, uncertainty=known), plan.motion.time_scaled(1.5)
     motion = dataclasses.replace(motion, pauses=(motion.pauses[0], 0.011))
     found = certified_cycle(task, motion, check_cycle(task, motion))
     assert found.whole.headline.startswith("CERTIFIED within the tolerance")
@@ -429,7 +425,7 @@ def test_commands_certify_cycles(plan, tmp_path, capsys):
         for own, p in zip(drives_of(plan), plan.parts, strict=True)
     ]
     folder = tmp_path / "out"
-    write_cycle(folder, plan, executions=executions)
+    write_plan(folder, plan, executions=executions)
     data = json.loads((folder / "plan.json").read_text())
     assert data["certified"]
     assert [row["certified"] for row in data["segments"]] == [True, True]

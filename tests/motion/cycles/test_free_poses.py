@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from ocptip.cli.main import main
 from ocptip.motion.cycles.choices import layers_of, leg_cost, likely_ways
 from ocptip.motion.cycles.free_poses import MovedWay, free_ends, moved_ways, posture_near
-from ocptip.motion.cycles.output import write_cycle
 from ocptip.motion.cycles.plan import plan_cycle
+from ocptip.motion.plan_files import write_plan
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.read import load_motion
@@ -61,7 +61,7 @@ def test_a_free_pose_spares_energy(plans):
 def test_the_written_trajectory_is_within_the_range_and_says_where(plans, tmp_path, capsys):
     plan = plans["free"]
     folder = tmp_path / "out"
-    write_cycle(folder, plan)
+    write_plan(folder, plan)
     points = load_motion(folder / "trajectory.json", plan.task.robot.names, plan.task.robot.units)
     own = plan.task.segments[0].target
     seam = points.points.angles[np.argmin(np.abs(points.points.times - plan.parts[0].duration))]
@@ -81,7 +81,7 @@ def test_the_written_trajectory_is_within_the_range_and_says_where(plans, tmp_pa
 
 
 def test_a_motion_outside_the_range_is_told_apart(plans, with_pose, tmp_path, capsys):
-    write_cycle(tmp_path / "out", plans["free"])
+    write_plan(tmp_path / "out", plans["free"])
     narrow = written(tmp_path, with_pose("free = { z = [-0.0001, 0.0] }"))
     plan_json = str(tmp_path / "out" / "plan.json")
     assert main(["check", plan_json, "--task", str(narrow)]) == 0

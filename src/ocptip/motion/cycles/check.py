@@ -1,8 +1,8 @@
-"""Check of a cycle: every segment on its own robot and limits, the rests between, and the worst of all."""
+"""Check of a task: every segment on its own robot and limits, the rests between, and the worst of all."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import MotionCheck, check_motion
-from ocptip.motion.cycles.task import SAME, CycleTask
+from ocptip.motion.cycles.task import SAME, CycleTask, Task
 from ocptip.standing.contact_margins import ContactMargins
+from ocptip.standing.elastic.drives import with_rise
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.within.in_motion import WithinTolerance
 from ocptip.trajectories.points import Points
@@ -24,10 +25,10 @@ _MOST_WAYS = 10_000
 
 @dataclass(frozen=True)
 class CycleCheck:
-    """Outcome of the check of a cycle.
+    """Outcome of the check of a cycle, or of a motion, which has one segment.
 
     Attributes:
-        names: of the segments.
+        names: of the segments; that of a motion is empty.
         segments: check of each motion, rest before and after it with what it holds included; times are its
             own.
         begins: s, when each begins.
@@ -45,7 +46,9 @@ class CycleCheck:
     whole: MotionCheck
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: those of the whole, and `segments` with those of each."""
+        """Plain data for JSON: those of the whole, and of a cycle `segments` with those of each."""
+        if self.names == ("",):
+            return self.whole.to_dict()
         rows = zip(self.names, self.segments, self.begins, self.pauses, self.rest_energies, strict=True)
         return {
             **self.whole.to_dict(),
@@ -56,10 +59,20 @@ class CycleCheck:
         }
 
 
-def check_cycle(task: CycleTask, motion: Trajectory, *, step: float = 0.01) -> CycleCheck:
-    """Check the motions of a cycle, each against the limits and with the robot of its segment.
+def check_cycle(
+    task: Task,
+    motion: Trajectory,
+    *,
+    step: float = 0.01,
+    progress: Callable[[int, int, None], None] | None = None,
+) -> CycleCheck:
+    """Check the motions of a task, each against the limits and with the robot of its segment.
 
     At each seam the base has to stand at rest with what is held before and after it.
+
+    Args:
+        task, motion: of as many segments.
+        step, progress: see `check_motion`.
 
     Raises:
         InputError: another number of motions than of segments, or one that does not fit the robot.
@@ -67,12 +80,23 @@ def check_cycle(task: CycleTask, motion: Trajectory, *, step: float = 0.01) -> C
     if len(motion.segments) != len(task.segments):
         raise InputError(f"motion: has {len(motion.segments)} segments, {task.name} has {len(task.segments)}")
     pairs = list(zip(task.segments, motion.segments, strict=True))
-    checks = [check_motion(s.task.robot, own, s.task.limits, step=step) for s, own in pairs]
+    how = {"step": step, "progress": progress}
+    checks = [check_motion(s.task.robot, own, s.task.limits, **how) for s, own in pairs]
     return cycle_check(task, motion, checks)
 
 
-def cycle_check(task: CycleTask, motion: Trajectory, checks: Sequence[MotionCheck]) -> CycleCheck:
+def with_rises(task: Task, motion: Trajectory, checked: CycleCheck) -> CycleCheck:
+    """The check of a motion with the rise time that leaves least vibration of gears; a cycle's as it is."""
+    if task.is_cycle:
+        return checked
+    drives = with_rise(task.robot, motion.segments[0])
+    return cycle_check(task, motion, [replace(checked.whole, drives=drives)])
+
+
+def cycle_check(task: Task, motion: Trajectory, checks: Sequence[MotionCheck]) -> CycleCheck:
     """The same from the checks of the motions."""
+    if not task.is_cycle:
+        return CycleCheck(("",), tuple(checks), (0.0,), (0.0,), (0.0,), checks[0])
     pauses, segments = motion.pauses, task.segments
     energies = [
         pause * segment.standby(own.goal) if pause else 0.0
@@ -122,6 +146,20 @@ def parts_of(task: CycleTask, motion: Trajectory) -> Trajectory:
             )
         inner = [inner[k] for k in ways[0]]
     return parted(motion, [*inner, *tail])
+
+
+def segments_of(task: Task, motion: Trajectory) -> Trajectory:
+    """The segments of what a file holds.
+
+    Raises:
+        InputError: it is not clear where they begin, or there are more or fewer than in the task.
+    """
+    if task.is_cycle and motion.points is not None:
+        motion = parts_of(task, motion)
+    if len(motion.segments) != len(task.segments):
+        own = f"has {len(task.segments)}" if task.is_cycle else "is a single motion"
+        raise InputError(f"has {len(motion.segments)} segments, {task.name} {own}")
+    return motion
 
 
 def _longest(points: Points, seams: list[tuple[int, int]]) -> list[tuple[int, int]]:

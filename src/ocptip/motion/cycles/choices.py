@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from ocptip.motion.choices import plainest_cost
-from ocptip.motion.cycles.task import CycleTask, Segment
-from ocptip.motion.task import MotionTask, end_refusals
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.task import MotionTask, Segment, end_refusals
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.standing.arm import Robot
 

@@ -85,6 +85,10 @@ class CyclePlan:
         return self.complete and self.check.whole.verified
 
 
+Planned = MotionPlan | CyclePlan
+"""What the search finds."""
+
+
 def sequence_of(task: CycleTask, parts: Sequence[MotionPlan]) -> Trajectory:
     """The motions of the planned segments with the task's rests."""
     rests = tuple(segment.rest for segment in task.segments[: len(parts)])

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.frozen import settle
 from ocptip.motion.objective import Objective
 from ocptip.motion.source import TaskSource
-from ocptip.motion.task import MotionTask, refusals
+from ocptip.motion.task import MotionTask, Segment, refusals
 from ocptip.numerics.vectors import wrapped
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.standing.arm import Robot
@@ -20,48 +21,6 @@ from ocptip.standing.mechanism import StandingMechanism
 
 SAME = 1e-6
 """rad or m: a segment that starts farther from the end of the one before does not continue it."""
-_ROUNDED = 1e-6  # s: times in files are
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """One motion of a cycle.
-
-    Attributes:
-        name: for messages.
-        task: robot with what it holds, limits, objective; its goal is the first of `goals`.
-        goals: postures of which the segment may end in any, (k, n), rad (sliding joints: m).
-        dwell: s, standstill at the goal that is asked for, with what this segment holds.
-        target: the gripper pose that the goals are postures of; None where the angles are given.
-    """
-
-    name: str
-    task: MotionTask
-    goals: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    dwell: float = 0.0
-    target: PoseTarget | None = None
-
-    def __post_init__(self) -> None:
-        n = self.task.robot.n
-        goals = finite_array("goals", self.goals if len(self.goals) else self.task.goal[None], (None, n))
-        settle(self, goals=goals, dwell=positive_number("dwell", self.dwell, zero_allowed=True))
-
-    @property
-    def rest(self) -> float:
-        """s, standstill at the goal: at least until joints that are late have come, too."""
-        late = self.task.limits.tolerance.late
-        return max(self.dwell, late + _ROUNDED if late else 0.0)
-
-    def between(self, start: np.ndarray, goal: np.ndarray) -> MotionTask:
-        """The task from one posture to another, (n,) each."""
-        return replace(self.task, start=start, goal=goal, choices=())
-
-    def standby(self, q: np.ndarray) -> float:
-        """Electric power at rest in posture q, (n,), W."""
-        robot, still = self.task.robot.resting(1), np.zeros((1, self.task.robot.n))
-        torques, _ = robot.loads(q[None], still, still)
-        drawn = robot.motors.power(torques, robot.motor_speeds(q[None], still))
-        return float(np.sum(drawn)) + robot.support.power
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +36,7 @@ class CycleTask:
         target: the gripper pose that the starts are postures of; None where the angles are given.
     """
 
+    is_cycle: ClassVar[bool] = True
     name: str
     segments: tuple[Segment, ...]
     starts: np.ndarray
@@ -158,13 +118,9 @@ class CycleTask:
         changed = (replace(segment, task=change(segment.task)) for segment in self.segments)
         return replace(self, segments=tuple(changed))
 
-    def with_limits(self, limits: dict[str, float]) -> CycleTask:
-        """The same with some limits replaced in all segments."""
-        return self.each(lambda own: replace(own, limits=replace(own.limits, **limits))) if limits else self
 
-    def with_objective(self, objective: Objective) -> CycleTask:
-        """The same with one objective for all segments."""
-        return self.each(lambda own: replace(own, objective=objective))
+Task = MotionTask | CycleTask
+"""What is planned and checked; a motion has one segment."""
 
 
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:

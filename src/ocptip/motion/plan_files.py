@@ -1,4 +1,4 @@
-"""Files of a cycle: plan.json, motion.csv, trajectory.json, as those of a motion, with its segments."""
+"""Files of a plan, of a motion or a cycle: plan.json, motion.csv, trajectory.json, proofs, the task."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import plain, versions
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
-from ocptip.motion.cycles.plan import CyclePlan
-from ocptip.motion.cycles.task import CycleTask, freed_offset
+from ocptip.motion.cycles.plan import Planned
+from ocptip.motion.cycles.task import CycleTask, Task, freed_offset
 from ocptip.motion.execution import Execution
 from ocptip.motion.output import (
     CERTIFICATE,
@@ -38,13 +38,79 @@ from ocptip.trajectories.trajectory import Trajectory
 _ONCE = ("case", "task_file", "versions", "options", "seed", "assumed")
 
 
-def cycle_to_dict(plan: CyclePlan, executions: Sequence[Execution], check: CycleCheck) -> dict[str, Any]:
-    """Return a cycle, and by what it is run, as plain data for strict JSON.
+def write_plan(
+    directory: str | os.PathLike[str],
+    plan: Planned,
+    *,
+    executions: Sequence[Execution] | None = None,
+    samples: Sequence[MotionSamples] | None = None,
+    effort: bool = False,
+    extra: Mapping[str, Any] | None = None,
+) -> list[Path]:
+    """Write plan.json, motion.csv, trajectory.json, the task and the hashes of all; old ones are replaced.
 
-    `segments` holds what `ocptip.motion.output.plan_to_dict` says of each segment, in times of its own, and
-    `name`, `begin_s`, `rest_s`, `rest_energy_J`, and `goal_offset_m` where the goal's pose is free; all
-    else is of the whole, in times from the first begin.
+    If there is a certificate, certificate.json is among them; those of the segments of a cycle are
+    certificate-1.json and so on. A cycle whose planning was interrupted before all segments had a plan gets
+    no trajectory.json. The task, with all that its file names, is left out if it was made in Python, or its
+    robot was changed since it was read.
+
+    Args:
+        directory: made if it does not exist; the one above it must.
+        plan: the plan.
+        executions: what runs the segments; motion.csv and trajectory.json are of their motions. Default:
+            drives with ramps or S-curves, and trajectory.json is for a controller that runs them as they are.
+        samples: of :func:`task_samples`; computed if None.
+        effort: see `ocptip.motion.output.joint_trajectory`.
+        extra: more entries of plan.json; they win.
+
+    Returns:
+        The paths.
+
+    Raises:
+        OSError: a file or the directory cannot be written; names it.
     """
+    task = plan.task
+    executions = executions or drives_of(plan)
+    motion = run_by(plan, executions)
+    samples = samples or task_samples(task, motion)
+    check = cycle_check(plan.finished, motion, [run.check for run in executions])
+    blocks = csv_blocks(samples_joined(samples))
+    if task.is_cycle:
+        number = np.repeat(np.arange(1, len(samples) + 1), [len(own.times) for own in samples])
+        blocks.append(("segment", number))
+    data = {**planned_to_dict(plan, executions, check), **plain(dict(extra or {}))}
+    texts = {PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n", MOTION: csv_text(blocks)}
+    if plan.complete:
+        points = _trajectory(task, motion.pauses, executions, effort=effort)
+        texts[TRAJECTORY] = json.dumps(points, allow_nan=False) + "\n"
+    for number, run in enumerate(executions, 1):
+        if (certificate := run.check.certificate) and certificate.data:
+            name = CERTIFICATE.replace(".", f"-{number}.") if task.is_cycle else CERTIFICATE
+            texts[name] = json.dumps(certificate.data, allow_nan=False) + "\n"
+    source = source_of(task)
+    return write_folder(Path(directory), texts, source, _task_text(task, source) if source else "")
+
+
+def drives_of(plan: Planned) -> list[Execution]:
+    """What runs each segment if drives take the commands as they are."""
+    return [Execution.of_drives(p.task.robot, p.motion, p.task.limits, p.check) for p in plan.parts]
+
+
+def run_by(plan: Planned, executions: Sequence[Execution]) -> Trajectory:
+    """The motion that is run, of a cycle with the rests between its segments."""
+    motions = [run.motion for run in executions]
+    return Trajectory.from_segments(motions, plan.motion.pauses) if plan.task.is_cycle else motions[0]
+
+
+def planned_to_dict(plan: Planned, executions: Sequence[Execution], check: CycleCheck) -> dict[str, Any]:
+    """Return a plan, and by what it is run, as plain data for strict JSON.
+
+    That of a motion is `plan_to_dict`. Of a cycle, `segments` holds that of each segment,
+    in times of its own, and `name`, `begin_s`, `rest_s`, `rest_energy_J`, and `goal_offset_m` where the
+    goal's pose is free; all else is of the whole, in times from the first begin.
+    """
+    if not plan.task.is_cycle:
+        return plan_to_dict(plan, executions[0])
     data = check.to_dict()
     rows = [
         {
@@ -82,7 +148,7 @@ def _freed(task: CycleTask, end: int, part: MotionPlan) -> dict[str, Any]:
     return {"goal_offset_m": found} if found else {}
 
 
-def cycle_samples(task: CycleTask, motion: Trajectory) -> list[MotionSamples]:
+def task_samples(task: Task, motion: Trajectory) -> list[MotionSamples]:
     """Samples of every segment as `sample_motion` takes them, and of both ends of the rest after it.
 
     Times are those of the cycle. Each segment is sampled with its own robot.
@@ -117,18 +183,8 @@ def samples_joined(parts: Sequence[Any]) -> Any:
     return dataclasses.replace(first, **values)
 
 
-def drives_of(plan: CyclePlan) -> list[Execution]:
-    """What runs each segment if drives take the ramps as they are."""
-    return [Execution.of_drives(p.task.robot, p.motion, p.task.limits, p.check) for p in plan.parts]
-
-
-def run_motion(plan: CyclePlan, executions: Sequence[Execution]) -> Trajectory:
-    """The motions that are run, and the rests between them."""
-    return Trajectory.from_segments([own.motion for own in executions], plan.motion.pauses)
-
-
-def cycle_trajectory(
-    task: CycleTask, pauses: Sequence[float], executions: Sequence[Execution], *, effort: bool = False
+def _trajectory(
+    task: Task, pauses: Sequence[float], executions: Sequence[Execution], *, effort: bool = False
 ) -> dict[str, Any]:
     """One `trajectory_msgs/JointTrajectory` of a cycle; see `joint_trajectory`.
 
@@ -138,6 +194,8 @@ def cycle_trajectory(
         executions: of the segments.
         effort: fill in the joint torques, N m; at seams those with what was held before.
     """
+    if not task.is_cycle:
+        return joint_trajectory(task.robot, executions[0].points, effort=effort)
     points = [own.points for own in executions]
     whole, parts = joined(points, pauses), [Trajectory(points=own) for own in points]
     data = joint_trajectory(task.robot, whole)
@@ -152,54 +210,10 @@ def cycle_trajectory(
     return data
 
 
-def write_cycle(
-    directory: str | os.PathLike[str],
-    plan: CyclePlan,
-    *,
-    executions: Sequence[Execution] | None = None,
-    samples: Sequence[MotionSamples] | None = None,
-    effort: bool = False,
-    extra: Mapping[str, Any] | None = None,
-) -> list[Path]:
-    """Write plan.json, motion.csv, trajectory.json, the task and what it names, and their hashes.
-
-    A cycle whose planning was interrupted before all segments had a plan gets no trajectory.json.
-
-    Certificates of the segments are certificate-1.json and so on.
-
-    Args:
-        directory: made if it does not exist; the one above it must.
-        plan: the plan.
-        executions: what runs the segments; default: drives with ramps.
-        samples: of :func:`cycle_samples`; computed if None.
-        effort: see :func:`cycle_trajectory`.
-        extra: more entries of plan.json; they win.
-
-    Raises:
-        OSError: a file or the directory cannot be written; names it.
-    """
-    task, pauses = plan.task, plan.motion.pauses
-    executions = executions or drives_of(plan)
-    motion = run_motion(plan, executions)
-    samples = samples or cycle_samples(task, motion)
-    check = cycle_check(plan.finished, motion, [own.check for own in executions])
-    number = np.repeat(np.arange(1, len(samples) + 1), [len(own.times) for own in samples])
-    blocks = [*csv_blocks(samples_joined(samples)), ("segment", number)]
-    data = {**cycle_to_dict(plan, executions, check), **plain(dict(extra or {}))}
-    texts = {PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n", MOTION: csv_text(blocks)}
-    if plan.complete:
-        whole = cycle_trajectory(task, pauses, executions, effort=effort)
-        texts[TRAJECTORY] = json.dumps(whole, allow_nan=False) + "\n"
-    for number, own in enumerate(executions, 1):
-        if (certificate := own.check.certificate) and certificate.data:
-            name = CERTIFICATE.replace(".", f"-{number}.")
-            texts[name] = json.dumps(certificate.data, allow_nan=False) + "\n"
-    source = source_of(task)
-    return write_folder(Path(directory), texts, source, _task_text(task, source) if source else "")
-
-
-def _task_text(task: CycleTask, source: TaskSource) -> str:
+def _task_text(task: Task, source: TaskSource) -> str:
     """The task's file with its limits and objectives, whatever the file said."""
+    if not task.is_cycle:
+        return source.text(task.name, task.limits, task.objective, task.rise_times)
     rows = []
     for row, segment in zip(source.data["segment"], task.segments, strict=True):
         limits, objective = segment.task.limits, segment.task.objective

@@ -1,0 +1,299 @@
+"""`ocptip.check`: whether a given motion keeps all limits, and what else is known about it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ocptip.api.given import MotionLike, given_motion
+from ocptip.api.plan import sensitivities_of
+from ocptip.api.tasks import Base, TaskLike
+from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
+from ocptip.basics.write import versions
+from ocptip.certificate.checks import certified_cycle
+from ocptip.motion.check import MotionCheck, Proof
+from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of, with_rises
+from ocptip.motion.cycles.task import CycleTask, Task
+from ocptip.motion.objective import TIME
+from ocptip.motion.stop_rules import Kinds
+from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
+from ocptip.motion.task import REACHED, MotionTask
+from ocptip.motion.tolerated import Tolerated, robustness
+from ocptip.retiming.retime import OF_PATH, least_cost
+from ocptip.standing.arm import Robot
+from ocptip.standing.limits import TORQUE_WITHIN
+from ocptip.standing.sensitivity import Sensitivity
+from ocptip.trajectories.path_fit import path_of_motion
+from ocptip.trajectories.trajectory import Trajectory
+
+SAME = {"deg": 0.01, "m": 1e-4}
+"""Offsets of start and goal up to this are not worth a note."""
+_RETIMED_NODES = 100  # of the timing that a motion is told about: within 1 % of the duration
+_WITHIN_NODES = 40  # the same within a tolerance, which takes long
+_SCALE = 1e6  # factors of time up to this and down to its inverse
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check:
+    """What is known about a given motion, or cycle.
+
+    Attributes:
+        name: of the motion's file.
+        task: the robot and the limits.
+        motion: that was checked, as it was given.
+        checked: the check of the motion as it is, by segments; a motion has one.
+        time_scale: factors with the checks of the same path with all times multiplied by each.
+        offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
+            difference of the motion's start and of its goal from the task's.
+        misses: where segments of a cycle do not end where the task wants it, one sentence each.
+        robustness: deviations, one at a time, that lose no contact.
+        stops: what becomes of the base when the motion is stopped, by the name of the segment, "" for a
+            motion; empty: not asked for.
+        sensitivities: what changes would do; empty: not asked for.
+        retimed: what another timing of the path of a motion that fails would be; empty: not known.
+    """
+
+    name: str
+    task: Task
+    motion: Trajectory
+    checked: CycleCheck
+    time_scale: tuple[tuple[float, MotionCheck], ...] = ()
+    offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    misses: tuple[str, ...] = ()
+    robustness: tuple[Tolerated, ...] = ()
+    stops: Mapping[str, Stops] = field(default_factory=dict)
+    sensitivities: tuple[Sensitivity, ...] = ()
+    retimed: str = ""
+
+    @property
+    def check(self) -> MotionCheck:
+        """Of a cycle the worst of all segments."""
+        return self.checked.whole
+
+    @property
+    def certificate(self) -> Proof | None:
+        """What is proved for all instants; None where a limit is broken, or accelerations are estimates."""
+        return self.check.certificate
+
+    @property
+    def verified(self) -> bool:
+        """The motion as it is keeps all limits, stops included where they are asked for."""
+        return self.check.verified and all(stops.verified for stops in self.stops.values())
+
+    @property
+    def assumed(self) -> list[str]:
+        """What the file does not say of the motion."""
+        return [*self.motion.assumed, f"the robot rests before 0 s and after {self.motion.end:.4g} s"]
+
+    def __repr__(self) -> str:
+        """Verdict, cost, what is broken, robustness."""
+        check = self.check
+        broken = [*check.violations, *(v for one in self.stops.values() for v in one.violations)]
+        worst = [check.worst[name] for name in ("GN", "GT", "torque_ratio") if name in check.worst]
+        rows = [
+            f"{self.name} on {self.task.name}: {check.headline if self.verified else 'NOT VERIFIED'}",
+            f"  {check.energy:.1f} J in {check.duration:.3f} s",
+            "  " + ", ".join(f"{w.name} {w.value:.3f} <= {w.limit:g} at {w.time:.3f} s" for w in worst),
+        ]
+        rows += [f"  broken: {'; '.join(broken)}"] if broken else []
+        rows += [f"  robust to: {'; '.join(map(str, self.robustness))}"] if self.robustness else []
+        return "\n".join(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Verdict, worst values with their times, limits: plain data for JSON."""
+        offsets = {
+            f"{place}_offset_{unit}": offset
+            for unit, pair in self.offsets.items()
+            for place, offset in zip(("start", "goal"), pair, strict=True)
+        }
+        changes = [one.to_dict() for one in self.sensitivities]
+        return {
+            "motion": self.name,
+            "task": self.task.name,
+            **self.checked.to_dict(),
+            **self.task.robot.masses_to_dict(),
+            "limits": self.task.limits.to_dict(),
+            "tolerated": [one.to_dict() for one in self.robustness],
+            **stops_to_dict(self.task, self.stops),
+            **({"sensitivities": changes} if changes else {}),
+            "assumed": [*self.task.robot.notes, *self.assumed],
+            "interpolation": self.motion.points.interpolation if self.motion.points else None,
+            "fit": self.motion.fit.to_dict() if self.motion.fit else None,
+            **offsets,
+            "retimed": self.retimed or None,
+            "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.time_scale],
+            "versions": versions(),
+        }
+
+
+def check(
+    task: TaskLike | None,
+    motion: MotionLike | None = None,
+    *,
+    base: Base | None = None,
+    step: float = 0.01,
+    time_scale: Sequence[float] = (),
+    stops: Kinds | None = None,
+    sensitivities: bool = False,
+    rise_time: float | None = None,
+    unit: str | None = None,
+    rate: float | None = None,
+    columns: Mapping[str, str | int] | None = None,
+    stage: Callable[[str], None] | None = None,
+    progress: Callable[[int, int, None], None] | None = None,
+) -> Check:
+    """Check whether a motion keeps all limits of a task at every instant. No optimisation.
+
+    A case, or a task file that says nothing of it, has no uncertainty here; `ocptip.load_task` gives it one.
+
+    Example::
+
+        found = ocptip.check("task.toml", "trajectory.json")
+        found = ocptip.check("plan-A")  # the folder of a plan
+
+    Args:
+        task: robot and limits, what :func:`ocptip.load_task` takes; or, alone, the folder of a plan or a file
+            that names its case.
+        motion: a motion, such as `plan.motion`, or the path of a file: ramp commands, a joint trajectory
+            (JSON, YAML), samples (CSV). None: that of `task`.
+        base: of a case, if it is not that of the file.
+        step: s, first distance of the instants.
+        time_scale: factors; the same with all times multiplied by each is checked, too.
+        stops: what if the motion is stopped at any instant: along the path, by brakes, or both.
+        sensitivities: say what changes of masses and contacts would do.
+        rise_time: s, of ramp commands; default: that of the file, or of the task.
+        unit, rate, columns: of files, see `ocptip.trajectories.read.load_motion`.
+        stage: called with what is done next.
+        progress: called with the numbers of instants that are checked and that are to be checked.
+
+    Raises:
+        InputError: the motion cannot be read, or does not fit the robot; names file and key.
+    """
+    step = positive_number("step", step)
+    for factor in time_scale:
+        positive_number("time_scale", factor)
+        if not 1 / _SCALE <= factor <= _SCALE:
+            raise InputError(f"time_scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
+    say = stage or _silent
+    if motion is None:
+        if not _is_path(task):
+            raise InputError("motion: missing; the task alone is no motion")
+        task, motion = None, task
+    reading = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns}
+    name, task, given = given_motion(motion, task, base=base, **reading)
+    if task.is_cycle and sensitivities:
+        raise InputError("sensitivities: not for cycles")
+    if stops in ("path", "both"):
+        task = task.each(lambda own: replace(own, limits=own.stops.asked(own.limits)))
+    how = {"step": step, "progress": progress}
+    with naming(name):
+        say("checking the motion ...")
+        sequence = segments_of(task, given)
+        checked = check_cycle(task, sequence, **how)
+        if given.fit is None:  # of which the accelerations are an estimate
+            say("proving what was checked ...")
+            checked = certified_cycle(task, sequence, checked)
+        checked = with_rises(task, sequence, checked)
+        scaled = [(f, check_cycle(task, sequence.time_scaled(f), **how).whole) for f in time_scale]
+    say("finding which deviations lose no contact ...")
+    robust = robustness(task, sequence)
+    say("checking stops ...")
+    stopped = stops_by_segment(task, sequence, checked, stops)
+    alone = None if task.is_cycle else task.segments[0].task
+    offsets, misses = _offsets_of_cycle(task, sequence) if alone is None else (offsets_of(given, alone), ())
+    return Check(
+        name,
+        task,
+        given,
+        checked,
+        tuple(scaled),
+        offsets,
+        misses,
+        robust,
+        stopped,
+        sensitivities_of(alone, given) if sensitivities else (),
+        "" if alone is None else retimed(alone, given, checked.whole),
+    )
+
+
+def _silent(text: str) -> None:
+    pass
+
+
+def _is_path(task: object) -> bool:
+    return isinstance(task, str | os.PathLike)
+
+
+def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
+    """What the fastest timing of the path of a motion that fails is.
+
+    Empty where no timing can help (angles, clearance) or torques within the tolerance, which timings do not
+    look at, are too large, and where the path cannot be fitted.
+    """
+    broken = [name for name, worst in checked.worst.items() if worst.violation]
+    if checked.verified or task.robot.varying or not {TORQUE_WITHIN, *OF_PATH}.isdisjoint(broken):
+        return ""
+    try:
+        path = path_of_motion(motion).path
+    except (OcptipError, ValueError, ArithmeticError):
+        return ""
+    given = task.limits.tolerance.given
+    try:
+        least = least_cost(task.robot, path, task.limits, TIME, _WITHIN_NODES if given else _RETIMED_NODES)
+    except InputError as error:
+        return f"no timing of its path from rest to rest keeps the limits: {error}"
+    except (OcptipError, ValueError, ArithmeticError):
+        return ""
+    slower = f"{least:.3f} instead of {motion.end:.3f} s{', within the tolerance' if given else ''}"
+    return f"on its own path the limits allow {slower} (not checked; ocptip retime finds it)"
+
+
+def offsets_of(motion: Trajectory, task: MotionTask) -> dict[str, tuple[float, float]]:
+    """Largest differences of start and goal from the task's (from the nearest of its choices), deg and m.
+
+    Where a gripper pose is asked for, any posture that reaches it is as good.
+    """
+    ends = np.array([motion.start, motion.goal])
+    asked = min(((task.start, task.goal), *task.choices), key=lambda pair: np.abs(ends - pair).max())
+    off = np.abs(ends - asked)
+    if isinstance(task.robot, Robot):
+        arm = task.robot.arm
+        for own, posture, target in zip(off, ends, task.targets, strict=True):
+            if target is not None and target.reached(arm, posture[None], REACHED)[0]:
+                own[:] = 0.0
+    start, goal = (_by_unit(own, task) for own in off)
+    return {unit: (start[unit], goal[unit]) for unit in start}
+
+
+def _by_unit(off: np.ndarray, task: Task) -> dict[str, float]:
+    """Largest of offsets (n,), rad and m, by unit of files, as far as there are coordinates of it."""
+    angular = np.array(task.robot.units) == "rad"
+    values = {"deg": np.degrees(off[angular]), "m": off[~angular]}
+    return {unit: float(own.max()) for unit, own in values.items() if len(own)}
+
+
+def _offsets_of_cycle(
+    task: CycleTask, motion: Trajectory
+) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
+    """The same of a cycle, and where its segments miss the task's goals, in words."""
+    seams = [motion.start, *(own.goal for own in motion.segments)]
+    offsets = [_by_unit(task.offset(end, q, SAME["m"]), task) for end, q in enumerate(seams)]
+    misses = tuple(
+        _off_text(task, end, seams[end], unit, offset)
+        for end, own in enumerate(offsets)
+        for unit, offset in own.items()
+        if offset > SAME[unit]
+    )
+    return {unit: (offsets[0][unit], offsets[-1][unit]) for unit in offsets[0]}, misses
+
+
+def _off_text(task: CycleTask, end: int, q: np.ndarray, unit: str, offset: float) -> str:
+    """That a segment does not end (or the first one start) where the task wants it."""
+    name, _, target = task.ends[end]
+    if target is None:
+        return f"the {name} is {offset:.4g} {unit} off the task's"
+    return f"the {name} misses its gripper pose by {task.pose_miss(end, q):.2g} (m, rad)"

@@ -1,0 +1,113 @@
+"""Given motions, in the folder of a plan, in other files or as objects, and their tasks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from ocptip.api.tasks import Base, TaskLike, load_task
+from ocptip.basics.errors import InputError, positive_number
+from ocptip.basics.read import only_inside, require_readable
+from ocptip.motion.cycles.task import Task
+from ocptip.motion.output import PLAN, TRAJECTORY
+from ocptip.published.cases import case_names
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.task_files.cycle import read_task
+from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
+from ocptip.trajectories.read import load_motion, load_motions, motion_origin
+from ocptip.trajectories.trajectory import Trajectory
+
+MotionLike = Trajectory | str | os.PathLike[str]
+"""A motion, that of a cycle, the path of a file that holds one, or the folder of a plan."""
+
+
+def task_of_motion(
+    motion: str | os.PathLike[str], task: TaskLike | None, base: Base | None, otherwise: Tolerance
+) -> tuple[Task, Path]:
+    """The task and the motion's file.
+
+    The task that is named, or that of the plan's folder, or the case that the file names, with its base.
+
+    Args:
+        motion: the file, or the folder of a plan.
+        task: a task, a case or a task file; None: that of the motion.
+        base: of a case.
+        otherwise: the uncertainty of cases, and of task files that have none.
+    """
+    path = Path(motion)
+    if path.is_dir():
+        with only_inside(path):
+            require_readable(path / PLAN)
+    folder, path = (path, path / PLAN) if path.is_dir() else (path.parent, path)
+    case = task if isinstance(task, str) and not Path(task).suffix else None
+    if task is not None and case is None:
+        if base is not None:
+            raise InputError("base: only for --case; a task file has its own base")
+        return read_task(task, otherwise) if isinstance(task, str | os.PathLike) else task, path
+    asked = case is not None or base is not None
+    if not asked and (folder == Path(motion) or is_plan_folder(folder)):
+        return read_plan_folder(folder).task, path
+    origin = motion_origin(path)
+    named = origin.get("case")
+    if case is None and named is None:
+        raise InputError(f"{motion}: names no case; say which robot by --case A..H or --task TASK.toml")
+    if case is None and named not in case_names():
+        raise InputError(
+            f"{motion}: is for {named!r}, which is no printed case ({', '.join(case_names())}); "
+            "say which robot by --task TASK.toml or --case A..H"
+        )
+    case = f"{case or named}"
+    found = experiment_task(case, base or (origin.get("base") if case == named else None) or "effective")
+    return replace(found, limits=replace(found.limits, tolerance=otherwise)), path
+
+
+def given_motion(
+    motion: MotionLike,
+    task: TaskLike | None,
+    *,
+    base: Base | None = None,
+    rise_time: float | None = None,
+    unit: str | None = None,
+    rate: float | None = None,
+    columns: Mapping[str, str | int] | None = None,
+) -> tuple[str, Task, Trajectory]:
+    """Name of what is given, the task, and the motion; see :func:`ocptip.check`.
+
+    Ramp commands have the rise time that is given, else their own, else that of the task. The trajectory in
+    the folder of a plan is for the controller that the plan names.
+    """
+    if not isinstance(motion, str | os.PathLike):
+        if task is None:
+            raise InputError("task: missing; a motion that is no file does not say which robot it is of")
+        return "motion", _loaded(task, base), motion
+    if Path(motion).suffix == ".toml":
+        raise InputError("is a task or a path, no motion", "", str(motion))
+    task, path = task_of_motion(motion, task, base, NONE)
+    if rate is None and path.name == TRAJECTORY and is_plan_folder(path.parent):
+        rate = planned_rate(path.parent)
+    elif rate is not None:
+        rate = positive_number("rate", rate)
+    how = {"unit": unit, "start": task.start, "rate": rate, "columns": columns}
+    name, robot = Path(motion).name, task.robot
+    if task.is_cycle:
+        if rise_time:
+            raise InputError("rise_time: not for cycles")
+        return name, task, load_motions(path, robot.names, robot.units, **how)
+    found = load_motion(path, robot.names, robot.units, **how)
+    if found.profiles is not None:
+        own = found.rise_times or task.rise_times or ()
+        return name, task, found.with_rise_times(own if rise_time is None else rise_time)
+    if rise_time is not None:
+        own = "samples, which say themselves how they move" if found.points else "a timing of its own"
+        raise InputError(f"rise_time: {motion} has {own}")
+    return name, task, found
+
+
+def _loaded(task: TaskLike, base: Base | None) -> Task:
+    """A task; cases, and files that do not say it, have no uncertainty."""
+    if isinstance(task, str) and task in case_names():
+        return load_task(task, base=base, uncertainty=NONE)
+    return read_task(task, NONE) if isinstance(task, str | os.PathLike) else task

@@ -1,0 +1,385 @@
+"""`ocptip.plan`: the motion of least cost that keeps all limits, with all that is known about it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from ocptip.api.tasks import TaskLike, load_task
+from ocptip.basics.errors import InputError, PlanningError, positive_number
+from ocptip.basics.outputs import remove_figures
+from ocptip.basics.write import plain
+from ocptip.certificate.checks import certified
+from ocptip.motion.check import MotionCheck, Proof, check_motion
+from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
+from ocptip.motion.cycles.plan import Planned, plan_cycle
+from ocptip.motion.cycles.task import Task
+from ocptip.motion.execution import Execution, execute
+from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
+from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
+from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
+from ocptip.motion.stop_rules import Kinds
+from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
+from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import Tolerated, robustness
+from ocptip.pictures.cycle import seen_plan
+from ocptip.pictures.plan import draw_plan
+from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
+from ocptip.trajectories.controllers import Controller
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import checked_rise_times
+
+RISE_TIME = 0.02
+"""s, for controllers that need one and where none is asked for."""
+SPACING = 0.01
+"""s, between the instants of sensitivities."""
+
+Runner = Controller | Literal["ramps"]
+"""What runs a motion: a controller between points, or "ramps": drives that take the commands as they are."""
+Ask = Kinds | Literal["given"]
+"""Stops of these kinds, or of those that the task gives brake torques for."""
+Progress = Callable[[int, int, float | None], None]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """A planned motion, or cycle, as it is run, and all that is known about it.
+
+    Attributes:
+        planned: what the search found: commands, starts, seed. Of a cycle `parts` has one per segment.
+        executions: what runs the motion of each segment; a motion has one segment.
+        checked: the check of what is run, by segments.
+        time_scale: factors with the checks of the plan run that much slower.
+        robustness: deviations, one at a time, that lose no contact.
+        stops: by the name of the segment, "" for a motion; empty: not asked for.
+        price: what stops cost, plain data; empty: they cost nothing, or were not asked for.
+        sensitivities: what changes would do; empty: not asked for.
+    """
+
+    command: ClassVar[str] = "plan"
+    planned: Planned
+    executions: tuple[Execution, ...]
+    checked: CycleCheck
+    time_scale: tuple[tuple[float, CycleCheck], ...] = ()
+    robustness: tuple[Tolerated, ...] = ()
+    stops: Mapping[str, Stops] = field(default_factory=dict)
+    price: Mapping[str, Any] = field(default_factory=dict)
+    sensitivities: tuple[Sensitivity, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        planned: Planned,
+        *,
+        controller: Runner = "ramps",
+        rate: float | None = None,
+        rise_time: float | None = None,
+        time_scale: Sequence[float] = (),
+        price: Mapping[str, Any] | None = None,
+        sensitivities: bool = False,
+    ) -> Plan:
+        """Run, prove and check what was planned; arguments are those of :func:`plan`."""
+        task, drives = planned.finished, controller == "ramps"
+        step = None if rate is None else 1 / rate
+        executions = []
+        for part in planned.parts:
+            robot, motion, limits = part.task.robot, part.motion, part.task.limits
+            if task.is_cycle and controller == "quintic":  # segments are planned as ramps
+                motion = motion.with_rise_times(rise_time or RISE_TIME)
+            if drives:
+                run = Execution.of_drives(robot, motion, limits, part.check)
+            else:
+                run = execute(robot, motion, limits, controller, step=step)
+            executions.append(replace(run, check=certified(robot, run.motion, run.check, limits)))
+        motion = run_by(planned, executions)
+        checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
+        pairs = zip(executions, checked.segments, strict=True)
+        return cls(
+            planned,
+            tuple(replace(run, check=own) for run, own in pairs),
+            checked,
+            tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
+            robustness(task, motion),
+            stops_by_segment(task, motion, checked),
+            price or {},
+            sensitivities_of(planned.parts[0].task, motion.segments[0]) if sensitivities else (),
+        )
+
+    @property
+    def task(self) -> Task:
+        """What was asked for, with the start and goal that were chosen."""
+        return self.planned.task
+
+    @property
+    def motion(self) -> Trajectory:
+        """What is run; of a cycle the motions of the segments and the rests between them."""
+        return run_by(self.planned, self.executions)
+
+    @property
+    def check(self) -> MotionCheck:
+        """The check of what is run, of a cycle the worst of all segments."""
+        return self.checked.whole
+
+    @property
+    def certificate(self) -> Proof | None:
+        """What is proved for all instants; None where a limit is broken."""
+        return self.check.certificate
+
+    @property
+    def energy(self) -> float:
+        """Electric energy, J."""
+        return self.check.energy
+
+    @property
+    def duration(self) -> float:
+        """Duration, s."""
+        return self.check.duration
+
+    @property
+    def verified(self) -> bool:
+        """Everything is planned, and what is run keeps all limits, stops included where asked for."""
+        kept = all(one.verified for one in (*self.executions, *self.stops.values()))
+        return self.planned.complete and self.check.verified and kept
+
+    def __repr__(self) -> str:
+        """Verdict, cost, the quantities nearest to their limits, robustness."""
+        worst = [self.check.worst[name] for name in ("GN", "GT", "torque_ratio") if name in self.check.worst]
+        rows = [
+            f"{self.task.name}: {self.check.headline if self.verified else 'NOT VERIFIED'}",
+            f"  {self.energy:.1f} J in {self.duration:.3f} s, run by {self.executions[0].controller}",
+            "  " + ", ".join(f"{w.name} {w.value:.3f} <= {w.limit:g} at {w.time:.3f} s" for w in worst),
+        ]
+        broken = [*self.check.violations, *(v for one in self.stops.values() for v in one.violations)]
+        rows += [f"  broken: {'; '.join(broken)}"] if broken else []
+        rows += [f"  robust to: {'; '.join(map(str, self.robustness))}"] if self.robustness else []
+        return "\n".join(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of plan.json, plain data for strict JSON."""
+        return {**planned_to_dict(self.planned, self.executions, self.checked), **plain(self._entries())}
+
+    def _entries(self) -> dict[str, Any]:
+        """What plan.json holds beside the plan."""
+        source = self.task.source
+        base = source.data.get("base") if source and "case" in source.data else None
+        rows = [{"factor": f, **checked.to_dict()} for f, checked in self.time_scale]
+        changes = [one.to_dict() for one in self.sensitivities]
+        stops = stops_to_dict(self.task, self.stops)
+        if self.price and self.task.is_cycle:
+            stops["price_of_stops"] = self.price
+        elif self.price:
+            stops["stops"]["price"] = self.price
+        return {
+            **({"base": base} if base else {}),
+            "tolerated": [one.to_dict() for one in self.robustness],
+            **({"time_scale": rows} if rows else {}),
+            **stops,
+            **({"sensitivities": changes} if changes else {}),
+        }
+
+    def save(
+        self, folder: str | os.PathLike[str], *, figures: bool = True, effort: bool = False
+    ) -> list[Path]:
+        """Write plan.json, motion.csv, trajectory.json, certificates, the task, and figures into a folder.
+
+        Args:
+            folder: made if it does not exist; the one above it must. Files of an earlier plan are replaced.
+            figures: draw them, too.
+            effort: write joint torques into trajectory.json.
+
+        Returns:
+            The paths.
+
+        Raises:
+            InputError: the folder holds files that ocptip did not write and would replace.
+            OSError: a file cannot be written; names it.
+        """
+        return list(self.write(folder, figures=figures, effort=effort))
+
+    def write(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        figures: bool = True,
+        effort: bool = False,
+        extra: Mapping[str, Any] | None = None,
+    ) -> Iterator[Path]:
+        """The same, path by path as files are complete; `extra` entries of plan.json win."""
+        folder, motion = Path(folder), run_by(self.planned, self.executions)
+        samples = task_samples(self.task, motion)
+        entries = {**self._entries(), **(extra or {})}
+        how = {"executions": self.executions, "samples": samples, "effort": effort, "extra": entries}
+        yield from write_plan(folder, self.planned, **how)
+        remove_figures(folder, self.command)
+        if not figures:
+            return
+        yield from draw_plan(folder, seen_plan(self.task, motion, self.checked), samples_joined(samples))
+        for stops in () if self.task.is_cycle else self.stops.values():
+            from ocptip.pictures.stops import draw_stops  # loads Matplotlib
+
+            yield from draw_stops(folder, stops)
+
+
+class NoPlanError(PlanningError):
+    """No verified motion was found; the message says how near the search came.
+
+    Attributes:
+        task: that was planned.
+        without_stops: the plan of the same task that need not be stopped; None: none, or not asked for.
+        broken: the limits which that one breaks in stops, one sentence each.
+        largest: the largest uncertainty with which there is a motion; None: not asked for.
+    """
+
+    largest: LargestTolerance | None = None
+    broken: tuple[str, ...] = ()
+
+    def __init__(self, message: str, task: Task, without_stops: MotionPlan | None = None) -> None:
+        super().__init__(message)
+        self.task, self.without_stops = task, without_stops
+        if without_stops is not None:
+            self.broken = check_motion(task.robot, without_stops.motion, task.limits).violations
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        data = {"case": self.task.name, "verified": False, "status": f"{self}"}
+        data |= self.task.robot.masses_to_dict()
+        if (plan := self.without_stops) is not None:
+            costs = {"energy_J": plan.energy, "duration_s": plan.duration}
+            data["without_stops"] = {**costs, "violations": list(self.broken)}
+        if self.largest is not None:
+            data["largest_tolerance"] = self.largest.to_dict()
+        return data
+
+
+def plan(
+    task: TaskLike,
+    *,
+    starts: int = 8,
+    seed: int = 0,
+    jobs: int | None = 1,
+    executor: Executor | None = None,
+    controller: Runner = "ramps",
+    rate: float | None = None,
+    rise_time: float | None = None,
+    time_scale: Sequence[float] = (),
+    stops: Ask | None = None,
+    sensitivities: bool = False,
+    largest_uncertainty: bool = False,
+    progress: Progress | None = None,
+) -> Plan:
+    """Plan the motion, or the cycle, of least cost that keeps all limits; check and prove what is run.
+
+    The result depends on the task, `starts` and `seed` only, not on where the starts run.
+
+    Example::
+
+        plan = ocptip.plan("A", starts=4)
+        plan.save("plan-A")
+
+    Args:
+        task: from :func:`ocptip.load_task`, or what that takes.
+        starts: number of random starts, of a cycle per segment.
+        seed: of the random starts.
+        jobs: number of processes; None: one per core, then a script needs `if __name__ == "__main__":`.
+        executor: runs the starts instead: any executor of `concurrent.futures`.
+        controller: what runs the motion: "ramps", "linear", "cubic" or "quintic". The verdict is about that.
+        rate: points per second for the controller; default 100, for "linear" 500.
+        rise_time: s, within which accelerations rise; default: that of the task, else the planner chooses.
+        time_scale: factors; the plan with all its times multiplied by each is checked, too.
+        stops: plan so that limits hold in stops, too, along the path, by brakes, or both; "given": both where
+            brake torques are given.
+        sensitivities: say what changes of masses and contacts would do.
+        largest_uncertainty: where there is no plan, look for the largest uncertainty that has one.
+        progress: called as progress(done, steps, least cost of a verified plan so far or None).
+
+    Raises:
+        InputError: the task cannot be planned (with all reasons), or an argument cannot be used.
+        NoPlanError: no start gave a verified plan.
+    """
+    for name, numbers in (("time_scale", time_scale), ("rate", [] if rate is None else [rate])):
+        for number in numbers:
+            positive_number(name, number)
+    task = _prepared(load_task(task), controller, rise_time, stops)
+    if task.is_cycle and sensitivities:
+        raise InputError("sensitivities: not for cycles")
+    how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
+    try:
+        planned = _searched(task, progress=progress, prove=certified, **how)
+    except PlanningError as error:
+        refusal = NoPlanError(f"{error}", task, None if task.is_cycle else _without_stops(task, how))
+        if isinstance(error, ToleranceError) and largest_uncertainty:
+            refusal.largest = _largest(task, error, how, progress)
+        raise refusal from error
+    except InputError:
+        error = too_much_at_rest(task) if largest_uncertainty and not task.is_cycle else None
+        if error is None:
+            raise
+        refusal = NoPlanError(f"{error}", task)
+        refusal.largest = _largest(task, error, how, progress)
+        raise refusal from error
+    except KeyboardInterrupt:
+        what = "a segment had" if task.is_cycle else "there was"
+        raise KeyboardInterrupt(f"before {what} a verified plan") from None
+    price = price_of_stops(planned, _without_stops(task, how))
+    known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
+    return Plan.of(planned, **known, price=price, sensitivities=sensitivities)
+
+
+def _searched(task: Task, **how: Any) -> Planned:
+    return plan_cycle(task, **how) if task.is_cycle else plan_motion(task, **how)
+
+
+def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:
+    """The task whose plans suit the controller, and keep their limits in the stops asked for."""
+    if stops:
+        kinds = None if stops == "given" else stops
+        task = task.each(lambda own: replace(own, limits=own.stops.safe(own.limits, own.robot, kinds)))
+    if task.is_cycle:
+        if rise_time is not None and controller != "quintic":
+            raise InputError(
+                "rise_time: segments of cycles are planned as ramps; only for --controller quintic"
+            )
+        return task
+    if rise_time is not None:
+        task = replace(task, rise_times=checked_rise_times(rise_time, task.robot.n))
+    if controller == "quintic" and not all(task.rise_times or [0.0]):
+        if rise_time is not None:
+            raise InputError(f"rise_time: must be > 0 for --controller quintic, got {rise_time:g}")
+        task = replace(task, rise_times=RISE_TIME)
+    return task
+
+
+def _without_stops(task: Task, how: Mapping[str, Any]) -> Planned | None:
+    """The plan that need not be stopped, of as many starts; None: that was not asked, or there is none."""
+    if not any(segment.task.limits.stoppable for segment in task.segments):
+        return None
+    try:
+        plain_task = task.each(lambda own: replace(own, limits=own.limits.without_stops))
+        return _searched(plain_task, **how)
+    except PlanningError:
+        return None
+
+
+def price_of_stops(plan: Planned, without: Planned | None) -> dict[str, Any]:
+    """What it costs that a plan may be stopped; without: the plan that need not, None: none was found."""
+    if without is None:
+        return {}
+    costs = {"energy_J": without.energy, "duration_s": without.duration}
+    more = round(plan.energy / without.energy - 1, 6) + 0.0
+    return {"without_stops": costs, "energy_more": more}
+
+
+def _largest(
+    task: MotionTask, error: ToleranceError, how: Mapping[str, Any], progress: Progress | None
+) -> LargestTolerance:
+    others = {name: value for name, value in how.items() if name != "starts"}
+    return largest_tolerance(task, error, **others, progress=progress)
+
+
+def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity, ...]:
+    """What changes of the robot and its base would do to the smallest margins of a motion."""
+    return motion_sensitivities(task.robot, *motion.states(motion.both_sides(SPACING)))

@@ -1,0 +1,233 @@
+"""`ocptip.retime`: the fastest or cheapest timing of a given path that keeps all limits."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from ocptip.api.given import task_of_motion
+from ocptip.api.plan import Plan
+from ocptip.api.tasks import Base, TaskLike
+from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.certificate.checks import certified
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.check import cycle_check
+from ocptip.motion.cycles.plan import CyclePlan, sequence_of
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.execution import Execution, execute
+from ocptip.motion.objective import TIME, objective_of
+from ocptip.motion.plan import MotionPlan
+from ocptip.motion.plan_files import run_by
+from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import robustness
+from ocptip.retiming.retime import Retimed
+from ocptip.retiming.retime import retime as time_path
+from ocptip.standing.arm import Robot
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import WORKSHOP
+from ocptip.task_files.path import load_path, refuse_early
+from ocptip.trajectories.controllers import Controller
+from ocptip.trajectories.path_fit import FittedPath
+from ocptip.trajectories.tool_path import ToolPath, tool_distance
+from ocptip.trajectories.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Timing:
+    """A path, its timing, and what a controller makes of it.
+
+    Attributes:
+        task: robot, limits and objective.
+        fit: the path.
+        timed: its timing.
+        execution: the points of a controller, and their check.
+        before: check of the motion that the path was taken from; None: there was none.
+    """
+
+    task: MotionTask
+    fit: FittedPath
+    timed: Retimed
+    execution: Execution
+    before: MotionCheck | None
+
+    @classmethod
+    def of(
+        cls,
+        task: MotionTask,
+        fit: FittedPath,
+        jerk: float | None,
+        controller: Controller,
+        rate: float | None,
+        stage: Callable[[str], None],
+    ) -> Timing:
+        """Time a path; arguments are those of :func:`retime`."""
+        robot, limits = task.robot, task.limits
+        stage("timing the path ...")
+        timed = time_path(robot, fit.path, limits, task.objective, jerk=_jerk(robot, jerk))
+        stage("checking the timing ...")
+        step = None if rate is None else 1 / rate
+        execution = execute(robot, timed.motion, limits, controller, step=step)
+        stage("proving the timing ...")
+        proved = certified(robot, execution.motion, execution.check, limits)
+        before = None if task.reference is None else check_motion(robot, task.reference, limits)
+        return cls(task, fit, timed, replace(execution, check=proved), before)
+
+    @property
+    def plan(self) -> MotionPlan:
+        """The timing in the shape of a plan, for what writes and draws these."""
+        return MotionPlan(
+            self.task, self.timed.motion, self.timed.check, (), 0, 0, self.timed.seconds, False, {}
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; distances of the path in degrees and mm."""
+        robot, scales = self.task.robot, np.where(np.array(self.task.robot.units) == "rad", 180 / np.pi, 1e3)
+        return {
+            **self.timed.to_dict(),
+            "path_made_of": self.fit.how,
+            "path_distance": (scales * self.fit.distance).tolist(),
+            "tool_distance_mm": [1e3 * v for v in self.tool_distance][:1],
+            "corners": len(self.fit.path.corners),
+            "as_given": None if self.before is None else self.before.to_dict(),
+            "robot": robot.kind,
+        }
+
+    @property
+    def tool_distance(self) -> np.ndarray:
+        """Largest distance of the gripper, m; empty for mechanisms without one."""
+        if isinstance(self.fit, ToolPath):
+            return self.fit.tool[:1]
+        robot = self.task.robot
+        return np.array([tool_distance(robot.arm, self.fit)] if isinstance(robot, Robot) else [])
+
+
+def _jerk(robot: StandingMechanism, jerk: float | None) -> np.ndarray | None:
+    """(n,) rad/s^3, m/s^3; None without."""
+    if jerk is None:
+        return None
+    return jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RetimedPlan(Plan):
+    """A path, or those of a cycle, with the timing.
+
+    Attributes:
+        timings: of the segments, with the evidence; a motion has one segment.
+    """
+
+    command: ClassVar[str] = "retime"
+    timings: tuple[Timing, ...] = ()
+
+    def _entries(self) -> dict[str, Any]:
+        entries = {name: value for name, value in super()._entries().items() if name != "base"}
+        return entries if self.task.is_cycle else {**entries, "retimed": self.timings[0].to_dict()}
+
+    def write(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        figures: bool = True,
+        effort: bool = False,
+        extra: Mapping[str, Any] | None = None,
+    ) -> Iterator[Path]:
+        """What a plan has, and the phase plane of each segment."""
+        yield from super().write(folder, figures=figures, effort=effort, extra=extra)
+        for number, own in enumerate(self.timings if figures else (), 1):
+            from ocptip.pictures.phase_plane import draw_phase_plane  # loads Matplotlib
+
+            name = f"phase_plane-{number}" if self.task.is_cycle else "phase_plane"
+            yield from draw_phase_plane(folder, own.plan, own.timed, name)
+
+
+def retime(
+    task: TaskLike | None,
+    path: str | os.PathLike[str],
+    *,
+    base: Base | None = None,
+    objective: Literal["time", "energy", "both"] | None = None,
+    price_per_second: float | None = None,
+    max_duration: float | None = None,
+    jerk: float | None = None,
+    path_tolerance: float | None = None,
+    controller: Controller = "cubic",
+    rate: float | None = None,
+    unit: str | None = None,
+    columns: Mapping[str, str | int] | None = None,
+    stage: Callable[[str], None] | None = None,
+) -> RetimedPlan:
+    """Time a path so that all limits hold, as fast or as cheaply as possible; check and prove the result.
+
+    Example::
+
+        plan = ocptip.retime("task.toml", "path.toml")
+
+    Args:
+        task: robot and limits; what :func:`ocptip.load_task` takes. None: what the path's file names.
+        path: a file of waypoints (TOML), or of a motion, whose times are not kept.
+        base: of a case, if it is not that of the file.
+        objective, price_per_second: what is least; default "time".
+        max_duration: s, at most.
+        jerk: deg/s^3 (sliding joints: m/s^3), at most; None: accelerations may jump.
+        path_tolerance: degrees (sliding joints, tool lines: mm), by which the path may be off what is given.
+        controller: what runs it; "quintic" needs `jerk`.
+        rate: points per second for the controller.
+        unit, columns: of a CSV file, see `ocptip.trajectories.read.load_motion`.
+        stage: called with what is done next.
+
+    Raises:
+        InputError: the path cannot be read or timed; says where and why.
+    """
+    if controller == "quintic" and jerk is None:
+        raise InputError("controller: quintics need --jerk, without which accelerations jump")
+    for name, value in (("rate", rate), ("jerk", jerk), ("max_duration", max_duration)):
+        if value is not None:
+            positive_number(name, value)
+    refuse_early(path)  # the task may have to be compiled first
+    task, path = task_of_motion(path, task, base, WORKSHOP)
+    given = load_path(path, task, columns=columns, tolerance=path_tolerance, unit=unit, rate=rate)
+    motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
+    goal = (
+        TIME if objective is None and price_per_second is None else objective_of(objective, price_per_second)
+    )
+    most: dict[str, float] = {}
+    if max_duration is not None:
+        most = {"min_duration": 0.0, "max_duration": max_duration}
+    timings = []
+    for segment, fit, motion in zip(task.segments, given.paths, motions, strict=True):
+        ends = {"start": fit.path.start, "goal": fit.path.goal, "targets": (None, None), "choices": ()}
+        limits = replace(segment.task.limits, **most)
+        asked = replace(segment.task, **ends, reference=motion, limits=limits, objective=goal)
+        where = f"{path.name} (segment {segment.name})" if task.is_cycle else path.name
+        with naming(where):
+            timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or _silent))
+    planned = _cycle(task, timings) if task.is_cycle else timings[0].plan
+    executions = tuple(own.execution for own in timings)
+    motion = run_by(planned, executions)
+    checked = cycle_check(planned.task, motion, [run.check for run in executions])
+    return RetimedPlan(
+        planned, executions, checked, robustness=robustness(planned.task, motion), timings=tuple(timings)
+    )
+
+
+def _silent(text: str) -> None:
+    pass
+
+
+def _cycle(task: CycleTask, timings: Sequence[Timing]) -> CyclePlan:
+    """The timings of the segments of a cycle, between standstills."""
+    segments = [
+        replace(segment, task=own.task, goals=own.task.goal[None], target=None)
+        for segment, own in zip(task.segments, timings, strict=True)
+    ]
+    task = replace(task, segments=tuple(segments), starts=timings[0].task.start[None])
+    parts = tuple(own.plan for own in timings)
+    exact = cycle_check(task, sequence_of(task, parts), [part.check for part in parts])
+    seconds = sum(part.seconds for part in parts)
+    options = {"retimed": [own.to_dict() for own in timings]}
+    return CyclePlan(task, parts, exact, 0, seconds, False, options)
