@@ -191,12 +191,12 @@ def leg_loads(topology: Topology) -> PointFunction:
     q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     base, g, p = cs.SX.sym("base", 3, 3), cs.SX.sym("g", 3), cs.SX.sym("p", 10 * topology.bodies)
     f = frames(topology, q, qd, base)
-    loads = []
+    loads: list[cs.SX] = []
     for k in range(topology.bodies):
         A, inertial, weight, _ = _body_loads(f, k, p, g)
         loads.append(A @ (f.jacobians[k] @ qdd) + inertial - weight)
     inputs = [q, qd, qdd, base, g, p]
-    return PointFunction(cs.Function("leg_loads", inputs, cs.cse([cs.densify(cs.horzcat(*loads))])))
+    return PointFunction(cs.Function("leg_loads", inputs, cs.cse([cs.horzcat(*loads)])))
 
 
 def _body_loads(f: Frames, k: int, p: cs.SX, g: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
