@@ -49,7 +49,7 @@ class BranchedLeg(LegBase):
         ends: where the leg meets the platform.
         bodies: one inertia per row, from the first one; missing ones have no mass.
         loops: pairs of rows whose origins coincide (inner loops).
-        base_rotation, base_position: as in :class:`ocptip.parallel.description.robot_description.Leg`.
+        base_rotation, base_position: as in :class:`ocptip.parallel.description.robot_description.SerialLeg`.
         drive_inertia, viscous, coulomb: per joint, as in `SerialLeg`; fixed rows are not counted.
         guess: joint values near the home pose; empty: searched.
         idle: as in `SerialLeg`.
