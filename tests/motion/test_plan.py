@@ -676,7 +676,7 @@ def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(
     checked = certified(task.robot, before.motion, before.check, limits)
     assert not checked.certified
     ((limit, short, times),) = search._not_proved(checked)
-    assert (limit.quantity, times) == ("GT_worst_case", [checked.worst["GT_worst_case"].time])
+    assert (limit.result, times) == ("GT_worst_case", [checked.worst["GT_worst_case"].time])
     assert 1e-4 < short < 5e-3
     after = search.proved(before, certified)
     assert after.check.certified

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,9 @@ from ocptip.standing.limit_kinds import kinds as limit_kinds
 from ocptip.standing.limit_kinds.kinds import KINDS, AccelerationLimit, limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit, QuantityLimit, Sampled, Worst
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.stops.along_path import PathStops
+from ocptip.standing.stops.by_brakes import Brakes
+from ocptip.standing.tolerance import WORKSHOP
 
 
 class ShoulderLimit(QuantityLimit):
@@ -68,8 +72,15 @@ def with_shoulder(monkeypatch):
     monkeypatch.setattr(limit_kinds, "KINDS", (*KINDS, ShoulderLimit))
 
 
-def test_kinds_have_names_of_their_own():
-    names = [kind.name for kind in KINDS]
+def test_limits_have_names_of_their_own(task):
+    n = task.robot.n
+    brakes = Brakes((5.0,) * n, (30.0,) * n)
+    asked = replace(task.limits, stops=PathStops(), brakes=brakes, damping=0.02, tolerance=WORKSHOP)
+    names = [limit.name for limit in limits_of(task.robot, asked)]
+    names += [kind.name for kind in KINDS if kind.name and kind.name not in names]
+    assert {f"{what} {when}" for what in ("tip-over", "slip") for when in ("at jumps", "in stops")} <= {
+        *names
+    }
     assert all(names)
     assert len(set(names)) == len(names)
 

@@ -409,8 +409,8 @@ def _tightened(
     """The numbers asked for, tighter where a motion broke them; the same where that does not help."""
     names = [name for name, worst in checked.worst.items() if worst.violation and name not in OF_PATH]
     for limit in limits_of(robot, limits):
-        if isinstance(limit, AskedLimit) and limit.quantity in names and not limit.of_place:
-            asked = limit.tightened(asked, _MORE * checked.worst[limit.quantity].excess)
+        if isinstance(limit, AskedLimit) and limit.result in names and not limit.of_place:
+            asked = limit.tightened(asked, _MORE * checked.worst[limit.result].excess)
     if not checked.stands and not names:  # of several states of the contacts the solver's is one that slides
         asked = replace(asked, GT=0.97 * asked.GT)
     return asked

@@ -102,7 +102,7 @@ def test_a_tolerance_asks_for_all_that_limits_ask_of_jumps(seed, case, damping, 
     tolerance = Tolerance(damping=less * damping, delay=delay, tilt=tilt)
     asked = MotionLimits(damping=damping, tolerance=tolerance)
     assert not any(
-        getattr(limit, "quantity", "").startswith("jump_G") for limit in limits_of(task.robot, asked)
+        getattr(limit, "result", "").startswith("jump_G") for limit in limits_of(task.robot, asked)
     )
     jumps = Jumps.of(motion).loads(task.robot, asked.overshoot)
     times = np.linspace(0, motion.end, 60)

@@ -250,7 +250,7 @@ class Search:
         for limit in self._asked if checked.certificate else []:
             shorts, times = checked.certificate.short_of(limit.name, limit.setting, limit.number)
             if shorts > 0:
-                found.append((limit, shorts, times or [checked.worst[limit.quantity].time]))
+                found.append((limit, shorts, times or [checked.worst[limit.result].time]))
         return found
 
     def _refined(
@@ -359,7 +359,7 @@ class Search:
         best = self._motion_and_check(refiner, exact, clock)
         checked = best[1]
         for attempt in range(TIGHTENINGS):
-            worst = [(limit, checked.worst[limit.quantity]) for limit in self._asked]
+            worst = [(limit, checked.worst[limit.result]) for limit in self._asked]
             faults = [(limit, w) for limit, w in worst if w.excess > 0]
             if checked.verified or not faults:
                 break

@@ -28,7 +28,7 @@ CHOICES = 2  # how often it is chosen, by slopes, which joints are late
 class ClearanceLimit(AskedLimit):
     """Signed distances of what may collide; programs look only at pairs that are near."""
 
-    name, quantity, setting = "clearance", "clearance_m", "clearance"
+    name, result, setting = "clearance", "clearance_m", "clearance"
     least = of_place = True
     largest_step = 1e-3  # m
 
@@ -138,7 +138,7 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
     """
 
     name, scenario = "clearance within tolerance", LATE
-    quantity, setting = f"{CLEARANCE_WITHIN}_m", CLEARANCE_WITHIN
+    result, setting = f"{CLEARANCE_WITHIN}_m", CLEARANCE_WITHIN
     of_place, rows_first = False, True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:

@@ -12,18 +12,23 @@ import numpy as np
 
 from ocptip.standing.elastic.drives import on_its_drives
 from ocptip.standing.limit_kinds.limit import Sampled, WholeMotionLimit, Worst
+from ocptip.standing.limit_kinds.nominal import ContactLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
 _TIGHTER = 0.05  # by how much, at most, they are tightened at once
 
 
-class RingingTipLimit(WholeMotionLimit):
-    """Tip-over reserve of the loads while the drives ring, at most that of jumps."""
+class RingingLimit(WholeMotionLimit, ContactLimit):
+    """A quantity of the contacts under the loads while the drives ring, at most that of jumps."""
 
-    name, quantity, setting = "tip-over while gears ring", "GN_gears", "jump_tip_over"
-    asks = "GN"
-    of_motion = False
+    words = "{} while gears ring", "{}_gears"
+    after_steps = True
+    of_contacts = of_motion = False
+
+    @property
+    def width(self) -> int:
+        return 0  # programs know nothing of it
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
@@ -33,17 +38,10 @@ class RingingTipLimit(WholeMotionLimit):
         found = on_its_drives(self.robot, at.motion)
         if found is None:
             return []
-        worst = getattr(found, self.asks)
+        worst = getattr(found, self.quantity.symbol)
         return [self.found(worst.value, worst.time, "after the end" if worst.time > at.motion.end else "")]
 
     def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
-        name = self.setting if asked.overshoot > 0 else self.asks
+        name = self.setting if asked.overshoot > 0 else self.quantity.symbol
         number = getattr(asked, name)
         return replace(asked, **{name: max(number - min(max(excess, 0.01), _TIGHTER), number / 2)})
-
-
-class RingingSlipLimit(RingingTipLimit):
-    """Slip reserve of these loads."""
-
-    name, quantity, setting = "slip while gears ring", "GT_gears", "jump_slip"
-    asks = "GT"

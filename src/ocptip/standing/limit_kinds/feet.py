@@ -24,7 +24,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     It goes on smoothly below zero, where a foot would have to pull.
     """
 
-    name, quantity, setting = "foot force", "foot_force_N", "foot_force"
+    name, result, setting = "foot force", "foot_force_N", "foot_force"
     of_contacts = least = affine = True
 
     @classmethod
@@ -88,7 +88,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
 class JumpFootForceLimit(AtJumps, FootForceLimit):
     """The same under the loads at jumps with their overshoot."""
 
-    name, quantity, setting = "foot force at jumps", "jump_foot_force_N", "jump_foot_force"
+    name, result, setting = "foot force at jumps", "jump_foot_force_N", "jump_foot_force"
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
@@ -110,7 +110,7 @@ class FootLiftLimit(WholeMotionLimit):
     Programs know nothing of swings; for a motion that breaks the limit feet are kept down more.
     """
 
-    name, quantity, setting = "foot lift", "foot_lift_m", "foot_lift"
+    name, result, setting = "foot lift", "foot_lift_m", "foot_lift"
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
@@ -126,7 +126,7 @@ class FootLiftLimit(WholeMotionLimit):
         excess = found.lift - self.number
         if found.lifts and not self.number:
             excess = max(excess, _TOUCH)
-        return [Worst(self.quantity, found.lift, time, self.number, detail, excess)]
+        return [Worst(self.result, found.lift, time, self.number, detail, excess)]
 
     def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
         kind = JumpFootForceLimit if asked.overshoot > 0 else FootForceLimit

@@ -20,6 +20,7 @@ import numpy as np
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import JUMP, WHOLE, AskedLimit, Limit, Sampled, Worst
+from ocptip.standing.limit_kinds.nominal import NominalLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
@@ -106,15 +107,21 @@ class AtJumps(AskedLimit):
     def kept(self, at: Instants) -> bool:
         return True
 
-    def at_jumps(self, loads: Instants) -> np.ndarray:
-        """Values (E,) under the loads."""
-        return super().measure(loads)[:, 0]
+
+class JumpLimit(AtJumps, NominalLimit):
+    """A quantity of the contacts under the loads at jumps with their overshoot."""
+
+    words = "{} at jumps", "jump_{}"
+    after_steps = True
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self.quantity.near_by_difference(self.quantity.badness(at), share)
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         jumps = Jumps.of(at.motion)
         if not len(jumps):
             return [self.found(0.0, np.nan, "no jumps")]
-        values = self.at_jumps(jumps.loads(self.robot, self.asked.overshoot))
+        values = self.quantity.measure_still(jumps.loads(self.robot, self.asked.overshoot))
         values = np.where(np.isnan(values), np.inf, values)
         k = int(np.argmax(values))
         return [self.found(float(values[k]), float(jumps.times[k]), jumps.words(k))]

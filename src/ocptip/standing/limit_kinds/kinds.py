@@ -7,28 +7,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.reserves.friction_needed import friction_needed, needed_text
-from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit_kinds.brakes import BrakeSlipLimit, BrakeTipLimit
+from ocptip.standing.limit_kinds.brakes import BrakeLimit
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit, LateClearanceLimit
-from ocptip.standing.limit_kinds.drives import RingingSlipLimit, RingingTipLimit
+from ocptip.standing.limit_kinds.drives import RingingLimit
 from ocptip.standing.limit_kinds.feet import FootForceLimit, FootLiftLimit, JumpFootForceLimit
-from ocptip.standing.limit_kinds.jumps import AtJumps
+from ocptip.standing.limit_kinds.jumps import JumpLimit
 from ocptip.standing.limit_kinds.limit import (
-    FAR_FROM_SLIPPING,
     TOLERANCE,
     WHOLE,
     AskedLimit,
     Limit,
     Look,
-    MomentLimit,
     QuantityLimit,
     Sampled,
     Worst,
-    WrenchLimit,
 )
-from ocptip.standing.limit_kinds.path_stops import StopSlipLimit, StopTipLimit
+from ocptip.standing.limit_kinds.nominal import NominalLimit
+from ocptip.standing.limit_kinds.path_stops import StopLimit
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limit_kinds.worst_case import (
     WithinLimit,
@@ -39,115 +35,13 @@ from ocptip.standing.limit_kinds.worst_case import (
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
-PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
-
-
-class TipOverLimit(WrenchLimit, MomentLimit):
-    """Tip-over reserve GN; in programs the moments about the tipping axes, which are smooth."""
-
-    name, quantity, setting = "tip-over", "GN", "GN"
-
-    @property
-    def affine(self) -> bool:
-        return self._map.affine
-
-    def measure(self, at: Instants) -> np.ndarray:
-        return at.tip.GN[:, None]
-
-    def kept(self, at: Instants) -> bool:
-        if self.affine:  # contact states are not needed
-            return not self.width or bool(np.min(self.moments(at)) >= self.least_moment)
-        return super().kept(at)
-
-    def refusals(self, at: Instants) -> list[str]:
-        tip, axes = at.tip, self.robot.tip_over.axes
-        if tip.GN[0] <= self.number:
-            return []
-        index, where = int(tip.nearest_axis[0]), ""
-        if 0 <= index < len(axes):
-            first, second = sorted(axes[index].contacts)
-            where = f" (tipping axis through contacts {first + 1} and {second + 1}, moment reserve "
-            where += f"{tip.moments[0, index]:.4g} N m)"
-        return [f"tip-over GN is {tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
-
-    def path_excess(self, at: Instants) -> float:
-        if not self.width:
-            return -np.inf
-        needed = self.least_moment * (1 + PATH_MARGIN)
-        return (needed - np.min(self.moments(at))) / self.robot.tip_over.reference_moment
-
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
-        moments, slopes = self._map.some(at.y[:, at.columns.wrench], i, k)
-        return NodeRows(at, i, k, moments / self.unit, slopes)
-
-
-class SlipLimit(WrenchLimit, AskedLimit):
-    """Slip reserve GT."""
-
-    name, quantity, setting = "slip", "GT", "GT"
-    of_contacts = True
-    width = 1
-
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self._map = robot.slip.map(up_to=self.number)
-
-    def half_spaces(self) -> np.ndarray | None:
-        return self.robot.slip.half_spaces(self.number)
-
-    def detail(self, look: Look, time: float) -> str:
-        """GT above 1 counts the acceleration of what slides: the friction needed is another number."""
-        at = look(time)
-        if not at.slip.GT[0] > 1:
-            return ""
-        needed = friction_needed(self.robot.support, at.wrenches[0])
-        return "" if np.isnan(needed) else needed_text(needed)
-
-    def measure(self, at: Instants) -> np.ndarray:
-        return at.largest_slip.GT[:, None]
-
-    def refusals(self, at: Instants) -> list[str]:
-        slip = at.slip
-        if slip.GT[0] <= self.number:  # also where it is an upper bound
-            return []
-        if not slip.solved[0]:
-            return [f"slip GT is at most {slip.GT[0]:.4g} at rest, the optimum is open: {slip.status[0]}"]
-        usage = np.nan_to_num(slip.usage[0])
-        return [
-            f"slip GT is {slip.GT[0]:.4g} at rest, must be <= {self.number:.4g} (contact "
-            f"{int(np.argmax(usage)) + 1} uses {100 * usage.max():.0f} % of its friction)"
-        ]
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return ~(self.use(at)[:, None] < share)
-
-    def use(self, at: Instants) -> np.ndarray:
-        if self._map not in at.memo:
-            if self.robot.slip.redistribution == "full":
-                values = known(self.robot.slip.above(at.wrenches, FAR_FROM_SLIPPING * self.number))
-            else:
-                values = self._map(at.wrenches, derivatives=False)[0]
-            at.memo[self._map] = values
-        return at.memo[self._map] / self.number
-
-    def kept(self, at: Instants) -> bool:
-        return bool(np.all(self.robot.slip.above(at.wrenches, self.number) <= self.number))
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([-np.inf]), np.array([self.number])
-
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
-        values, slopes, bends = self._map(at.y[i, at.columns.wrench])
-        return NodeRows(at, i, k, values, slopes, bends=bends)
 
 
 class TorqueLimit(QuantityLimit, AskedLimit):
     """Torques of the joints, or forces of linear motors, as shares of the motors' limits."""
 
-    name, quantity, setting = "torque", "torque_ratio", "torque_ratio"
+    name, result, setting = "torque", "torque_ratio", "torque_ratio"
     affine = True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
@@ -337,36 +231,11 @@ class FurtherLimit(QuantityLimit):
         return columns.further.start
 
 
-class JumpTipOverLimit(AtJumps, TipOverLimit):
-    """Tip-over reserve under the loads at jumps with their overshoot."""
-
-    name, quantity, setting = "tip-over at jumps", "jump_GN", "jump_tip_over"
-
-    def at_jumps(self, loads: Instants) -> np.ndarray:
-        """On the scale of tolerances: nothing moves yet when the load comes."""
-        if not self.width:
-            return super().at_jumps(loads)
-        return self.robot.tip_over.ratio(np.min(self._map(loads.wrenches)[0], axis=1))
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._map(at.wrenches)[0] - self.least_moment <= (1 - share) * self.unit
-
-
-class JumpSlipLimit(AtJumps, SlipLimit):
-    """Slip reserve under these loads."""
-
-    name, quantity, setting = "slip at jumps", "jump_GT", "jump_slip"
-
-
 KINDS: tuple[type[Limit], ...] = (
-    TipOverLimit,
-    SlipLimit,
-    JumpTipOverLimit,
-    JumpSlipLimit,
-    StopTipLimit,
-    StopSlipLimit,
-    BrakeTipLimit,
-    BrakeSlipLimit,
+    NominalLimit,
+    JumpLimit,
+    StopLimit,
+    BrakeLimit,
     TorqueLimit,
     ClearanceLimit,
     LateClearanceLimit,
@@ -381,8 +250,7 @@ KINDS: tuple[type[Limit], ...] = (
     FootForceLimit,
     JumpFootForceLimit,
     FootLiftLimit,
-    RingingTipLimit,
-    RingingSlipLimit,
+    RingingLimit,
 )
 
 UNCERTAIN: tuple[type[WithinLimit], ...] = (
@@ -397,7 +265,7 @@ UNCERTAIN: tuple[type[WithinLimit], ...] = (
 def limits_of(
     robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...] | None = None
 ) -> tuple[Limit, ...]:
-    """One limit of each kind that is asked for.
+    """All limits of each kind that is asked for.
 
     Args:
         robot: whose.
@@ -405,4 +273,5 @@ def limits_of(
         joints: coordinates that ramps are planned for, 0-based; default all.
     """
     joints = tuple(range(robot.n)) if joints is None else joints
-    return tuple(kind(robot, asked, joints) for kind in KINDS if kind.wanted(robot, asked))
+    wanted = (kind for kind in KINDS if kind.wanted(robot, asked))
+    return tuple(limit for kind in wanted for limit in kind.of(robot, asked, joints))

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.reserves.tipping import TipMap
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limits import MotionLimits
@@ -135,6 +134,11 @@ class Limit:
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         """Whether the robot and the task's numbers ask for this kind at all."""
         return True
+
+    @classmethod
+    def of(cls, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> tuple[Limit, ...]:
+        """All limits of this kind."""
+        return (cls(robot, asked, joints),)
 
     # --- what happens -------------------------------------------------------------------------------------
 
@@ -256,14 +260,14 @@ class AskedLimit(Limit):
     """One quantity that must not exceed, or fall below, one number of `MotionLimits`.
 
     Attributes:
-        quantity: its name in results.
+        result: its name in results.
         setting: the field of `MotionLimits`.
         least: the number is the least value.
         rows_first: not tightened at once where it is broken by more than a step: then rows were missing.
         smallest_step, largest_step: by how much the number is tightened at once, at least and at most.
     """
 
-    quantity = setting = ""
+    result = setting = ""
     least = False
     smallest_step, largest_step = 0.0, 2e-3
     rows_first = False
@@ -281,7 +285,7 @@ class AskedLimit(Limit):
     def found(self, value: float, time: float, detail: str) -> Worst:
         """A worst value and by how much it breaks the limit."""
         excess = self.number - value if self.least else value - self.number
-        return Worst(self.quantity, value, time, self.number, detail, excess, self.least)
+        return Worst(self.result, value, time, self.number, detail, excess, self.least)
 
     def detail(self, look: Look, time: float) -> str:
         """Where or what the worst value is."""
@@ -312,39 +316,6 @@ class WholeMotionLimit(AskedLimit):
 
     def inner(self, asked: MotionLimits) -> MotionLimits:
         return asked
-
-
-class MomentLimit(AskedLimit):
-    """A number of the tip-over reserve; in programs the moments about the tipping axes.
-
-    Attributes:
-        unit: N m, of the rows.
-        least_moment: N m, that the number asks for.
-    """
-
-    of_contacts = True
-    unit = 1.0
-
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self._map = TipMap(robot.tip_over)
-        self.width = self._map.count
-        reference = robot.tip_over.reference_moment or 0.0
-        self.unit = 2 * (reference or 1.0)
-        self.least_moment = reference * (1 / self.number - 1)
-
-    def moments(self, at: Instants) -> np.ndarray:
-        """(N, axes), N m, about the tipping axes."""
-        return self._map(at.wrenches)[0]
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.moments(at) * share <= self.least_moment
-
-    def use(self, at: Instants) -> np.ndarray:
-        return 1 + (self.least_moment - np.min(self.moments(at), axis=1, initial=np.inf)) / self.unit
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, self.least_moment / self.unit), np.full(self.width, np.inf)
 
 
 class TableLimit(AskedLimit):

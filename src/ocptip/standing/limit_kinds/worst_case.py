@@ -137,7 +137,7 @@ class WorstCaseLimit(StateLimit, WithinLimit):
 class WorstTorqueLimit(WithinLimit):
     """Torques within the tolerance; programs know those of the world as described, and are tightened."""
 
-    name, quantity, setting = "torque within tolerance", *[TORQUE_WITHIN] * 2
+    name, result, setting = "torque within tolerance", *[TORQUE_WITHIN] * 2
     smallest_step, largest_step = 1e-3, 0.05
 
     def within(self, found: WithinTolerance) -> list[Worst]:
@@ -155,7 +155,7 @@ class WorstTorqueLimit(WithinLimit):
 class WorstTipOverLimit(WorstCaseLimit):
     """Least moments about the tipping axes."""
 
-    name, quantity, setting = "tip-over within tolerance", TIP_WITHIN, TIP_WITHIN
+    name, result, setting = "tip-over within tolerance", TIP_WITHIN, TIP_WITHIN
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
@@ -210,7 +210,7 @@ class WorstTipOverLimit(WorstCaseLimit):
 class WorstSlipLimit(WorstCaseLimit):
     """Greatest slip reserve GT."""
 
-    name, quantity, setting = "slip within tolerance", SLIP_WITHIN, SLIP_WITHIN
+    name, result, setting = "slip within tolerance", SLIP_WITHIN, SLIP_WITHIN
     width = 1
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:

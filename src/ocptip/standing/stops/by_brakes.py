@@ -16,9 +16,11 @@ from functools import lru_cache
 from itertools import product
 from typing import Any
 
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import share_of_one
+from ocptip.numerics.batch import BatchFunction
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.braking import Braked, Terms, brake, terms
 from ocptip.standing.arm import Robot
@@ -300,3 +302,68 @@ def _parts(wrenches: np.ndarray) -> list[np.ndarray]:
 def _large(values: np.ndarray) -> np.ndarray:
     """What is not known counts as infinite."""
     return np.where(np.isnan(values), np.inf, values)
+
+
+@lru_cache(maxsize=8)
+def closing_of(robot: Robot) -> Closing:
+    """That of a robot, made once."""
+    return Closing(robot)
+
+
+class Closing:
+    """The wrench on the base when brakes close, as a function of angles and speeds, with derivatives.
+
+    With inverse dynamics T(q, qd, a) and wrench w(q, qd, a), a the accelerations at which T is what the
+    brakes give on all joints that move (their torque is not zero), the slope of l . w(q, qd, a(q, qd)) is
+    that of l . w - m . T at constant a and m, where m annuls the slope over a.
+
+    Args:
+        robot: the arm on its support.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        n = robot.n
+        s, weights, forces = cs.SX.sym("s", 3 * n), cs.SX.sym("weights", 6), cs.SX.sym("forces", n)
+        torque, wrench = robot.load_expressions(*cs.vertsplit(s, n))
+        hessian, gradient = cs.hessian(cs.dot(weights, wrench) - cs.dot(forces, torque), s)
+        arguments = [s, weights, forces]
+        self._robot = robot
+        self._gradient = BatchFunction(cs.Function("closing_slopes", arguments, [gradient]))
+        self._second = BatchFunction(cs.Function("closing_bends", arguments, [hessian]))
+        self._torque = BatchFunction(cs.Function("closing_torque", [s], [cs.jacobian(torque, s)]))
+
+    def wrenches(self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """(N, 6) with these torques (N, n) of the brakes on the joints."""
+        found, _, a = self._accelerations(q, qd, torques)
+        return found.rest + self._robot.support.weight + np.einsum("sij,sj->si", found.per_acceleration, a)
+
+    def gradient(self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Slopes (N, 3 n) of weights . wrench; zero over the motion's own accelerations."""
+        s, forces, _ = self._at(q, qd, torques, weights)
+        slopes = self._gradient(s, weights, forces)[0]
+        slopes[:, 2 * self._robot.n :] = 0.0
+        return slopes
+
+    def hessian(self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Curvature (N, 3 n, 3 n) of the same."""
+        n = self._robot.n
+        s, forces, inverse = self._at(q, qd, torques, weights)
+        whole, torque = self._second(s, weights, forces)[0], self._torque(s)[0]
+        turn = np.zeros((len(q), 3 * n, 3 * n))  # how s changes with angles and speeds
+        turn[:, : 2 * n, : 2 * n] = np.eye(2 * n)
+        turn[:, 2 * n :, : 2 * n] = -inverse @ torque[:, :, : 2 * n]
+        return turn.transpose(0, 2, 1) @ whole @ turn
+
+    def _at(
+        self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States (N, 3 n) with the accelerations, m (N, n), inverse inertia of the joints that move."""
+        found, inverse, a = self._accelerations(q, qd, torques)
+        forces = np.einsum("si,sij,sjk->sk", weights, found.per_acceleration, inverse)
+        return np.hstack([q, qd, a]), forces, inverse
+
+    def _accelerations(
+        self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray
+    ) -> tuple[Terms, np.ndarray, np.ndarray]:
+        found, inverse = BrakeCheck.response(self._robot, q, qd, torques != 0)
+        return found, inverse, np.einsum("sij,sj->si", inverse, torques - found.bias)

@@ -88,8 +88,9 @@ class Looked:
 
     def joined(self, other: Looked) -> Looked:
         """Both."""
-        parts = ((self.s, other.s), (self.times, other.times), (self.room, other.room))
-        return Looked(*(np.concatenate(pair) for pair in parts), [*self.words, *other.words])
+        pairs = (self.s, other.s), (self.times, other.times), (self.room, other.room)
+        s, times, room = (np.concatenate(pair) for pair in pairs)
+        return Looked(s, times, room, [*self.words, *other.words])
 
     def some(self, rows: np.ndarray) -> Looked:
         """Those of some rows."""
@@ -211,8 +212,10 @@ def jump_states(
         every = [doing.looked(combinations(doing.ways, most)) for doing in found]
     if not every:
         return on_time(motion, tolerance, np.empty(0), robot)
-    parts = [np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")]
-    return Looked(*parts, [word for one in every for word in one.words])
+    s, times, room = (
+        np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")
+    )
+    return Looked(s, times, room, [word for one in every for word in one.words])
 
 
 def _filled(instants: np.ndarray) -> np.ndarray:

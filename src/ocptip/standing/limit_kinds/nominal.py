@@ -1,0 +1,95 @@
+"""Limits of the contacts in the nominal motion: one quantity, at its instants and at nodes of programs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit_kinds.limit import AskedLimit, Look, WrenchLimit
+from ocptip.standing.limit_kinds.quantities import ContactQuantity, SlipQuantity, TipOverQuantity
+from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+
+
+class ContactLimit(AskedLimit):
+    """A quantity of the contacts in one scenario.
+
+    Args:
+        robot, asked, joints: see `Limit`.
+        quantity: which.
+
+    Attributes:
+        words: name and result in this scenario, to be filled with those of the quantity.
+        after_steps: the number asked for is that of loads after acceleration steps.
+    """
+
+    of_contacts = True
+    words = "{}", "{}"
+    after_steps = False
+
+    def __init__(
+        self,
+        robot: StandingMechanism,
+        asked: MotionLimits,
+        joints: tuple[int, ...],
+        quantity: type[ContactQuantity],
+    ) -> None:
+        super().__init__(robot, asked, joints)
+        self.name, self.result = self.words[0].format(quantity.name), self.words[1].format(quantity.symbol)
+        self.setting = quantity.at_steps if self.after_steps else quantity.symbol
+        self.quantity = quantity(robot, self.number)
+
+    @property
+    def width(self) -> int:
+        return self.quantity.width
+
+    @classmethod
+    def of(
+        cls, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]
+    ) -> tuple[ContactLimit, ...]:
+        return tuple(cls(robot, asked, joints, quantity) for quantity in (TipOverQuantity, SlipQuantity))
+
+
+class NominalLimit(WrenchLimit, ContactLimit):
+    """A quantity of the contacts, as the motion loads them."""
+
+    @property
+    def affine(self) -> bool:
+        return self.quantity.affine
+
+    @property
+    def unit(self) -> float:
+        return self.quantity.unit
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return self.quantity.measure(at)[:, None]
+
+    def detail(self, look: Look, time: float) -> str:
+        return self.quantity.detail(look(time))
+
+    def kept(self, at: Instants) -> bool:
+        return self.quantity.kept(at)
+
+    def refusals(self, at: Instants) -> list[str]:
+        return self.quantity.refusals(at)
+
+    def path_excess(self, at: Instants) -> float:
+        return self.quantity.path_excess(at)
+
+    def half_spaces(self) -> np.ndarray | None:
+        return self.quantity.half_spaces()
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self.quantity.near(self.quantity.badness(at), share)
+
+    def use(self, at: Instants) -> np.ndarray:
+        return self.quantity.use(self.quantity.badness(at))
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.quantity.bounds()
+
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+        i, k = np.nonzero(mask)
+        values, slopes, bends = self.quantity.rows(at.y[:, at.columns.wrench], i, k)
+        return NodeRows(at, i, k, values / self.unit, slopes, bends=bends)

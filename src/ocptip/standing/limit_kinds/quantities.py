@@ -1,0 +1,310 @@
+"""Quantities of the contacts that limits are about in several scenarios: functions of the wrench on the base.
+
+A limit is a quantity in a scenario with a bound. The scenarios are in `nominal`, `jumps`, `path_stops`,
+`brakes` and `drives`: they say which wrenches there are. A quantity says how bad these are, with derivatives.
+Its badness is a number per row of a program, the greater the worse.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ocptip.reserves.friction_needed import friction_needed, needed_text
+from ocptip.reserves.slip import known
+from ocptip.reserves.tipping import TipMap
+from ocptip.standing.instants import Instants, Loaded
+from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_brakes import BrakeCheck, Closing
+
+PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
+FAR = 0.5  # use of the slip limit in stops by brakes where half spaces tell that it is kept
+
+
+class ContactQuantity(ABC):
+    """One quantity of a robot with the number that a limit asks for.
+
+    Args:
+        robot: whose contacts.
+        number: asked for.
+
+    Attributes:
+        name, symbol: in words, and in results.
+        at_steps: field of `MotionLimits` for the loads after acceleration steps.
+        width: number of rows at a node.
+        unit: of rows.
+        affine: rows are affine in the wrench.
+    """
+
+    name = symbol = at_steps = ""
+    width, unit, affine = 1, 1.0, False
+
+    def __init__(self, robot: StandingMechanism, number: float) -> None:
+        self.robot, self.number = robot, number
+
+    # --- what happens -------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def measure(self, at: Loaded) -> np.ndarray:
+        """(N,) values for reports; those below the maximum may be upper bounds."""
+
+    @abstractmethod
+    def kept(self, at: Instants) -> bool:
+        """At all instants."""
+
+    @abstractmethod
+    def refusals(self, at: Instants) -> list[str]:
+        """Why the mechanism cannot rest so (a single instant), with numbers."""
+
+    def largest(self, at: Loaded) -> np.ndarray:
+        """(P,) the same of many loads, of which the contact solver sees few."""
+        return self.measure(at)
+
+    def measure_still(self, at: Loaded) -> np.ndarray:
+        """(N,) values under loads that come before anything moves."""
+        return self.measure(at)
+
+    def detail(self, at: Instants) -> str:
+        """What else is to be said of a single instant."""
+        return ""
+
+    def path_excess(self, at: Instants) -> float:
+        """By how much a path, taken at rest, misses the limit, with some margin; in about its units."""
+        return -np.inf
+
+    def half_spaces(self) -> np.ndarray | None:
+        """Rows a (m, 6): the limit is kept under wrenches w with a . w <= 0; None: there are no such."""
+        return None
+
+    # --- rows of a program --------------------------------------------------------------------------------
+
+    @abstractmethod
+    def badness(self, at: Instants) -> np.ndarray:
+        """(N, width) as rows of programs have it."""
+
+    @abstractmethod
+    def exact(self, at: Loaded) -> np.ndarray:
+        """(P, width) where it matters, by the contact solver."""
+
+    @abstractmethod
+    def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
+        """Badness (P, width) in units of rows, and its slopes (P, width, 6) over the wrench."""
+
+    @abstractmethod
+    def near(self, badness: np.ndarray, share: float) -> np.ndarray:
+        """(N, width) True where the use of the limit is at least `share` (1: at the limit)."""
+
+    def near_by_difference(self, badness: np.ndarray, share: float) -> np.ndarray:
+        """The same, with a share of the unit as the distance."""
+        return self.near(badness, share)
+
+    @abstractmethod
+    def use(self, badness: np.ndarray) -> np.ndarray:
+        """(N,): worst use of the limit, 1 at the limit, more beyond."""
+
+    @abstractmethod
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the rows of a node, (width,) each."""
+
+    @abstractmethod
+    def worst(self) -> np.ndarray:
+        """(width,): badness in units of rows, at most."""
+
+    @abstractmethod
+    def rows(
+        self, wrenches: np.ndarray, i: np.ndarray, k: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (R,), slopes (R, 6) and second derivatives, if any, of rows k under wrenches i."""
+
+    # --- stops by brakes ----------------------------------------------------------------------------------
+
+    @abstractmethod
+    def brake_torques(self, check: BrakeCheck, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """(N, width, n) of the brakes on the joints, at which each row is worst; 0 for joints at rest."""
+
+    @abstractmethod
+    def brake_badness(
+        self, check: BrakeCheck, closing: Closing, q: np.ndarray, qd: np.ndarray, share: float
+    ) -> np.ndarray:
+        """(N, width) when brakes close; exact above about `share` of the limit."""
+
+
+class TipOverQuantity(ContactQuantity):
+    """GN; in programs minus the moments about the tipping axes, N m, which are smooth."""
+
+    name, symbol, at_steps = "tip-over", "GN", "jump_tip_over"
+
+    def __init__(self, robot: StandingMechanism, number: float) -> None:
+        super().__init__(robot, number)
+        self._map = TipMap(robot.tip_over)
+        self.width, self.affine = self._map.count, self._map.affine
+        reference = robot.tip_over.reference_moment or 0.0
+        self.unit = 2 * (reference or 1.0)
+        self._least = reference * (1 / number - 1)  # N m
+
+    def measure(self, at: Loaded) -> np.ndarray:
+        return at.tip.GN
+
+    def largest(self, at: Loaded) -> np.ndarray:
+        """(P,) the same of many loads, of which the contact solver sees few."""
+        return self.measure(at)
+
+    def measure_still(self, at: Loaded) -> np.ndarray:
+        """On the scale of uncertainties: nothing moves yet when the load comes."""
+        if not self.width:
+            return self.measure(at)
+        return self.robot.tip_over.ratio(np.min(self._map(at.wrenches)[0], axis=1))
+
+    def kept(self, at: Instants) -> bool:
+        if self.affine:  # contact states are not needed
+            return not self.width or bool(np.min(self._map(at.wrenches)[0]) >= self._least)
+        return bool(np.all(self.measure(at) <= self.number))
+
+    def refusals(self, at: Instants) -> list[str]:
+        tip, axes = at.tip, self.robot.tip_over.axes
+        if tip.GN[0] <= self.number:
+            return []
+        index, where = int(tip.nearest_axis[0]), ""
+        if 0 <= index < len(axes):
+            first, second = sorted(axes[index].contacts)
+            where = f" (tipping axis through contacts {first + 1} and {second + 1}, moment reserve "
+            where += f"{tip.moments[0, index]:.4g} N m)"
+        return [f"tip-over GN is {tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
+
+    def path_excess(self, at: Instants) -> float:
+        if not self.width:
+            return -np.inf
+        needed = self._least * (1 + PATH_MARGIN)
+        return (needed - np.min(self._map(at.wrenches)[0])) / self.robot.tip_over.reference_moment
+
+    def badness(self, at: Instants) -> np.ndarray:
+        return self.exact(at)
+
+    def exact(self, at: Loaded) -> np.ndarray:
+        return -self._map(at.wrenches)[0]
+
+    def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
+        moments, slopes = self._map(at.wrenches)
+        return -moments / self.unit, -slopes / self.unit
+
+    def near(self, badness: np.ndarray, share: float) -> np.ndarray:
+        return -badness * share <= self._least
+
+    def near_by_difference(self, badness: np.ndarray, share: float) -> np.ndarray:
+        return -badness - self._least <= (1 - share) * self.unit
+
+    def use(self, badness: np.ndarray) -> np.ndarray:
+        return 1 + (self._least - np.min(-badness, axis=1, initial=np.inf)) / self.unit
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
+
+    def worst(self) -> np.ndarray:
+        return np.full(self.width, -self._least / self.unit)
+
+    def rows(
+        self, wrenches: np.ndarray, i: np.ndarray, k: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return *self._map.some(wrenches, i, k), np.empty(0)
+
+    def brake_torques(self, check: BrakeCheck, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        return check.worst_corners(q, qd)[1]
+
+    def brake_badness(
+        self, check: BrakeCheck, closing: Closing, q: np.ndarray, qd: np.ndarray, share: float
+    ) -> np.ndarray:
+        return -check.worst_corners(q, qd)[0]
+
+
+class SlipQuantity(ContactQuantity):
+    """GT; its own curvature over the wrench is left out in stops."""
+
+    name, symbol, at_steps = "slip", "GT", "jump_slip"
+
+    def __init__(self, robot: StandingMechanism, number: float) -> None:
+        super().__init__(robot, number)
+        self._map = robot.slip.map(up_to=number)
+
+    def measure(self, at: Loaded) -> np.ndarray:
+        return at.largest_slip.GT
+
+    def largest(self, at: Loaded) -> np.ndarray:
+        return self.robot.slip.greatest(at.wrenches)
+
+    def detail(self, at: Instants) -> str:
+        """GT above 1 counts the acceleration of what slides: the friction needed is another number."""
+        if not at.slip.GT[0] > 1:
+            return ""
+        needed = friction_needed(self.robot.support, at.wrenches[0])
+        return "" if np.isnan(needed) else needed_text(needed)
+
+    def kept(self, at: Instants) -> bool:
+        return bool(np.all(self.robot.slip.above(at.wrenches, self.number) <= self.number))
+
+    def refusals(self, at: Instants) -> list[str]:
+        slip = at.slip
+        if slip.GT[0] <= self.number:  # also where it is an upper bound
+            return []
+        if not slip.solved[0]:
+            return [f"slip GT is at most {slip.GT[0]:.4g} at rest, the optimum is open: {slip.status[0]}"]
+        usage = np.nan_to_num(slip.usage[0])
+        return [
+            f"slip GT is {slip.GT[0]:.4g} at rest, must be <= {self.number:.4g} (contact "
+            f"{int(np.argmax(usage)) + 1} uses {100 * usage.max():.0f} % of its friction)"
+        ]
+
+    def half_spaces(self) -> np.ndarray | None:
+        return self.robot.slip.half_spaces(self.number)
+
+    def badness(self, at: Instants) -> np.ndarray:
+        if self._map not in at.memo:
+            full = self.robot.slip.redistribution == "full"
+            values = self.exact(at) if full else self._map(at.wrenches, derivatives=False)[0][:, None]
+            at.memo[self._map] = values
+        return at.memo[self._map]
+
+    def exact(self, at: Loaded) -> np.ndarray:
+        return known(self.robot.slip.above(at.wrenches, FAR_FROM_SLIPPING * self.number))[:, None]
+
+    def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
+        GT, slopes = self.robot.slip.evaluate(at.states).for_program()
+        return GT[:, None], slopes[:, None]
+
+    def near(self, badness: np.ndarray, share: float) -> np.ndarray:
+        return ~(badness / self.number < share)
+
+    def use(self, badness: np.ndarray) -> np.ndarray:
+        return badness[:, 0] / self.number
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([-np.inf]), self.worst()
+
+    def worst(self) -> np.ndarray:
+        return np.array([self.number])
+
+    def rows(
+        self, wrenches: np.ndarray, i: np.ndarray, k: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self._map(wrenches[i])
+
+    def brake_torques(self, check: BrakeCheck, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        wrenches, torques = check.combinations(q, qd)
+        rows = self.half_spaces()
+        if rows is None:
+            return torques[:, :1]
+        worst = np.argmax(np.max(wrenches @ rows.T, axis=2), axis=1)
+        return torques[np.arange(len(q)), worst][:, None]
+
+    def brake_badness(
+        self, check: BrakeCheck, closing: Closing, q: np.ndarray, qd: np.ndarray, share: float
+    ) -> np.ndarray:
+        wrenches = closing.wrenches(q, qd, self.brake_torques(check, q, qd)[:, 0])
+        rows, GT = self.robot.slip.half_spaces(share * self.number), np.full(len(q), min(FAR, share / 2))
+        GT *= self.number
+        todo = np.arange(len(q)) if rows is None else np.flatnonzero(np.max(wrenches @ rows.T, axis=1) > 0)
+        if len(todo):
+            states = self.robot.contact_states(wrenches[todo])
+            GT[todo] = known(self.robot.slip.evaluate(states, derivatives=False).GT)
+        return GT[:, None]
