@@ -177,6 +177,16 @@ def test_a_misspelled_required_key_is_unknown_not_missing():
     assert [str(c) for c in base.complaints()][1:] == ["f.toml: base.mass: missing"]
 
 
+def test_a_misspelled_variant_is_suggested_though_the_usual_one_is_read():
+    kinds = {
+        name: Keys(name, "A robot.", {name: schema.table(Keys(f"{name} table", "A."))})
+        for name in ("arm", "robot")
+    }
+    data = table({"robots": {}}, Keys("task", "A task.", by=("arm", "robot"), variants=kinds, usual="arm"))
+    message = "f.toml: robots: unknown key; did you mean 'robot'? known: arm"
+    assert refusal(data.close, early=True) == message
+
+
 def test_all_complaints_are_at_hand():
     part = Keys("part", "A part.", {"x": schema.number("Place.")})
     data = table({"a": 1, "part": [{"x": 1}, {"y": 2}]}, {"part": schema.tables(part)})

@@ -136,7 +136,13 @@ class Keys:
             chosen.others or self.others,
             (*self.one_of, *chosen.one_of),
             (*self.groups, *chosen.groups),
+            (*self.selectors, *chosen.selectors),
         )
+
+    @property
+    def selectors(self) -> tuple[str, ...]:
+        """Keys of which the one that is there decides which variant the table is."""
+        return () if isinstance(self.by, str) else self.by
 
     @cached_property
     def groups(self) -> tuple[tuple[str, ...], ...]:

@@ -59,7 +59,13 @@ def did_you_mean(word: object, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
-def of_known(word: object, known: Iterable[str]) -> str:
-    """What a wrong word may have meant, and what is known: "; did you mean 'mass'? known: mass, center"."""
+def of_known(word: object, known: Iterable[str], instead: Iterable[str] = ()) -> str:
+    """What a wrong word may have meant, and what is known: "; did you mean 'mass'? known: mass, center".
+
+    Args:
+        word: the wrong one.
+        known: words that are right.
+        instead: further words that would be right in place of some of these.
+    """
     known = list(known)
-    return f"{did_you_mean(word, known) or ';'} known: {', '.join(known) or 'none'}"
+    return f"{did_you_mean(word, [*known, *instead]) or ';'} known: {', '.join(known) or 'none'}"

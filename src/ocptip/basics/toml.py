@@ -205,7 +205,7 @@ class Table:
         for key in self._data:
             if key not in self._known:
                 misplaced = f"; {key!r} belongs above the first table"
-                hint = misplaced if key in self._top else of_known(key, self._known)
+                hint = misplaced if key in self._top else of_known(key, self._known, self._keys.selectors)
                 yield self.error(f"{_UNKNOWN}{hint}", key)
         for key, text in self._missing.items():
             yield self.error(text, key)
