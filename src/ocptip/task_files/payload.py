@@ -178,7 +178,6 @@ SENSOR = Keys(
     "A force-torque sensor in the base, whose readings are columns of motion.csv.",
     {
         "name": schema.text("Begin of the names of its columns.", default="sensor"),
-        "serial": schema.text("Serial number, for the records of the lab.", otherwise="none"),
         "position": schema.vector("Origin, base axes.", "m", 3, otherwise="where the robot is mounted"),
         **schema.rotation("Axes of the sensor to those of the base", default="parallel to the base"),
         "mass": schema.number(
@@ -198,7 +197,6 @@ def read_sensor(data: Table, mount: np.ndarray) -> WrenchSensor | None:
     if "sensor" not in data:
         return None
     table = data.table("sensor")
-    _ = table["serial"]
     return table.make(
         WrenchSensor,
         table.get("position", mount),
