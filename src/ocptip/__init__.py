@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ocptip.api.simulate import simulate
     from ocptip.api.stand import stand
     from ocptip.api.tasks import load_task
+    from ocptip.api.view import view
     from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
         Binding,
@@ -100,6 +101,7 @@ _HOME = {
     "solve_many": "ocptip.contact",
     "stability": "ocptip.contact",
     "stand": "ocptip.api.stand",
+    "view": "ocptip.api.view",
 }
 
 __all__ = [
@@ -144,6 +146,7 @@ __all__ = [
     "solve_many",
     "stability",
     "stand",
+    "view",
 ]
 
 

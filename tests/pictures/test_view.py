@@ -5,15 +5,14 @@ import re
 import shutil
 import subprocess
 import time
-from argparse import Namespace
 
 import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from ocptip.api.view import view
 from ocptip.cli.main import main
-from ocptip.cli.view import _show
 from ocptip.motion.plan_files import write_plan
 from ocptip.pictures.view import motion_show, pose_show, to_html
 from ocptip.pictures.view_bodies import HEAD, LINK
@@ -175,7 +174,7 @@ def test_a_second_base_stands_where_it_is(tmp_path, capsys):
         base = {"base": {"position": position, "rotation": rotation}}
         (tmp_path / name / "cell.json").write_text(json.dumps({"places": [{"placement": base}]}))
         write_plan(tmp_path / name / "plan", plan_of(task, task.reference))
-    _, show = _show(Namespace(what=tmp_path / "one/plan", second=tmp_path / "two/plan", task=None))
+    show = view(tmp_path / "one/plan", tmp_path / "two/plan").show
     stage = Recorder()
     show.stage(stage)(0)
     second = stage.nodes["/second"]

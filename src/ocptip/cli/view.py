@@ -9,26 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ocptip.basics.errors import InputError, naming
-from ocptip.basics.outputs import OUTPUTS
-from ocptip.basics.read import only_inside, read_json, require_readable
-from ocptip.basics.write import versions, write_text
-from ocptip.cli.cell import PLAN_FOLDER
+from ocptip.api.view import View, view
+from ocptip.basics.errors import InputError
 from ocptip.cli.command import Report
-from ocptip.contact.resting import solve_resting
-from ocptip.pictures.view import HERE, Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
-from ocptip.placement.output import PLACEMENT
-from ocptip.placement.problem import PlacementProblem
-from ocptip.reserves.equal_compliance import reported_slip
-from ocptip.reserves.slip import Slip
-from ocptip.reserves.tipping import TipOver
-from ocptip.standing.arm import Robot
-from ocptip.standing.parts import Part
-from ocptip.task_files.placement import load_placement
-from ocptip.task_files.plan_folder import read_plan_folder
-from ocptip.task_files.scene import read_scene
+from ocptip.cli.options import naming_options
+from ocptip.pictures.view import library_viser
 
 
 def run(options: Namespace) -> ViewReport:
@@ -36,102 +21,13 @@ def run(options: Namespace) -> ViewReport:
     library_viser()
     if options.html is not None and not Path(options.html).resolve().parent.is_dir():
         raise InputError(f"--html: no such directory: {Path(options.html).parent}")
-    name, show = _show(options)
+    with naming_options("task"):
+        found = view(options.what, options.second, task=options.task)
     if options.html is None:
-        serve(show, lambda address: print(f"{name}: {address}", file=sys.stderr))
-        return ViewReport(name, len(show.times), None, "")
-    return ViewReport(name, len(show.times), Path(options.html), to_html(show))
-
-
-def _show(options: Namespace) -> tuple[str, Show]:
-    path = Path(options.what)
-    placement = path / PLACEMENT if path.is_dir() else path
-    if placement.name == PLACEMENT and placement.is_file() and options.second is None:
-        with only_inside(placement.parent):
-            require_readable(placement)
-        return _placement(placement, options.task)
-    if options.task is not None:
-        raise InputError(f"--task: belongs to the folder of a placement, and {path} is none")
-    if path.is_dir():
-        name, parts = _parts(path)
-        if options.second is None:
-            return name, motion_show(name, parts)
-        other = _parts(Path(options.second))
-        if other[0] == name:  # the folders' names tell them apart
-            name, other = f"{path}", (f"{options.second}", other[1])
-        return f"{name} and {other[0]}", motion_show(name, parts, other, _between(path, options.second))
-    if options.second is not None:
-        raise InputError("is shown alone; two folders of plans are shown together", "", str(path))
-    if path.is_file() and path.suffix != ".toml":
-        raise InputError("expected a scene (.toml), or the folder of a plan or of a placement", "", str(path))
-    scene = read_scene(path)
-    states = solve_resting(scene.support, scene.wrench[None])  # as `stand`: what holds the base, if anything
-    with naming(str(path)):
-        tip = TipOver(scene.support).evaluate(states)
-        slip = reported_slip(states, Slip(scene.support).evaluate(states, derivatives=False))
-        return scene.name, scene_show(scene, states.contact_forces, tip, slip)
-
-
-def _parts(folder: Path) -> tuple[str, tuple[Part, ...]]:
-    """Name and motions of a plan."""
-    plan = read_plan_folder(folder)
-    return plan.task.name, plan.parts("view shows")
-
-
-def _between(first: Path, second: str) -> tuple[np.ndarray, np.ndarray]:
-    """Origin, m, and rotation of the second plan's base axes in the first's: of cells, where they stand."""
-    own, other = _place_of(first), _place_of(Path(second))
-    if own is None or other is None:
-        return HERE
-    return own[1].T @ (other[0] - own[0]), own[1].T @ other[1]
-
-
-def _place_of(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
-    """Where the base of a plan of `ocptip cell` stands; None of other plans."""
-    path = folder.resolve().parent / OUTPUTS["cell"][0]
-    if folder.resolve().name != PLAN_FOLDER or not path.is_file():
-        return None
-    try:
-        with only_inside(path.parent):
-            base = read_json(path)["places"][0]["placement"]["base"]
-        place = tuple(np.array(base[key], dtype=float) for key in ("position", "rotation"))
-        return np.reshape(place[0], 3), np.reshape(place[1], (3, 3))
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"is not what `ocptip cell` wrote: {error}", "", str(path)) from None
-
-
-def _placement(path: Path, task_file: str | None) -> tuple[str, Show]:
-    """The best placement of a file, in base axes, with what stands around it."""
-    if task_file is None:
-        raise InputError(
-            "--task: missing; the file does not hold the robot, name its task file", "", str(path)
-        )
-    data, problem = read_json(path), load_placement(task_file).problem
-    try:
-        if not data["found"]:
-            raise InputError("holds no placement", "", str(path))
-        best = data["best"]
-        position, rotation = (np.array(best["base"][key], dtype=float) for key in ("position", "rotation"))
-        values = np.array([best["angles_deg"][task.name] for task in problem.tasks], dtype=float)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"does not fit {task_file}: {error}", "", str(path)) from None
-    robot = _in_its_place(problem, position, rotation)
-    if values.shape[1] != robot.n:
-        raise InputError(
-            f"has {values.shape[1]} joint values, the arm of {task_file} {robot.n}", "", str(path)
-        )
-    q = np.where(robot.arm.prismatic, values, np.deg2rad(values))
-    return data["task"], pose_show(f"{data['task']}, {problem.tasks[0].name}", robot, q[0])
-
-
-def _in_its_place(problem: PlacementProblem, position: np.ndarray, rotation: np.ndarray) -> Robot:
-    """The robot with gravity and obstacles of the world, in base axes."""
-    robot = problem.robot
-    around = [
-        one.placed(rotation.T, -rotation.T @ position) for one in (*problem.obstacles, *problem.keep_out)
-    ]
-    support = robot.support.varied(gravity=rotation.T @ np.asarray(problem.gravity))
-    return robot.varied(support=support, obstacles=(*robot.obstacles, *around))
+        found.serve(lambda address: print(f"{found.name}: {address}", file=sys.stderr))
+        return ViewReport(found, None)
+    found.html  # noqa: B018 # what cannot be drawn is said before files are written
+    return ViewReport(found, Path(options.html))
 
 
 @dataclass
@@ -139,39 +35,28 @@ class ViewReport(Report):
     """A page.
 
     Attributes:
-        name: of what it shows.
-        frames: their number.
+        found: what it shows.
         path: where it goes; None: it was served.
-        html: the page.
     """
 
-    name: str
-    frames: int
+    found: View
     path: Path | None
-    html: str
 
     good = True
 
     def to_dict(self) -> dict[str, Any]:
         """What was written."""
-        size = len(self.html.encode())
-        path = None if self.path is None else f"{self.path}"
-        return {
-            "name": self.name,
-            "frames": self.frames,
-            "html": path,
-            "bytes": size,
-            "versions": versions(("viser",)),
-        }
+        return self.found.to_dict(self.path)
 
     def to_text(self) -> str:
         """What was written."""
+        found = self.found
         if self.path is None:
-            return f"{self.name}: shown."
-        return f"{self.name}: {self.path} ({len(self.html.encode()) / 1e6:.2f} MB, {self.frames} frames)"
+            return f"{found.name}: shown."
+        size = len(found.html.encode()) / 1e6
+        return f"{found.name}: {self.path} ({size:.2f} MB, {found.frames} frames)"
 
     def write(self) -> Iterator[Path]:
         """The page."""
         if self.path is not None:
-            write_text(self.path, self.html)
-            yield self.path
+            yield self.found.save(self.path)
