@@ -39,47 +39,30 @@ if TYPE_CHECKING:
     from ocptip.api.view import view
     from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
-        Binding,
-        ForceConstantHalfRigidClamp,
-        ForceConstantTwoSidedClamp,
-        ForceVariableHalfRigidClamp,
-        ForceVariableTwoSidedClamp,
         Load,
-        RigidClamp,
         Support,
         UnilateralContact,
         solve,
         solve_many,
         stability,
     )
-    from ocptip.pictures.scene import plot_scene
-    from ocptip.reserves import Slip, TipOver
     from ocptip.standing.arm import Robot
-    from ocptip.task_files.scene import Scene, read_scene
+    from ocptip.task_files.scene import read_scene
     from ocptip.trajectories.trajectory import Trajectory
 
     __version__: str
 
 _HOME = {
-    "Binding": "ocptip.contact",
     "Certified": "ocptip.api.certify",
     "Check": "ocptip.api.check",
-    "ForceConstantHalfRigidClamp": "ocptip.contact",
-    "ForceConstantTwoSidedClamp": "ocptip.contact",
-    "ForceVariableHalfRigidClamp": "ocptip.contact",
-    "ForceVariableTwoSidedClamp": "ocptip.contact",
     "InputError": "ocptip.basics.errors",
     "Load": "ocptip.contact",
     "NoPlanError": "ocptip.api.plan",
     "OcptipError": "ocptip.basics.errors",
     "Plan": "ocptip.api.plan",
     "RetimedPlan": "ocptip.api.retime",
-    "RigidClamp": "ocptip.contact",
     "Robot": "ocptip.standing.arm",
-    "Scene": "ocptip.task_files.scene",
-    "Slip": "ocptip.reserves",
     "Support": "ocptip.contact",
-    "TipOver": "ocptip.reserves",
     "Trajectory": "ocptip.trajectories.trajectory",
     "UnilateralContact": "ocptip.contact",
     "certify": "ocptip.api.certify",
@@ -90,7 +73,6 @@ _HOME = {
     "load_task": "ocptip.api.tasks",
     "place": "ocptip.api.place",
     "plan": "ocptip.api.plan",
-    "plot_scene": "ocptip.pictures.scene",
     "rate": "ocptip.api.rate",
     "rate_along": "ocptip.api.rate",
     "rate_workspace": "ocptip.api.rate",
@@ -105,25 +87,16 @@ _HOME = {
 }
 
 __all__ = [
-    "Binding",
     "Certified",
     "Check",
-    "ForceConstantHalfRigidClamp",
-    "ForceConstantTwoSidedClamp",
-    "ForceVariableHalfRigidClamp",
-    "ForceVariableTwoSidedClamp",
     "InputError",
     "Load",
     "NoPlanError",
     "OcptipError",
     "Plan",
     "RetimedPlan",
-    "RigidClamp",
     "Robot",
-    "Scene",
-    "Slip",
     "Support",
-    "TipOver",
     "Trajectory",
     "UnilateralContact",
     "__version__",
@@ -135,7 +108,6 @@ __all__ = [
     "load_task",
     "place",
     "plan",
-    "plot_scene",
     "rate",
     "rate_along",
     "rate_workspace",

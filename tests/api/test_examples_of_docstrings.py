@@ -59,4 +59,6 @@ def test_the_page_about_python_runs(folder, monkeypatch):
 
 def test_the_page_about_python_names_all_that_there_is():
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    assert [name for name in VERBS if f"`{name}(" not in page] == []
+    names = {name for name in ocptip.__all__ if not name.startswith("_")}
+    assert [name for name in sorted(names) if not re.search(rf"\b{name}\b", page)] == []
+    assert all(hasattr(ocptip, name) for name in names)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ocptip import ForceConstantHalfRigidClamp, Slip, Support, UnilateralContact, solve_many
-from ocptip.reserves.slip import SlipMap
+from ocptip.contact import ForceConstantHalfRigidClamp, Support, UnilateralContact, solve_many
+from ocptip.reserves.slip import Slip, SlipMap
 
 TRIANGLE = ([0.35, 0, 0.02], [-0.2, 0.3, 0.02], [-0.2, -0.3, 0.02])
 
