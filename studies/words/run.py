@@ -37,6 +37,7 @@ BANNED = {
     r"pace": "speed override",
     r"gripper point": "TCP",
     r"(inverse )?branch(es)?(?!-and)": "IK solution",
+    r"passive joints?": "non-optimised joint, unactuated joint",
     r"plainest": "synchronised default motion",
     r"bindings?": "contact model",
     r"(printed|effective) (base|ones|data)": "as-published, identified base",
