@@ -85,3 +85,10 @@ def test_code_and_quoted_output_are_no_prose(tmp_path):
         "# T\n\nThe key `late` is a word. See [margins](late.md).\n\n```text\nreserve, late\n```\n"
     )
     assert Page(path).faults() == []
+
+
+def test_pages_that_the_code_names_exist():
+    """With their folder: docs/how-to/cycles.md."""
+    names = {name for _, _, text in texts_of_code() for name in re.findall(r"\bdocs/[\w/-]+\.md\b", text)}
+    assert len(names) > 10
+    assert [name for name in names if not (ROOT / name).exists()] == []

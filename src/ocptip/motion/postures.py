@@ -28,7 +28,7 @@ def postures_of(arm: ArmModel, target: PoseTarget, limits: MotionLimits) -> np.n
 def posture_pairs(
     robot: Robot, limits: MotionLimits, starts: np.ndarray, goals: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pairs of start and goal, (n,), rad each, by the rule of docs/motion-planner.md, ties by order.
+    """Pairs of start and goal, (n,), rad each, by the rule of docs/how-to/gripper-poses.md, ties by order.
 
     All that stand at rest within all limits; if none does, the one with the fewest reasons against it.
 

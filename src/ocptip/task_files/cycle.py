@@ -1,4 +1,4 @@
-"""Cycles from TOML files: several motions, `[[segment]]`, in one file. Format: docs/motion-planner.md."""
+"""Cycles from TOML files: several motions, `[[segment]]`, in one file. Format: docs/how-to/cycles.md."""
 
 from __future__ import annotations
 
