@@ -25,7 +25,7 @@ BLOCKS = {
     for name, text in TEXTS.items()
     for number, code in enumerate(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL), 1)
 }
-SLOW = ("plan_motion(", "place(")  # calls that take many seconds
+SLOW = ("ocptip.plan(", "plan_motion(", "place(")  # calls that take many seconds
 COMMANDS = sorted({
     line.split("#")[0].strip()
     for text in TEXTS.values()

@@ -566,41 +566,30 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
 def printed_plan(root, page):
     """The lines of what `plan A` prints, as a page has them."""
     text = (root / page).read_text(encoding="utf-8")
-    return re.search(r"```text\n(A: .*?)\n```", text, flags=re.DOTALL)[1].splitlines()
-
-
-def what_it_tolerates(lines):
-    """Text without numbers, and the numbers, of the lines about what a plan tolerates."""
-    names = [line.split(" ")[0] for line in lines]
-    text = "\n".join(lines[names.index("tolerates") : names.index("masses")])
-    return re.sub(r"[\d.]+", "#", text), [float(x) for x in re.findall(r"\d+(?:\.\d+)?", text)]
+    return re.search(r"```text\n(A   .*?)\n```", text, flags=re.DOTALL)[1].splitlines()
 
 
 def test_readme_shows_a_plan(root):
-    """A part of what the page of the command line shows."""
-    lines = printed_plan(root, "docs/commands.md")
-    shown = printed_plan(root, "README.md")
-    assert shown[0] == lines[0]
-    assert [line for line in lines if line in shown] == shown
-    verdict = r"A: (CERT|VER)IFIED within the tolerance\. "
-    assert re.match(verdict + r"\d+\.\d J in \d\.\d{3} s, at worst ", lines[0])
-    assert re.match(r"starts +\d of \d verified .*, \d+ iterations, .* s, seed 0$", lines[1])
-    assert [line for line in lines if line.startswith("within ")]
-    assert (root / "docs" / "plan.png").read_bytes().startswith(b"\x89PNG")
+    """As the page of the command line does."""
+    lines = printed_plan(root, "README.md")
+    assert lines == printed_plan(root, "docs/commands.md")
+    assert lines[0] == "A   PROVED for 'workshop' uncertainty"
+    assert re.match(r"Motion  \d\.\d{3} s   \d+\.\d J \(-\d+ % vs reference\)", lines[1])
+    assert (root / "docs" / "motion.gif").read_bytes().startswith(b"GIF8")
 
 
 @pytest.mark.slow
 def test_docs_show_the_plan_that_the_command_prints(root, tmp_path, monkeypatch, capsys):
-    """Verdict, energy, duration, starts, what it is proved for: all that no other processor changes."""
+    """Verdict and words are the same, numbers nearly: the optimum differs by rounding on other processors."""
     monkeypatch.chdir(tmp_path)
     assert main(["plan", "A", "--no-figures"]) == 0
     shown, printed = printed_plan(root, "docs/commands.md"), capsys.readouterr().out.splitlines()
-    assert shown[0] == printed[0]
-    assert shown[1].split(" iterations")[0] == printed[1].split(" iterations")[0]
-    assert [line.split("  ")[0] for line in shown] == [line.split("  ")[0] for line in printed][: len(shown)]
-    (texts, numbers), (others, found) = (what_it_tolerates(lines) for lines in (shown, printed))
-    assert texts == others
-    assert numbers == pytest.approx(found, rel=5e-3)
+    number = r"\d+(?:\.\d+)?(?:e\d)?"
+    last = next(k for k, line in enumerate(shown) if line.startswith("Files"))
+    for line, other in zip(shown[:last], printed[:last], strict=True):
+        assert re.sub(number, "#", line).split() == re.sub(number, "#", other).split()
+        values, others = ([float(x) for x in re.findall(number, text)] for text in (line, other))
+        assert values == pytest.approx(others, rel=0.05)
 
 
 def test_docs_show_what_stand_prints(root, scenes, capsys):

@@ -156,4 +156,4 @@ def test_filled_in_it_plans(here, capsys):
     assert (
         main(["plan", "t.toml", "--starts", "2", "--jobs", "1", "--tolerance", "none", "--no-figures"]) == 0
     )
-    assert "CERTIFIED" in capsys.readouterr().out
+    assert "PROVED" in capsys.readouterr().out

@@ -134,7 +134,7 @@ def test_the_example_is_certified_within_a_workshop(
 ) -> None:
     call = ["retime", TOO_FAST, "--task", TASK, "--no-figures", "--out", str(tmp_path / "out")]
     assert main(call) == 0
-    assert "CERTIFIED within the tolerance" in capsys.readouterr().out
+    assert "PROVED for 'workshop' uncertainty" in capsys.readouterr().out
     data = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
     assert data["controller"]["certificate"]["sampled_only"] == []
     assert data["duration_s"] < 1.07

@@ -159,7 +159,7 @@ def test_a_motion_that_falls_tolerates_nothing(task):
         assert not found[name].at_most
     assert found["friction"].value == 1.0
     (line,) = tolerated_lines(list(found.values()))
-    assert line.startswith("nothing: a contact is lost as described (")
+    assert line.startswith("nothing: the nominal model loses a contact (")
 
 
 def test_in_words(found):

@@ -178,5 +178,7 @@ def test_the_headline_of_a_check_says_where_equally_compliant_feet_differ(case, 
     springs = np.linalg.pinv([np.ones(4), y, -x]) @ [down, about_x, about_y]  # least squares in balance
     assert (springs.min() < 0) == lifts
     assert checked.contacts.alike.value == pytest.approx(springs.min(), abs=0.2)
-    assert checked.headline == "VERIFIED" + (" (with equally compliant feet one lifts)" if lifts else "")
+    assert checked.headline == "CHECKED at samples for the nominal model only (no uncertainty)" + (
+        " (with equally compliant feet one lifts)" if lifts else ""
+    )
     assert checked.to_dict()["contacts"]["equal_compliance"]["agrees"] != lifts

@@ -52,8 +52,8 @@ def test_one_robot_per_chain_and_packages_in_turn(tmp_path):
 @pytest.mark.parametrize(
     ("name", "code", "said", "complained", "outcome"),
     [
-        ("plan", 0, "arm: CERTIFIED within", "", "proved"),
-        ("plan", 0, "arm: VERIFIED", "", "checked"),
+        ("plan", 0, "arm   PROVED for 'workshop'", "", "proved"),
+        ("plan", 0, "arm   CHECKED", "", "checked"),
         ("report", 0, "written", "", "yes"),
         ("check", 1, "BROKEN", "", "no"),
         ("init", 2, "", "ocptip: no mesh", "refused"),
@@ -96,7 +96,7 @@ def test_files_with_common_names_are_called_by_their_folders():
 def test_the_reason_is_the_error_behind_the_progress():
     text = "warning: odd\nocptip plan: [##......] 7/16 steps, 154 s\nocptip: start: tips\n"
     assert run.shortened(text) == "start: tips"
-    assert run.shortened("\nA: CERTIFIED.\nstarts 3\n") == "A: CERTIFIED."
+    assert run.shortened("\nA   PROVED\nstarts 3\n") == "A   PROVED"
     assert run.shortened("") == ""
 
 

@@ -18,6 +18,7 @@ from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck, Proof
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import CycleTask, Task
+from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.objective import TIME
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
@@ -75,6 +76,11 @@ class Check:
         return self.checked.whole
 
     @property
+    def margins(self) -> tuple[MotionMargin, ...]:
+        """What is left in N m, N, m and shares: nominal, in the worst case, and the limits."""
+        return motion_margins(self.task.robot, self.check)
+
+    @property
     def certificate(self) -> Proof | None:
         """What is proved for all instants; None where a limit is broken, or accelerations are estimates."""
         return self.check.certificate
@@ -117,6 +123,7 @@ class Check:
             **self.checked.to_dict(),
             **self.task.robot.masses_to_dict(),
             "limits": self.task.limits.to_dict(),
+            "margins": [one.to_dict() for one in self.margins],
             "tolerated": [one.to_dict() for one in self.robustness],
             **stops_to_dict(self.task, self.stops),
             **({"sensitivities": changes} if changes else {}),

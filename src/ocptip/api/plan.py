@@ -20,6 +20,7 @@ from ocptip.motion.cycles.plan import Planned, plan_cycle
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
+from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
 from ocptip.motion.stop_rules import Kinds
@@ -125,6 +126,11 @@ class Plan:
         return self.checked.whole
 
     @property
+    def margins(self) -> tuple[MotionMargin, ...]:
+        """What is left in N m, N, m and shares: nominal, in the worst case, and the limits."""
+        return motion_margins(self.task.robot, self.check)
+
+    @property
     def certificate(self) -> Proof | None:
         """What is proved for all instants; None where a limit is broken."""
         return self.check.certificate
@@ -175,6 +181,7 @@ class Plan:
             stops["stops"]["price"] = self.price
         return {
             **({"base": base} if base else {}),
+            "margins": [one.to_dict() for one in self.margins],
             "tolerated": [one.to_dict() for one in self.robustness],
             **({"time_scale": rows} if rows else {}),
             **stops,

@@ -20,7 +20,7 @@ from ocptip.cli.layout import summary, table, under
 from ocptip.cli.many import digest_of
 from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.place import refusal_lines, where_text
-from ocptip.cli.plan_report import CycleReport
+from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.placement.for_cycle import CyclePlacement, CyclePlacements, place_for_cycle
 from ocptip.placement.output import refusal_to_dict
@@ -66,7 +66,7 @@ def run(options: Namespace) -> Report:
     if found.best.plan is not None and found.best.verified:
         plan, folder = found.best.plan, directory / PLAN_FOLDER
         digest = digest_of(plan.task.source, options)
-        best = CycleReport(Plan.of(plan), folder, not options.no_figures, digest=digest)
+        best = PlanReport(Plan.of(plan), folder, not options.no_figures, digest=digest)
     return CellReport(cell, found, best, directory, not options.no_figures)
 
 
@@ -85,7 +85,7 @@ class CellReport(Report):
     early = True
     cell: CellTask
     found: CyclePlacements
-    best: CycleReport | None
+    best: PlanReport | None
     directory: Path
     figures: bool = True
 
@@ -148,7 +148,7 @@ class CellReport(Report):
             return summary(head, lines, self.written)
         lines.append(("look", f"ocptip view {self.best.directory}"))
         lines.append(("check", f"ocptip check {self.best.directory}"))
-        self.best.written = self.written
+        self.best.written, self.best.verbose = self.written, self.verbose
         return "\n".join([summary(head, lines, []), "", self.best.to_text()])
 
     def _ranked(self) -> Iterator[tuple[int, CyclePlacement]]:

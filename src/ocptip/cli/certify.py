@@ -77,20 +77,20 @@ class VerdictReport(Report):
         """The verdict."""
         if not self.verdict.holds:
             return "\n".join(
-                [f"{self.name}: DOES NOT HOLD.", *(f"  {text}" for text in self.verdict.problems)]
+                [f"{self.name}   DOES NOT HOLD", *(f"  {text}" for text in self.verdict.problems)]
             )
         own = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
         tolerance = self.verdict.tolerance
-        words = "none: the world as described" if tolerance is None else tolerance_words(tolerance)
+        words = "none: the nominal model only" if tolerance is None else tolerance_words(tolerance)
         rows = [("proof", own)]
         if left := self.verdict.moments:
-            more = f", within the tolerance {left[TIP_WITHIN]:.4g} N m" if len(left) > 1 else ""
+            more = f", within the uncertainty {left[TIP_WITHIN]:.4g} N m" if len(left) > 1 else ""
             rows.append(("left", f"at least {left['GN']:.4g} N m about every tipping axis{more}"))
-        rows.append(("tolerance", words))
+        rows.append(("uncertainty", words))
         if "clearance" in self.verdict.bounds:
             none = "no floor or wall: what reaches below the contacts is not excluded"
             rows.append(("planes", f"{self.planes} (floors and walls)" if self.planes else none))
-        return f"{self.name}: HOLDS.\n" + "\n".join(named(rows))
+        return f"{self.name}   HOLDS\n" + "\n".join(named(rows))
 
 
 @dataclass
@@ -117,7 +117,7 @@ class CertifyReport(Report):
     def to_text(self) -> str:
         """The verdict, what is proved, and where something is missing."""
         checked, proof, segments = self.found.check, self.found.certificate, self.found.checked
-        lines = [f"{self.found.name} on {self.found.task}: {checked.headline}."]
+        lines = [f"{self.found.name} on {self.found.task}   {checked.headline}"]
         lines += [f"  {violation}" for violation in checked.violations]
         if proof is not None:
             parts = zip(segments.names, segments.segments, strict=True)

@@ -18,17 +18,8 @@ from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity, ratio
 from ocptip.cli.command import Report
-from ocptip.cli.layout import (
-    check_rows,
-    gear_rows,
-    masses,
-    named,
-    rise_rows,
-    segment_table,
-    stop_table,
-    table,
-    under,
-)
+from ocptip.cli.layout import check_rows, gear_rows, masses, rise_rows, table
+from ocptip.cli.motion_summary import motion_line, motion_text
 from ocptip.cli.options import given_columns, given_limits, naming_options
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
@@ -129,51 +120,47 @@ class CheckReport(Report):
         return self.check.to_dict()
 
     def to_text(self) -> str:
-        """Verdict, worst instants, energy."""
+        """Verdict, margins, robustness; with -v all quantities."""
         found, checked = self.check, self.check.check
-        sampled = " (stops at sampled instants)" if found.stops and checked.certified else ""
-        fit = found.motion.fit
-        noisy = f" ({_NOISY}, see note)" if fit is not None and fit.noisy.any() else ""
-        verdict = (
-            f"{checked.headline}{sampled}{noisy}. All limits hold" if self.good else f"NOT VERIFIED{noisy}"
-        )
-        lines = [f"{found.name} on {found.task.name}: {verdict}."]
-        lines += [f"  {violation}" for violation in checked.violations]
-        for name, stops in found.stops.items():
-            at = f" (segment {name})" if name else ""
-            lines += [f"  {violation}{at}" for violation in stops.violations]
-        if found.task.is_cycle:
-            lines += ["", *segment_table(found.task, found.checked)]
-        lines += ["", *table(worst_rows(checked), left=(0, 4, 5)), ""]
-        moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
-        rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
-        rows += under("retimed", [found.retimed] if found.retimed else ())
-        if found.motion.profiles is not None:
-            rows += rise_rows(found.motion, checked)
-        more = {"sensitivities": found.sensitivities, "stops": found.stops}
-        rows += check_rows(checked, found.robustness, **more)
-        if found.task.is_cycle:
-            rows += gear_rows(found.checked)
-        else:
-            rows.append(("masses", masses(found.task.robot)))
-        rows += under("assumed", [*found.task.robot.notes, *found.assumed])
-        rows += under("note", self._notes())
-        lines += named(rows)
-        for name, stops in found.stops.items():
-            lines += ["", *([f"segment {name}"] if name else []), *stop_table(stops)]
-        if found.time_scale:
-            lines += ["", *_scale_table(found.time_scale)]
-        return "\n".join(lines)
+        details, tables = [], []
+        if self.verbose:
+            details = [("instants", f"{checked.samples} checked")]
+            if found.motion.profiles is not None:
+                details += rise_rows(found.motion, checked)
+            details += check_rows(checked, found.robustness)
+            if found.task.is_cycle:
+                details += gear_rows(found.checked)
+            else:
+                details.append(("masses", masses(found.task.robot)))
+            tables = [table(worst_rows(checked), left=(0, 4, 5))]
+            tables += [_scale_table(found.time_scale)] if found.time_scale else []
+        head = [f"{found.name} on {found.task.name}   {self._verdict}", motion_line(checked)]
+        more = {"scaled": found.time_scale, "more": self._notes(), "details": details, "tables": tables}
+        return motion_text(found, head, **more)
+
+    @property
+    def _verdict(self) -> str:
+        """In capital letters, and what it is about."""
+        checked, motion = self.check.check, self.check.motion
+        verdict = checked.headline
+        if checked.verified and not self.good:
+            verdict = "LIMITS BROKEN in stops"
+        noisy = motion.fit is not None and motion.fit.noisy.any()
+        return f"{verdict} ({_NOISY}, see note)" if noisy else verdict
 
     def _notes(self) -> list[str]:
         """What may be unexpected about the motion."""
-        notes, motion = [], self.check.motion
+        motion, checked = self.check.motion, self.check.check
+        notes = ["stops are checked at sampled instants"] if self.check.stops and checked.certified else []
+        notes += [self.check.retimed] if self.check.retimed else []
         if motion.fit is not None:
             notes += fit_notes(motion.fit, self.check.task.robot)
         elif motion.points is not None:
             curve = motion.points.interpolation
-            notes += [f"checked is the curve through the samples, {curve}; where accelerations"]
-            notes += ["jump between samples it overshoots, see ocptip.trajectories.points"]
+            notes += [
+                f"checked is the curve through the samples, {curve}; where accelerations step between "
+                "samples, it overshoots"
+            ]
         notes += self.check.misses
         for unit, pair in () if self.check.task.is_cycle else self.check.offsets.items():
             for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
@@ -192,10 +179,12 @@ def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
     def said(joint: int, values: np.ndarray, per: str = "") -> str:
         return f"{scales[joint] * values[joint]:.2g} {units[joint]}{per} ({robot.names[joint]})"
 
-    notes = [f"checked is the calmest motion that passes {fit.samples} samples within a tolerance, at most"]
     why = "noise of the samples" if fit.noisy[wide] else "rounding of the file"
-    notes += [f"{said(wide, fit.tolerance)}, {why}; its largest distance is {said(far, fit.distance)};"]
-    notes += [f"speeds and accelerations may exceed limits by {100 * PEAK_TOLERANCE:g} %"]
+    notes = [
+        f"checked is the calmest motion that passes {fit.samples} samples within at most "
+        f"{said(wide, fit.tolerance)}, {why}; its maximum distance is {said(far, fit.distance)}; "
+        f"speeds and accelerations may exceed limits by {100 * PEAK_TOLERANCE:g} %"
+    ]
     with np.errstate(divide="ignore"):
         unseen = np.sqrt(80 * fit.tolerance / robot.limits.acceleration)
     longest = max(float(np.max(unseen)), fit.spacing)
@@ -226,7 +215,7 @@ def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:
     names = [name for name in _ROWS if name not in _MARGINS and name in scaled[0][1].worst]
     rows = [["times x", "verdict", "duration", "energy", *(_ROWS[name] for name in names)]]
     for factor, checked in scaled:
-        verdict = "verified" if checked.verified else "NOT VERIFIED"
+        verdict = checked.headline if not checked.verified else "CHECKED"
         numbers = [_value(name, checked.worst[name].value) for name in names]
         rows.append(
             [f"{factor:g}", verdict, f"{checked.duration:.3f} s", quantity(checked.energy, "J"), *numbers]

@@ -186,7 +186,7 @@ class Command:
             failure = written(report)
             text = report.to_json() if options.json else report.to_text()
             text = text.split("\n", 1)[0] if options.quiet else text
-            if rest := text.removeprefix(answer).lstrip("\n"):
+            if rest := text.removeprefix(answer).removeprefix("\n"):
                 _print(rest)
             return report.exit_code if failure is None else say(*explained(failure))
         except KeyboardInterrupt as stop:

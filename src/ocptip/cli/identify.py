@@ -21,7 +21,8 @@ from ocptip.api.identify import (
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, some, with_error
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, under, use_of_reserves
+from ocptip.cli.layout import named, under
+from ocptip.cli.motion_summary import motion_line
 from ocptip.cli.options import given_columns, naming_options
 from ocptip.measured.bodies import Body
 from ocptip.measured.links import Identified
@@ -187,11 +188,10 @@ class ExcitationReport(Report):
                 "made",
                 f"{found.slower:g} times slower and {found.smaller:g} as large, as the check demands",
             ),
-            ("check", use_of_reserves(found.check)),
             *under("written", self.written),
         ]
-        title = f"{self.motion.name}: {found.check.headline}, {found.motion.end:.3g} s."
-        return "\n".join([title, *named(rows)])
+        title = f"{self.motion.name}   {found.check.headline}"
+        return "\n".join([title, motion_line(found.check), *named(rows)])
 
     def write(self) -> Iterator[Path]:
         """Samples of it."""

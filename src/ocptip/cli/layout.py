@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity, ratio
-from ocptip.standing.limits import WITHIN_OF
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
@@ -69,24 +68,16 @@ def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     return [("proof", f"{checked.certificate}")] if checked.certificate else []
 
 
-def check_rows(
-    checked: MotionCheck,
-    tolerated: Sequence[Tolerated],
-    *,
-    sensitivities: Iterable[Sensitivity] = (),
-    stops: Mapping[str, Stops] | None = None,
-) -> list[tuple[str, str]]:
-    """What is known of a motion, or of a cycle, besides its worst values."""
+def check_rows(checked: MotionCheck, robustness: Sequence[Tolerated]) -> list[tuple[str, str]]:
+    """What is known of a motion, or of a cycle, in detail."""
     return [
         *certificate_rows(checked),
         *under("contacts", checked.contacts.lines()),
-        *under("on feet", checked.feet_lines),
-        *under("gears", checked.drive_lines),
+        *under("compliant feet", checked.feet_lines),
+        *under("elastic joints", checked.drive_lines),
         ("collision", checked.collision_text),
         *within_rows(checked),
-        *under("tolerates", tolerated_lines(tolerated)),
-        *under("would change", sensitivities),
-        *under("stops", stop_lines(stops or {})),
+        *under("robust to", tolerated_lines(robustness)),
     ]
 
 
@@ -94,20 +85,14 @@ def tolerated_lines(found: Sequence[Tolerated]) -> list[str]:
     """What is tolerated, a line each; of a motion that loses a contact as it is that this is so, once."""
     for one in found:
         if one.quantity == "tilt" and one.value == 0 and not one.at_most:
-            return [f"nothing: a contact is lost as described ({one.how}, {one.time:.3f} s)"]
+            return [f"nothing: the nominal model loses a contact ({one.how}, {one.time:.3f} s)"]
     return [f"{one}" for one in found]
-
-
-def stop_lines(stops: Mapping[str, Stops]) -> list[str]:
-    """What was found about stops, of each segment of a cycle by its name, and what was assumed, once."""
-    found = [f"{name}: {line}" if name else line for name, own in stops.items() for line in own.found]
-    return [*found, *dict.fromkeys(line for own in stops.values() for line in own.assumed)]
 
 
 def gear_rows(segments: CycleCheck) -> list[tuple[str, str]]:
     """How the segments of a cycle ring with gears that give, each from rest."""
     pairs = zip(segments.names, segments.segments, strict=True)
-    return under("gears", [f"{name}: {line}" for name, own in pairs for line in own.drive_lines])
+    return under("elastic joints", [f"{name}: {line}" for name, own in pairs for line in own.drive_lines])
 
 
 def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
@@ -115,18 +100,18 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     if (within := checked.within) is None:
         return []
     texts = [f"{within.tolerance}"]
-    texts += [f"worst for {name}: {at}" for name, at in (("GN", within.tip), ("GT", within.slip)) if at]
+    texts += [f"worst {name}: {at}" for name, at in (("tipping", within.tip), ("slip", within.slip)) if at]
     if within.gap:
-        texts.append(f"least clearance: {within.gap}")
+        texts.append(f"minimum clearance: {within.gap}")
     if within.alike:
         from ocptip.standing.contact_margins import if_alike
 
         texts.append(if_alike(within.alike))
     if "foot_force_N" in checked.worst:
-        texts.append("feet that give: their forces and lifts are looked at as described only")
+        texts.append("compliant feet: forces and lifts are checked in the nominal model only")
     if "GN_gears" in checked.worst:
-        texts.append("gears that give: what rings is looked at as described only")
-    return under("within", texts)
+        texts.append("elastic joints: vibrations are checked in the nominal model only")
+    return under("uncertainty", texts)
 
 
 def rises(motion: Trajectory) -> str:
@@ -215,19 +200,6 @@ def segment_rows(task: Task, check: CycleCheck) -> list[list[str]]:
 def _values(check: Any) -> list[str]:
     values = [check.worst[name].value if name in check.worst else np.nan for name in _COLUMNS]
     return [*map(ratio, values[:-1]), quantity(1e3 * values[-1], "mm")]
-
-
-def use_of_reserves(checked: MotionCheck) -> str:
-    """The larger use of tip-over and slip reserve: "slip GT 0.708 of 0.9 allowed (1: slips) at 0.081 s"."""
-    titles = {"GN": ("tip-over", "tips"), "GT": ("slip", "slips")}
-    if checked.within:
-        at_worst = {WITHIN_OF[name]: (f"at worst {word}", loss) for name, (word, loss) in titles.items()}
-        titles = {name: words for name, words in at_worst.items() if name in checked.worst}
-    name = max(titles, key=lambda n: checked.worst[n].value / checked.worst[n].limit)
-    worst, (title, loss) = checked.worst[name], titles[name]
-    return (
-        f"{title} {name[:2]} {worst.value:.3f} of {worst.limit:g} allowed (1: {loss}) at {worst.time:.3f} s"
-    )
 
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:

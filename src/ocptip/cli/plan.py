@@ -21,7 +21,7 @@ from ocptip.cli.options import (
     step_of,
     typed,
 )
-from ocptip.cli.plan_report import CycleReport, PlanReport
+from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.cycles.task import Task
 
@@ -77,8 +77,7 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
             )
     except NoPlanError as error:
         return _no_plan(one.task, error)
-    report = CycleReport if one.task.is_cycle else PlanReport
-    return report(plan, one.directory, not options.no_figures, options.effort, one.digest)
+    return PlanReport(plan, one.directory, not options.no_figures, options.effort, one.digest)
 
 
 def _no_plan(task: Task, error: NoPlanError) -> Answer:
@@ -92,7 +91,7 @@ def _no_plan(task: Task, error: NoPlanError) -> Answer:
     if not task.is_cycle:
         tolerance = tolerance.of(task.robot.payload)
     if tolerance.given:
-        lines.append(("within", f"{tolerance}; --tolerance none plans as described"))
+        lines.append(("within", f"{tolerance}; --tolerance none plans for the nominal model"))
     if not task.is_cycle:
         lines.append(("masses", masses(task.robot)))
     return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), error.to_dict())

@@ -12,14 +12,13 @@ from ocptip.api.retime import RetimedPlan, Timing, retime
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity
 from ocptip.cli.command import Report
-from ocptip.cli.layout import use_of_reserves
 from ocptip.cli.options import given_columns, given_limits, naming_options, output_directory, typed
-from ocptip.cli.plan_report import CycleReport, PlanReport
+from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.path import refuse_early
 
-_WORDS = {"time": "fastest", "energy": "cheapest", "both": "least cost"}
+_WORDS = {"time": "fastest", "energy": "least energy", "both": "least cost"}
 
 
 def run(options: Namespace) -> Report:
@@ -46,41 +45,30 @@ def run(options: Namespace) -> Report:
                 columns=given_columns(options),
                 stage=progress.stage,
             )
-    report = RetimedCycleReport if task.is_cycle else RetimeReport
     digest = "" if task.is_cycle else None
-    return report(plan, directory, not options.no_figures, options.effort, digest)
+    return RetimeReport(plan, directory, not options.no_figures, options.effort, digest)
 
 
 class RetimeReport(PlanReport):
-    """A path with its timing."""
+    """A path with its timing, or those of a cycle."""
 
     plan: RetimedPlan
 
-    def found(self) -> list[tuple[str, str]]:
-        """The path, what it was, and what decides its timing."""
-        return _rows(self.plan.timings[0])
-
-    def headline(self) -> str:
-        """Status, duration, energy, use of the reserves."""
-        (timing,), checked = self.plan.timings, self.plan.check
-        given = f" instead of {timing.before.duration:.3f} s as given" if timing.before else ""
-        broken = "" if checked.verified else f" Broken: {'; '.join(checked.violations)}."
-        how = f"The {_WORDS[timing.task.objective.name]} timing takes {checked.duration:.3f} s{given}"
-        return (
-            f"{self.plan.task.name}: {checked.headline}. {how}, {quantity(checked.energy, 'J')}, "
-            f"{use_of_reserves(checked)}.{broken}"
-        )
-
-
-class RetimedCycleReport(CycleReport):
-    """Paths of a cycle with their timings."""
-
-    plan: RetimedPlan
+    def head(self) -> list[str]:
+        """Name and verdict; duration beside that of the given motion, energy."""
+        timings, checked = self.plan.timings, self.plan.check
+        before = [own.before.duration for own in timings if own.before]
+        given = f", as given {sum(before):.3f} s" if len(before) == len(timings) else ""
+        kind = _WORDS[timings[0].task.objective.name]
+        motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
+        return [f"{self.plan.task.name}   {self.verdict}", motion]
 
     def found(self) -> list[tuple[str, str]]:
-        """The path of each segment, and what decides its timing."""
+        """The path of each segment, what it was, and what decides its timing."""
         pairs = zip(self.plan.task.segments, self.plan.timings, strict=True)
-        return [(title, f"{text} (segment {s.name})") for s, own in pairs for title, text in _rows(own)]
+        of = {s.name: f" (segment {s.name})" if self.plan.task.is_cycle else "" for s, _ in pairs}
+        pairs = zip(of.values(), self.plan.timings, strict=True)
+        return [(title, f"{text}{name}") for name, own in pairs for title, text in _rows(own)]
 
 
 def _rows(timing: Timing) -> list[tuple[str, str]]:

@@ -141,9 +141,12 @@ class MotionCheck:
     @property
     def headline(self) -> str:
         """The verdict in capital letters, and what it is about."""
-        word = "CERTIFIED" if self.certified else "VERIFIED" if self.verified else "NOT VERIFIED"
-        if self.certified and self.within is not None:
-            word += " within the tolerance"
+        if not self.verified:
+            return "LIMITS BROKEN" if self.stands else "NOT STABLE"
+        about = "for the nominal model only (no uncertainty)" if self.within is None else ""
+        word = f"PROVED {about}" if self.certified else f"CHECKED at samples {about}"
+        if self.within is not None:
+            word += f"for {self.within.tolerance.title}"
         return word + self.scope + self._if_equally_compliant
 
     @property

@@ -54,6 +54,15 @@ _WORDS = {
     "faster": ("", " faster"),
     "delay": ("joints late by ", ""),
 }
+_SHORT = {
+    "tilt": "tilt",
+    "extra_mass": "payload +",
+    "push": "push",
+    "friction": "friction",
+    "faster": "speed +",
+    "delay": "delay",
+    "foot_stiffness": "feet",
+}
 Loads = Callable[[float], np.ndarray]
 """Wrenches (N, 6) on the base at a level of a deviation."""
 
@@ -88,6 +97,20 @@ class Tolerated:
         if self.at_most:
             return f"{value} and {'less' if self.quantity == 'friction' else 'more'}"
         return f"{value} ({self.how}, {self.time:.3f} s)"
+
+    @property
+    def short(self) -> str:
+        """In a few words: "tilt 3.84 deg", "delay >= 100 ms"."""
+        name, sign, value = _SHORT[self.quantity], ">= " if self.at_most else "", self.value
+        if self.quantity == "friction":
+            return f"friction {100 * (value - 1):.0f} %{' or less' if self.at_most else ''}"
+        if self.quantity != "foot_stiffness":
+            return f"{name} {sign}{value:.3g} {self.unit}".replace("+ ", "+").replace("+>= ", ">= +")
+        if np.isfinite(value):
+            return f"{name} >= {_stiffness_text(min(value, STIFFEST))}"
+        if self.between is None:
+            return "rigid feet only"
+        return f"{name} {' to '.join(map(_stiffness_text, self.between))}"
 
     def _of_feet(self) -> str:
         damping = f"{100 * DAMPING_RATIO:.0f} % damping"

@@ -134,12 +134,13 @@ def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     code = main([*call, "--controller", "cubic", "--time-scale", "0.5"])
     out = capsys.readouterr().out
     assert code == 0
-    assert out.startswith(f"swing: CERTIFIED. {plan.energy:.1f} J in {plan.duration:.3f} s, ")
+    head = "swing   PROVED for the nominal model only (no uncertainty)\n"
+    assert out.startswith(f"{head}Motion  {plan.duration:.3f} s   {plan.energy:.4g} J")
     table = [line for line in out.splitlines() if line.startswith(("1 out", "2 back", "in all"))]
     assert [row.split()[2:4] for row in table[:2]] == [["nothing", table[0].split()[3]], ["1", "kg"]]
     assert "0.3 s, " in table[0]
-    assert "time x 0.5" in out
-    assert "cubic; all numbers are of that motion" in out
+    assert "Times x 0.5" in out
+    assert "executed by cubics between points; all numbers are of that motion" in " ".join(out.split())
     assert (tmp_path / "out" / "plan.png").stat().st_size > 10_000
     assert main(["check", str(tmp_path / "out")]) == 0
     assert table[1] in capsys.readouterr().out
@@ -164,7 +165,7 @@ def test_a_cycle_that_was_cut_short_says_so(plan, tmp_path, monkeypatch, capsys)
     out_dir = tmp_path / "out"
     assert main(["plan", str(written(tmp_path)), "--out", str(out_dir), "--no-figures"]) == 1
     out = capsys.readouterr().out
-    assert out.startswith("swing: INCOMPLETE (1 of 2 segments). ")
+    assert out.startswith("swing   INCOMPLETE (1 of 2 segments)")
     assert "without a plan: back; no trajectory.json" in out
     assert not (out_dir / "trajectory.json").exists()
     data = json.loads((out_dir / "plan.json").read_text())
@@ -349,7 +350,7 @@ def test_every_segment_is_certified_with_what_it_holds(plan, proved):
     assert plan.check.whole.certified  # plans come proved, checks do not
     assert not check_cycle(plan.task, plan.motion).whole.certified
     assert proved.whole.certified
-    assert proved.whole.headline.startswith("CERTIFIED")
+    assert proved.whole.headline.startswith("PROVED")
     assert all(own.certified for own in proved.segments)
     data = proved.to_dict()
     assert data["certified"]
@@ -376,7 +377,7 @@ def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
     found = cycle_check(plan.task, plan.motion, segments).whole
     assert found.verified
     assert not found.certified
-    assert found.headline.startswith("VERIFIED")
+    assert found.headline.startswith("CHECKED")
     assert found.certificate.undecided[0].start == pytest.approx(plan.check.begins[1] + 0.1)
     tight = load_task(plan.task, GN=0.05)
     broken = check_cycle(tight, plan.motion)
@@ -388,7 +389,7 @@ def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(
     task, motion = load_task(plan.task, uncertainty=known), plan.motion.time_scaled(1.5)
     motion = dataclasses.replace(motion, pauses=(motion.pauses[0], 0.011))
     found = certified_cycle(task, motion, check_cycle(task, motion))
-    assert found.whole.headline.startswith("CERTIFIED within the tolerance")
+    assert found.whole.headline.startswith("PROVED for ")
     bounds = found.whole.certificate.verdict.bounds
     for name, at in (("GN_worst_case", found.whole.within.tip), ("GT_worst_case", found.whole.within.slip)):
         every = [own.certificate.verdict.bounds[name] for own in found.segments]
@@ -433,12 +434,12 @@ def test_commands_certify_cycles(plan, tmp_path, capsys):
         assert main(["certify", str(folder / name)]) == 0
     for name in ("", "plan.json", "trajectory.json"):
         assert main(["certify", str(folder / name)]) == 0
-        assert "on swing: CERTIFIED" in capsys.readouterr().out
+        assert "on swing   PROVED" in capsys.readouterr().out
     assert main(["check", str(folder)]) == 0
-    assert "on swing: CERTIFIED" in capsys.readouterr().out
+    assert "on swing   PROVED" in capsys.readouterr().out
     assert main(["certify", str(folder), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["segments"]) == 2
     assert main(["certify", str(folder), "--gn", "0.05"]) == 1
-    assert "NOT VERIFIED" in capsys.readouterr().out
+    assert "LIMITS BROKEN" in capsys.readouterr().out
     assert main(["certify", str(folder), "--out", "c.json"]) == 2
     assert "--out: a cycle has a certificate per segment" in capsys.readouterr().err

@@ -1,0 +1,135 @@
+"""What is left in a motion, in N m, N, m and shares: nominal, in the worst case, and what must be left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ocptip.motion.check import MotionCheck
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
+from ocptip.standing.mechanism import StandingMechanism
+
+_CLEARANCE_WITHIN = "clearance_worst_case_m"
+
+
+@dataclass(frozen=True)
+class At:
+    """A value.
+
+    Attributes:
+        value: in the unit of its margin.
+        time: s; None where it is not of one instant.
+        contacts: that it is about, counted from 1.
+    """
+
+    value: float
+    time: float | None = None
+    contacts: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class MotionMargin:
+    """The smallest margin of one kind in a motion, or the largest use of a limit.
+
+    Attributes:
+        name: of the quantity, with its unit.
+        nominal: in the nominal model; None where it has no meaning.
+        worst_case: with all deviations of the uncertainty at once; None without uncertainty, or not computed.
+        limit: of the nominal value.
+        limit_worst_case: of the other.
+        minimum: the limits are minima, not maxima.
+        used: share of the limit that is in use, of the one that decides; 1: at the limit.
+    """
+
+    name: str
+    nominal: At | None
+    worst_case: At | None
+    limit: float
+    limit_worst_case: float | None
+    minimum: bool
+    used: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+
+TIPPING, FRICTION, FOOT_FORCE = "tipping_margin_Nm", "friction_used", "foot_force_N"
+ZERO_MOMENT_POINT, TORQUE, CLEARANCE = "zero_moment_point_to_edge_m", "torque_used", "clearance_m"
+
+
+def motion_margins(robot: StandingMechanism, checked: MotionCheck) -> tuple[MotionMargin, ...]:
+    """The margins of a checked motion.
+
+    The tip-over index GN = M0 / (M0 + M) of a margin M is turned back into N m with M0 of the base.
+
+    Args:
+        robot: on its base; of a cycle that of any segment.
+        checked: of the motion.
+    """
+    return tuple(row for row in _rows(robot, checked) if row.nominal or row.worst_case)
+
+
+def critical(margins: Iterable[MotionMargin]) -> MotionMargin | None:
+    """The one whose limit is used most; None where none is near."""
+    return max((row for row in margins if math.isfinite(row.used)), key=lambda row: row.used, default=None)
+
+
+def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMargin]:
+    worst, contacts, reference = checked.worst, checked.contacts, robot.tip_over.reference_moment
+
+    def moment(index: float) -> float:
+        return reference * (1 / index - 1) if reference and index < 1 else 0.0
+
+    def used(*names: str) -> float:
+        shares = [worst[name].value / worst[name].limit for name in names if name in worst]
+        return max(shares, default=-math.inf)
+
+    def of(name: str, change: Any = float) -> At | None:
+        if (own := worst.get(name)) is None:
+            return None
+        return At(change(own.value), own.time if math.isfinite(own.time) else None)
+
+    def limit(name: str, change: Any = float) -> float | None:
+        return change(worst[name].limit) if name in worst else None
+
+    tip, force, edge = contacts.moment, contacts.force, contacts.edge
+    if reference and "GN" in worst:
+        yield MotionMargin(
+            TIPPING,
+            tip and At(tip.value, tip.time, tip.contacts),
+            of(TIP_WITHIN, moment),
+            moment(worst["GN"].limit),
+            limit(TIP_WITHIN, moment),
+            True,
+            used("GN", TIP_WITHIN),
+        )
+    slip = contacts.friction
+    nominal = slip and At(slip.value, slip.time, slip.contacts)
+    if "GT" in worst:
+        limits = worst["GT"].limit, limit(SLIP_WITHIN)
+        yield MotionMargin(FRICTION, nominal, of(SLIP_WITHIN), *limits, False, used("GT", SLIP_WITHIN))
+    alike = checked.within.alike if checked.within else None
+    yield MotionMargin(
+        FOOT_FORCE,
+        force and At(force.value, force.time, force.contacts),
+        alike and At(alike.value, alike.time, alike.contacts),
+        0.0,
+        None,
+        True,
+        -math.inf,
+    )
+    yield MotionMargin(
+        ZERO_MOMENT_POINT, edge and At(edge.value, edge.time), None, 0.0, None, True, -math.inf
+    )
+    if "torque_ratio" in worst:
+        limits = worst["torque_ratio"].limit, limit(TORQUE_WITHIN)
+        shares = used("torque_ratio", TORQUE_WITHIN)
+        yield MotionMargin(TORQUE, of("torque_ratio"), of(TORQUE_WITHIN), *limits, False, shares)
+    if CLEARANCE in worst:
+        pairs = [worst[name] for name in (CLEARANCE, _CLEARANCE_WITHIN) if name in worst]
+        share = max((own.limit / own.value if own.value > 0 else math.inf) for own in pairs)
+        limits = worst[CLEARANCE].limit, limit(_CLEARANCE_WITHIN)
+        yield MotionMargin(CLEARANCE, of(CLEARANCE), of(_CLEARANCE_WITHIN), *limits, True, share)

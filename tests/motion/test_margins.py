@@ -1,0 +1,71 @@
+"""Margins of a motion in N m, N, m and shares: turned back from the indices, and which one decides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from ocptip.motion.check import check_motion
+from ocptip.motion.margins import CLEARANCE, FRICTION, TIPPING, TORQUE, critical, motion_margins
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, MotionLimits
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("C", "effective", MotionLimits(GN=0.9, GT=0.8))
+
+
+@pytest.fixture(scope="module")
+def checked(task):
+    return check_motion(task.robot, task.reference, task.limits)
+
+
+def by_name(margins):
+    return {margin.name: margin for margin in margins}
+
+
+def test_nominal_margins_are_those_of_the_check(task, checked):
+    found = by_name(motion_margins(task.robot, checked))
+    moment, friction = checked.contacts.moment, checked.contacts.friction
+    assert (found[TIPPING].nominal.value, found[TIPPING].nominal.time) == (moment.value, moment.time)
+    assert found[FRICTION].nominal.value == friction.value
+    assert found[FRICTION].limit == 0.8
+    assert found[TORQUE].nominal.value == checked.worst["torque_ratio"].value
+    assert found[CLEARANCE].nominal.value == checked.worst["clearance_m"].value
+    assert all(margin.worst_case is None for margin in found.values())
+    # GN is computed from the same moment by another part of the code.
+    reference = task.robot.tip_over.reference_moment
+    assert reference / (reference + moment.value) == pytest.approx(checked.worst["GN"].value, rel=1e-9)
+
+
+@pytest.mark.parametrize("index", [1e-3, 0.3, 0.999])
+def test_a_worst_case_index_is_turned_back_into_newton_metres(task, checked, index):
+    tip = replace(checked.worst["GN"], value=index, limit=0.999, name=TIP_WITHIN)
+    slip = replace(checked.worst["GT"], value=0.7, limit=0.999, name=SLIP_WITHIN)
+    within = replace(checked, worst={**checked.worst, TIP_WITHIN: tip, SLIP_WITHIN: slip})
+    found = by_name(motion_margins(task.robot, within))
+    left, reference = found[TIPPING].worst_case.value, task.robot.tip_over.reference_moment
+    assert reference / (reference + left) == pytest.approx(index, rel=1e-12)
+    limit = found[TIPPING].limit_worst_case
+    assert reference / (reference + limit) == pytest.approx(0.999, rel=1e-12)
+    assert found[FRICTION].worst_case.value == 0.7
+
+
+def test_a_lost_contact_leaves_nothing(task, checked):
+    tip = replace(checked.worst["GN"], value=3.2, name=TIP_WITHIN)
+    within = replace(checked, worst={**checked.worst, TIP_WITHIN: tip})
+    margin = by_name(motion_margins(task.robot, within))[TIPPING]
+    assert margin.worst_case.value == 0.0
+    assert margin.used > 1
+
+
+def test_the_critical_margin_uses_its_limit_most(task, checked):
+    margins = motion_margins(task.robot, checked)
+    worst = max(("GN", "GT", "torque_ratio"), key=lambda n: checked.worst[n].value / checked.worst[n].limit)
+    names = {"GN": TIPPING, "GT": FRICTION, "torque_ratio": TORQUE}
+    assert critical(margins).name == names[worst]
+    assert critical([]) is None
+    data = by_name(motion_margins(task.robot, checked))[TIPPING].to_dict()
+    assert data["nominal"]["contacts"] == tuple(checked.contacts.moment.contacts)
