@@ -68,9 +68,12 @@ def test_a_plan_knows_everything_about_itself(plan, task):
     assert {one.quantity for one in plan.robustness} > {"tilt", "push", "friction"}
     assert [factor for factor, _ in plan.time_scale] == [1.2]
     rows = repr(plan).splitlines()
-    assert rows[0].startswith("C: PROVED")
-    assert f"{plan.energy:.1f} J in {plan.duration:.3f} s" in rows[1]
-    assert 3 <= len(rows) <= 6
+    assert rows[0].startswith("C   PROVED")
+    assert rows[1].startswith(f"Motion  {plan.duration:.3f} s   {plan.energy:.4g} J")
+    assert [row.split("  ")[0] for row in rows[4:7]] == [
+        *("Tipping margin", "Friction used", "Min foot force"),
+    ]
+    assert any(row.startswith("Robust to (one at a time): ") for row in rows)
 
 
 def test_a_plan_is_checked_again_by_its_folder_or_its_objects(plan, folder, task, capsys):
@@ -80,10 +83,10 @@ def test_a_plan_is_checked_again_by_its_folder_or_its_objects(plan, folder, task
     assert comparable(json.loads(json.dumps(plain(again.to_dict())))) == comparable(data)
     same = ocptip.check(task, plan.motion)
     assert same.check.worst["GN"].value == pytest.approx(again.check.worst["GN"].value, abs=1e-9)
-    assert repr(same).startswith("motion on C: PROVED")
+    assert repr(same).startswith("motion on C   PROVED")
     broken = ocptip.check(ocptip.load_task(task, GN=0.1), plan.motion)
     assert not broken.verified
-    assert "  broken: GN is " in repr(broken)
+    assert "Broken  GN is " in repr(broken)
 
 
 def test_a_proof_is_what_the_command_says(folder, tmp_path, capsys):

@@ -22,6 +22,7 @@ from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.objective import TIME
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
+from ocptip.motion.summary import margin_table, motion_line, robustness_lines
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
 from ocptip.retiming.retime import OF_PATH, least_cost
@@ -96,18 +97,17 @@ class Check:
         return [*self.motion.assumed, f"the robot rests before 0 s and after {self.motion.end:.4g} s"]
 
     def __repr__(self) -> str:
-        """Verdict, cost, what is broken, robustness."""
-        check = self.check
-        broken = [*check.violations, *(v for one in self.stops.values() for v in one.violations)]
-        worst = [check.worst[name] for name in ("GN", "GT", "torque_ratio") if name in check.worst]
+        """Verdict, duration and energy, margins, robustness."""
+        verdict = self.check.headline if self.verified or not self.check.verified else "LIMITS BROKEN"
+        broken = [*self.check.violations, *(v for one in self.stops.values() for v in one.violations)]
         rows = [
-            f"{self.name} on {self.task.name}: {check.headline if self.verified else 'NOT VERIFIED'}",
-            f"  {check.energy:.1f} J in {check.duration:.3f} s",
-            "  " + ", ".join(f"{w.name} {w.value:.3f} <= {w.limit:g} at {w.time:.3f} s" for w in worst),
+            f"{self.name} on {self.task.name}   {verdict}",
+            motion_line(self.check),
+            *(f"Broken  {text}" for text in broken),
+            "",
         ]
-        rows += [f"  broken: {'; '.join(broken)}"] if broken else []
-        rows += [f"  robust to: {'; '.join(map(str, self.robustness))}"] if self.robustness else []
-        return "\n".join(rows)
+        rows += margin_table(self.task.robot, self.check)
+        return "\n".join([*rows, "", *robustness_lines(self.robustness)])
 
     def to_dict(self) -> dict[str, Any]:
         """Verdict, worst values with their times, limits: plain data for JSON."""

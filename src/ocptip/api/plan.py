@@ -25,6 +25,7 @@ from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
+from ocptip.motion.summary import margin_table, motion_line, robustness_lines
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
 from ocptip.pictures.cycle import seen_plan
@@ -152,17 +153,17 @@ class Plan:
         return self.planned.complete and self.check.verified and kept
 
     def __repr__(self) -> str:
-        """Verdict, cost, the quantities nearest to their limits, robustness."""
-        worst = [self.check.worst[name] for name in ("GN", "GT", "torque_ratio") if name in self.check.worst]
-        rows = [
-            f"{self.task.name}: {self.check.headline if self.verified else 'NOT VERIFIED'}",
-            f"  {self.energy:.1f} J in {self.duration:.3f} s, run by {self.executions[0].controller}",
-            "  " + ", ".join(f"{w.name} {w.value:.3f} <= {w.limit:g} at {w.time:.3f} s" for w in worst),
-        ]
+        """Verdict, duration and energy, margins, robustness."""
+        verdict = self.check.headline if self.verified or not self.check.verified else "LIMITS BROKEN"
         broken = [*self.check.violations, *(v for one in self.stops.values() for v in one.violations)]
-        rows += [f"  broken: {'; '.join(broken)}"] if broken else []
-        rows += [f"  robust to: {'; '.join(map(str, self.robustness))}"] if self.robustness else []
-        return "\n".join(rows)
+        rows = [
+            f"{self.task.name}   {verdict}",
+            motion_line(self.check),
+            *(f"Broken  {text}" for text in broken),
+            "",
+        ]
+        rows += margin_table(self.task.robot, self.check)
+        return "\n".join([*rows, "", *robustness_lines(self.robustness)])
 
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json, plain data for strict JSON."""

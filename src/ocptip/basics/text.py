@@ -69,3 +69,15 @@ def of_known(word: object, known: Iterable[str], instead: Iterable[str] = ()) ->
     """
     known = list(known)
     return f"{did_you_mean(word, [*known, *instead]) or ';'} known: {', '.join(known) or 'none'}"
+
+
+def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
+    """Lines of a table; the columns in `left` are flush left, the others right."""
+    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
+    return [
+        "  ".join(
+            f"{cell:<{w}}" if c in left else f"{cell:>{w}}"
+            for c, (cell, w) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]

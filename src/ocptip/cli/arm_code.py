@@ -12,10 +12,10 @@ import casadi as cs
 
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.schema import ANY_FILE
+from ocptip.basics.text import table
 from ocptip.basics.toml import Table
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import table
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.counting import OperationCount, count_operations
 from ocptip.parallel.code.lean_arm import lean_arm

@@ -13,10 +13,10 @@ from ocptip.api.plan import Plan
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import OUTPUTS, remove_figures, require_replaceable
-from ocptip.basics.text import quantity
+from ocptip.basics.text import quantity, table
 from ocptip.basics.write import plain, versions, write_json
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import summary, table, under
+from ocptip.cli.layout import summary, under
 from ocptip.cli.many import digest_of
 from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.place import refusal_lines, where_text

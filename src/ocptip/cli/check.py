@@ -16,13 +16,14 @@ from ocptip.api.check import SAME, Check, check
 from ocptip.api.given import task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import quantity, ratio
+from ocptip.basics.text import quantity, ratio, table
 from ocptip.cli.command import Report
-from ocptip.cli.layout import check_rows, gear_rows, masses, rise_rows, table
-from ocptip.cli.motion_summary import motion_line, motion_text
+from ocptip.cli.layout import check_rows, gear_rows, masses
+from ocptip.cli.motion_summary import motion_text, rise_rows
 from ocptip.cli.options import given_columns, given_limits, naming_options
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.summary import motion_line
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ocptip.api.compare import PlanComparison, compare
-from ocptip.basics.text import percent, quantity, some, with_error
+from ocptip.basics.text import percent, quantity, some, table, with_error
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, table, under
+from ocptip.cli.layout import named, under
 from ocptip.cli.options import given_columns
 from ocptip.cli.stand import check_plot_target
 from ocptip.measured.compare import LEVEL

@@ -22,12 +22,12 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, some, with_error
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
-from ocptip.cli.motion_summary import motion_line
 from ocptip.cli.options import given_columns, naming_options
 from ocptip.measured.bodies import Body
 from ocptip.measured.links import Identified
 from ocptip.measured.power_maps import PowerMap
 from ocptip.measured.recording import FOOT, Recording
+from ocptip.motion.summary import motion_line
 
 _TWO_SIDED = 1.96
 

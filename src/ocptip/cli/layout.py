@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.text import percent, quantity, ratio
-from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
+from ocptip.basics.text import quantity, ratio, table
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
@@ -20,24 +19,11 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
     from ocptip.motion.tolerated import Tolerated
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
-    from ocptip.trajectories.trajectory import Trajectory
 
 
 _WRITTEN = "written"
 _COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
 _HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
-
-
-def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
-    """Lines of a table; the columns in `left` are flush left, the others right."""
-    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
-    return [
-        "  ".join(
-            f"{cell:<{w}}" if c in left else f"{cell:>{w}}"
-            for c, (cell, w) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
 
 
 def named(lines: Sequence[tuple[str, str]], least: int = 0) -> list[str]:
@@ -112,32 +98,6 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     if "GN_gears" in checked.worst:
         texts.append("elastic joints: vibrations are checked in the nominal model only")
     return under("uncertainty", texts)
-
-
-def rises(motion: Trajectory) -> str:
-    """How accelerations rise: "accelerations rise within 20 ms"; empty for ramps."""
-    if not motion.rise_times:
-        return ""
-    ends = sorted(
-        {f"{1e3 * rise:.4g}" for rise in (min(motion.rise_times), max(motion.rise_times))}, key=float
-    )
-    return f"accelerations rise within {' to '.join(ends)} ms"
-
-
-def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]:
-    """How accelerations rise, and what it neglects that this counts as no jump; nothing of ramps."""
-    if not motion.rise_times:
-        return []
-    texts, within = [rises(motion)], checked.within and checked.within.tolerance
-    shortest = min(rise for rise in motion.rise_times if rise)
-    if within and within.damping is not None:
-        own = [checked.feet.frequency * shortest] if checked.feet else []
-        half, *feet = map(percent, overshoot_of_rise(within.damping, np.array([0.5, *own])))
-        text = f"counted as no jump: feet and structure of {1 / shortest:.3g} Hz and more overshoot by up to "
-        text += f"{percent(overshoot_of_rises(within.damping))} of a change, of {0.5 / shortest:.3g} Hz "
-        text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after a jump by "
-        texts.append(text + percent(within.overshoot))
-    return under("S-curves", texts)
 
 
 def price_line(price: Mapping[str, Any]) -> list[str]:

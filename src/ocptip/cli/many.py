@@ -18,10 +18,10 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.read import read_json, read_text
 from ocptip.basics.sums import require_unchanged
+from ocptip.basics.text import table
 from ocptip.basics.version import version
 from ocptip.basics.write import plain
 from ocptip.cli.command import Report, explained, suspicions, written
-from ocptip.cli.layout import table
 from ocptip.cli.options import in_folder
 from ocptip.motion.source import TaskSource
 from ocptip.numerics.workers import worker_pool

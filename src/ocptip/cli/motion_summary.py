@@ -1,4 +1,4 @@
-"""The summary of a motion on 80 columns: verdict, energy, margins, robustness, what to do next."""
+"""What is known about a motion or a cycle, on 80 columns: the answer of `plan`, `retime`, `check`, `cell`."""
 
 from __future__ import annotations
 
@@ -8,106 +8,21 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ocptip.basics.text import quantity, some
-from ocptip.cli.layout import named, rises, segment_table, stop_table, table
+import numpy as np
 
-if TYPE_CHECKING:  # they take long to load
+from ocptip.basics.text import percent, some
+from ocptip.cli.layout import named, segment_table, stop_table, under
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.stops import Stops
+from ocptip.motion.summary import WIDTH, margin_table, rises, robustness_lines
+from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
+from ocptip.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:  # only names of types
     from ocptip.api.check import Check
     from ocptip.api.plan import Plan
-    from ocptip.motion.check import MotionCheck
-    from ocptip.motion.margins import At, MotionMargin
-    from ocptip.motion.stops import Stops
-    from ocptip.motion.tolerated import Tolerated
-    from ocptip.standing.mechanism import StandingMechanism
-    from ocptip.trajectories.trajectory import Trajectory
 
-WIDTH = 80
-_TITLES = {
-    "tipping_margin_Nm": "Tipping margin",
-    "friction_used": "Friction used",
-    "foot_force_N": "Min foot force",
-    "zero_moment_point_to_edge_m": "ZMP to edge",
-    "torque_used": "Joint torque",
-    "clearance_m": "Clearance",
-}
-_UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N"}
-_LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
-_ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 _NAMED = 3  # names of files in the last lines
-
-
-def margin_table(robot: StandingMechanism, checked: MotionCheck) -> list[str]:
-    """Margins: nominal, in the worst case, their limits, the critical one marked."""
-    from ocptip.motion.margins import critical, motion_margins
-
-    margins = motion_margins(robot, checked)
-    decisive = critical(margins)
-    within = checked.within is not None
-    rows = [["", "nominal", *(["worst case"] if within else []), "limit", ""]]
-    for row in margins:
-        values = [row.nominal, *([row.worst_case] if within else [])]
-        mark = "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive else ""
-        rows.append([_TITLES[row.name], *(_at(row, value) for value in values), _limit(row, within), mark])
-    return table(rows, left=tuple(range(len(rows[0]))))
-
-
-def _at(row: MotionMargin, at: At | None) -> str:
-    """A value and when it occurs."""
-    if at is None:
-        return "-"
-    text = _value(row.name, at.value)
-    if (
-        text == _value(row.name, row.limit) and at.value != row.limit
-    ):  # rounded, it may contradict the verdict
-        text = _value(row.name, at.value, 6)
-    return text + (f" @{max(at.time, 0.0):.3f}s" if at.time is not None else "")
-
-
-def _limit(row: MotionMargin, within: bool) -> str:
-    """The limit, in the unit of the values; both where those of nominal and worst case differ."""
-    if row.name in _ALWAYS:
-        return "> 0"
-    scale = 1.0 if row.name in _UNITS else 1e3 if row.name in _LENGTHS else 100.0
-    given = (row.limit, row.limit_worst_case if within else None)
-    limits = dict.fromkeys(f"{scale * value:.3g}" for value in given if value is not None)
-    return f"{'>=' if row.minimum else '<='} {' / '.join(limits)}"
-
-
-def _value(name: str, value: float, digits: int = 3) -> str:
-    if name in _UNITS:
-        return quantity(value, _UNITS[name], digits)
-    return quantity(1e3 * value, "mm", digits) if name in _LENGTHS else quantity(100 * value, "%", digits)
-
-
-def motion_line(
-    checked: MotionCheck, motions: Sequence[Trajectory] = (), reference: float | None = None
-) -> str:
-    """Duration, energy (beside that of a reference, J), and the rise of accelerations of one motion."""
-    energy = quantity(checked.energy, "J")
-    if reference:
-        energy += f" ({100 * (checked.energy / reference - 1):+.0f} % vs reference)"
-    parts = [f"{checked.duration:.3f} s", energy]
-    parts += [rise for motion in motions if len(motions) == 1 and (rise := rises(motion))]
-    return f"Motion  {'   '.join(parts)}"
-
-
-def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
-    """The largest deviation of each quantity alone that loses no contact."""
-    if not tolerated:
-        return []
-    lost = next(
-        (one for one in tolerated if one.quantity == "tilt" and one.value == 0 and not one.at_most), None
-    )
-    if lost is not None:
-        return [f"Robust to nothing: the nominal model loses a contact ({lost.how}, {lost.time:.3f} s)."]
-    title = "Robust to (one at a time): "
-    lines, room = [], WIDTH - len(title)
-    for part in (one.short for one in tolerated):
-        if lines and len(lines[-1]) + len(part) + 3 <= room:
-            lines[-1] += f" | {part}"
-        else:
-            lines.append(part)
-    return [title + lines[0], *(" " * len(title) + line for line in lines[1:])]
 
 
 def notes(checked: MotionCheck) -> list[str]:
@@ -206,3 +121,19 @@ def _scaled(factor: float, checked: MotionCheck) -> list[str]:
     if checked.verified:
         return [f"Times x {factor:g}: all limits kept, {moving}"]
     return [f"Times x {factor:g}: {checked.headline}, {moving}", *wrapped("", checked.violations)]
+
+
+def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]:
+    """How accelerations rise, and what it neglects that this counts as no jump; nothing of ramps."""
+    if not motion.rise_times:
+        return []
+    texts, within = [rises(motion)], checked.within and checked.within.tolerance
+    shortest = min(rise for rise in motion.rise_times if rise)
+    if within and within.damping is not None:
+        own = [checked.feet.frequency * shortest] if checked.feet else []
+        half, *feet = map(percent, overshoot_of_rise(within.damping, np.array([0.5, *own])))
+        text = f"counted as no jump: feet and structure of {1 / shortest:.3g} Hz and more overshoot by up to "
+        text += f"{percent(overshoot_of_rises(within.damping))} of a change, of {0.5 / shortest:.3g} Hz "
+        text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after a jump by "
+        texts.append(text + percent(within.overshoot))
+    return under("S-curves", texts)

@@ -14,11 +14,11 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError, naming
-from ocptip.basics.text import ratio
+from ocptip.basics.text import ratio, table
 from ocptip.basics.write import file_target, versions, write_text
 from ocptip.cli.arm_code import arm_code, is_arm
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, table
+from ocptip.cli.layout import named
 from ocptip.cli.terminal import Progress
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility

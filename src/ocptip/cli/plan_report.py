@@ -9,11 +9,12 @@ from typing import Any
 
 from ocptip.api.plan import Plan
 from ocptip.cli.command import Report
-from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, rise_rows, under
-from ocptip.cli.motion_summary import motion_line, motion_text
+from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, under
+from ocptip.cli.motion_summary import motion_text, rise_rows
 from ocptip.motion.cycles.plan import CyclePlan
 from ocptip.motion.cycles.task import freed_offset
 from ocptip.motion.planner.attempt import LEFT_OUT
+from ocptip.motion.summary import motion_line
 from ocptip.robots.inverse.pose_target import AXES
 
 

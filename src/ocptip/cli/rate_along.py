@@ -10,9 +10,9 @@ from typing import Any
 
 from ocptip.api.rate import Rated, RatedMotion, rate_along
 from ocptip.basics.errors import naming
+from ocptip.basics.text import table
 from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import table
 from ocptip.indices.metric import OperationEllipsoid
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from ocptip.api.rate import Rated, rate_workspace
 from ocptip.basics.errors import naming
+from ocptip.basics.text import table
 from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import table
 from ocptip.cli.parallel import grid_ranges, size_of_grid
 from ocptip.cli.terminal import Progress
 from ocptip.indices.metric import OperationEllipsoid

@@ -10,9 +10,9 @@ import numpy as np
 
 from ocptip.api.simulate import STEEPEST, Simulated, simulate
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import quantity
+from ocptip.basics.text import quantity, table
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, table, under
+from ocptip.cli.layout import named, under
 from ocptip.cli.options import naming_options
 from ocptip.standing.parts import owners
 from ocptip.standing.simulation.mjcf import remarks

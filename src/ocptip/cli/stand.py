@@ -13,9 +13,9 @@ import numpy as np
 
 from ocptip.api.stand import Standing, stand
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import percent, quantity, ratio, without_noise
+from ocptip.basics.text import percent, quantity, ratio, table, without_noise
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, table, under
+from ocptip.cli.layout import named, under
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves

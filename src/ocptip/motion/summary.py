@@ -1,0 +1,107 @@
+"""The summary of a motion on 80 columns: duration and energy, margins with their limits, robustness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ocptip.basics.text import quantity, table
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
+from ocptip.motion.tolerated import Tolerated
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.trajectory import Trajectory
+
+WIDTH = 80
+_TITLES = {
+    "tipping_margin_Nm": "Tipping margin",
+    "friction_used": "Friction used",
+    "foot_force_N": "Min foot force",
+    "zero_moment_point_to_edge_m": "ZMP to edge",
+    "torque_used": "Joint torque",
+    "clearance_m": "Clearance",
+}
+_UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N"}
+_LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
+_ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
+
+
+def margin_table(robot: StandingMechanism, checked: MotionCheck) -> list[str]:
+    """Margins: nominal, in the worst case, their limits, the critical one marked."""
+    margins = motion_margins(robot, checked)
+    decisive = critical(margins)
+    within = checked.within is not None
+    rows = [["", "nominal", *(["worst case"] if within else []), "limit", ""]]
+    for row in margins:
+        values = [row.nominal, *([row.worst_case] if within else [])]
+        mark = "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive else ""
+        rows.append([_TITLES[row.name], *(_at(row, value) for value in values), _limit(row, within), mark])
+    return table(rows, left=tuple(range(len(rows[0]))))
+
+
+def _at(row: MotionMargin, at: At | None) -> str:
+    """A value and when it occurs."""
+    if at is None:
+        return "-"
+    text = _value(row.name, at.value)
+    if (
+        text == _value(row.name, row.limit) and at.value != row.limit
+    ):  # rounded, it may contradict the verdict
+        text = _value(row.name, at.value, 6)
+    return text + (f" @{max(at.time, 0.0):.3f}s" if at.time is not None else "")
+
+
+def _limit(row: MotionMargin, within: bool) -> str:
+    """The limit, in the unit of the values; both where those of nominal and worst case differ."""
+    if row.name in _ALWAYS:
+        return "> 0"
+    scale = 1.0 if row.name in _UNITS else 1e3 if row.name in _LENGTHS else 100.0
+    given = (row.limit, row.limit_worst_case if within else None)
+    limits = dict.fromkeys(f"{scale * value:.3g}" for value in given if value is not None)
+    return f"{'>=' if row.minimum else '<='} {' / '.join(limits)}"
+
+
+def _value(name: str, value: float, digits: int = 3) -> str:
+    if name in _UNITS:
+        return quantity(value, _UNITS[name], digits)
+    return quantity(1e3 * value, "mm", digits) if name in _LENGTHS else quantity(100 * value, "%", digits)
+
+
+def motion_line(
+    checked: MotionCheck, motions: Sequence[Trajectory] = (), reference: float | None = None
+) -> str:
+    """Duration, energy (beside that of a reference, J), and the rise of accelerations of one motion."""
+    energy = quantity(checked.energy, "J")
+    if reference:
+        energy += f" ({100 * (checked.energy / reference - 1):+.0f} % vs reference)"
+    parts = [f"{checked.duration:.3f} s", energy]
+    parts += [rise for motion in motions if len(motions) == 1 and (rise := rises(motion))]
+    return f"Motion  {'   '.join(parts)}"
+
+
+def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
+    """The largest deviation of each quantity alone that loses no contact."""
+    if not tolerated:
+        return []
+    lost = next(
+        (one for one in tolerated if one.quantity == "tilt" and one.value == 0 and not one.at_most), None
+    )
+    if lost is not None:
+        return [f"Robust to nothing: the nominal model loses a contact ({lost.how}, {lost.time:.3f} s)."]
+    title = "Robust to (one at a time): "
+    lines, room = [], WIDTH - len(title)
+    for part in (one.short for one in tolerated):
+        if lines and len(lines[-1]) + len(part) + 3 <= room:
+            lines[-1] += f" | {part}"
+        else:
+            lines.append(part)
+    return [title + lines[0], *(" " * len(title) + line for line in lines[1:])]
+
+
+def rises(motion: Trajectory) -> str:
+    """How accelerations rise: "accelerations rise within 20 ms"; empty for ramps."""
+    if not motion.rise_times:
+        return ""
+    ends = sorted(
+        {f"{1e3 * rise:.4g}" for rise in (min(motion.rise_times), max(motion.rise_times))}, key=float
+    )
+    return f"accelerations rise within {' to '.join(ends)} ms"
