@@ -87,7 +87,8 @@ class Pieces:
         t = checked_times(times, side)
         piece = np.searchsorted(self.breaks, t, side=side)  # 0: rest before, K + 1: rest after
         begins, rows = self._padded
-        return tuple(taylor(rows[order:, piece], (t - begins[piece])[..., None]) for order in orders)
+        elapsed, chosen = (t - begins[piece])[..., None], rows[orders.start :, piece]
+        return tuple(taylor(chosen[order - orders.start :], elapsed) for order in orders)
 
     @cached_property
     def angle_ranges(self) -> np.ndarray:

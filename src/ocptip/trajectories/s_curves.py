@@ -26,11 +26,11 @@ def s_curve(ramps: JointRamps, rise_time: float) -> Pieces:
     if ramps.end == 0:
         return Pieces(edges[:1], np.empty((4, 0, 1)), goal)
     t = np.unique(np.concatenate([edges, edges + tau]))
-    now, before = ramps.states(t), ramps.states(t - tau)
-    phi = (_integral(ramps, t) - _integral(ramps, t - tau)) / tau
-    w, a = (now[0] - before[0]) / tau, (now[1] - before[1]) / tau
-    middles = 0.5 * (t[1:] + t[:-1])
-    jerks = (ramps.states(middles)[2] - ramps.states(middles - tau)[2]) / tau
+    edge_times, middles = np.stack([t, t - tau]), 0.5 * (t[1:] + t[:-1])
+    angles, speeds, _ = ramps.states(edge_times)
+    accelerations = ramps.pieces.at(np.stack([middles, middles - tau]), range(2, 3))[0][..., 0]
+    phi = -np.diff(_integral(ramps, edge_times), axis=0)[0] / tau
+    w, a, jerks = ((now - before) / tau for now, before in (angles, speeds, accelerations))
     phi[0], w[0], a[0] = ramps.phi_start, 0.0, 0.0
     return Pieces(t, np.stack([phi[:-1], w[:-1], a[:-1], jerks])[..., None], goal)
 
