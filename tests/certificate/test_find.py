@@ -309,7 +309,10 @@ def _on_casters(task, caster, wheel=0.6):
     return Robot(task.robot.arm, support, task.robot.motors)
 
 
-@pytest.mark.parametrize("tolerance", [NONE, WORKSHOP.only("tilt", "arm_mass", "friction")])
+@pytest.mark.parametrize(
+    "tolerance",
+    [NONE, pytest.param(WORKSHOP.only("tilt", "arm_mass", "friction"), marks=pytest.mark.slow)],
+)
 def test_casters_without_friction_cost_no_proof(swing, tolerance):
     task, motion, *_ = swing
     robot, limits = _on_casters(task, 0.0), MotionLimits(tolerance=tolerance)
@@ -348,7 +351,10 @@ def proved_on(support, task, motion, tolerance):
     return checked, found
 
 
-@pytest.mark.parametrize("tolerance", [Tolerance(base_push=20.0), Tolerance(push=5.0, tilt=0.01)])
+@pytest.mark.parametrize(
+    "tolerance",
+    [pytest.param(Tolerance(base_push=20.0), marks=pytest.mark.slow), Tolerance(push=5.0, tilt=0.01)],
+)
 def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(swing, tolerance):
     """The best sharing leaves two feet next to nothing; a rule by equal weights bears the pushes."""
     task, motion, *_ = swing
@@ -367,13 +373,20 @@ _HEIGHTS = [
     ((-0.28, -0.2), 0.01),
     ((0.1, -0.33), 0.05),
 ]
+_THREE_DEVIATIONS = Tolerance(tilt=0.01, arm_mass=0.05, friction=0.2)
 _LEANING = [((0.35, 0.0), 0.0), ((-0.2, 0.3), 0.0), ((-0.2, -0.3), 0.0)]
 
 
 @pytest.mark.parametrize(
-    ("places", "lean"), [(_HEIGHTS, 0.0), (_LEANING, 0.5)], ids=["five uneven", "leaning"]
+    ("places", "lean", "tolerance"),
+    [
+        (_HEIGHTS, 0.0, NONE),
+        pytest.param(_HEIGHTS, 0.0, _THREE_DEVIATIONS, marks=pytest.mark.slow),
+        (_LEANING, 0.5, NONE),
+        (_LEANING, 0.5, _THREE_DEVIATIONS),
+    ],
+    ids=["five uneven, nominal", "five uneven", "leaning, nominal", "leaning"],
 )
-@pytest.mark.parametrize("tolerance", [NONE, Tolerance(tilt=0.01, arm_mass=0.05, friction=0.2)])
 def test_contacts_in_general_position_are_proved(swing, places, lean, tolerance):
     task, motion, *_ = swing
     feet = [

@@ -74,7 +74,7 @@ FILTERS = {
 
 
 @pytest.mark.parametrize("colour", [0.0, pytest.param(0.9, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("name", [pytest.param("zero-phase 5 Hz", marks=pytest.mark.slow), "causal 8 Hz"])
 def test_the_truth_is_within_the_stated_errors(name, colour):
     """Twenty seeds: 95 % intervals hold for the friction of joint 2; of all numbers at least 85 % are inside.
 

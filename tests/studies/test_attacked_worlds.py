@@ -78,6 +78,7 @@ def test_late_joints_are_where_the_motion_has_them(proved):
             assert np.allclose(qd[:, joint], expected[1][:, joint], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_finished_rows_and_certificates_are_kept(tmp_path, monkeypatch, proved, capsys):
     robot, motion, _ = proved
     monkeypatch.setattr(study, "committed", lambda: iter([("one", robot, motion, PUSHED)]))
