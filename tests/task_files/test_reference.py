@@ -11,12 +11,14 @@ from jsonschema import Draft202012Validator
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
+from ocptip.motion.source import LIMITS
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.platform_points import read_platform
 from ocptip.task_files.reference import _all_tables, _flat, json_schema, reference_page
 from ocptip.task_files.scene import read_scene
+from ocptip.task_files.task_scene import SEGMENT_LIMITS
 from tests.places import EXAMPLES, ROOT
 
 FILES = sorted(EXAMPLES.rglob("*.toml"))
@@ -88,6 +90,10 @@ def test_broken_files_are_refused_by_reader_and_schema(example, old, new, valida
     with pytest.raises(InputError, match=re.escape(path.name)):
         READERS[example.split("/")[0]](path)
     assert not validator.is_valid(tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+def test_limits_that_are_written_into_the_task_of_a_plan_are_those_that_are_read():
+    assert tuple(SEGMENT_LIMITS) == LIMITS
 
 
 def test_meanings_are_short_sentences():

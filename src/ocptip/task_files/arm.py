@@ -25,17 +25,17 @@ from ocptip.robots.urdf_file import UrdfFile, read_urdf
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.shapes import SPHERES, with_spheres, without_excluded
 
-_LIMITS = {  # key: limit, whether it is one of sliding joints
-    "angle_min_deg": ("angle_min", False),
-    "angle_max_deg": ("angle_max", False),
-    "speed_deg_s": ("speed", False),
-    "acceleration_deg_s2": ("acceleration", False),
-    "torque_Nm": ("torque", False),
-    "position_min_m": ("angle_min", True),
-    "position_max_m": ("angle_max", True),
-    "speed_m_s": ("speed", True),
-    "acceleration_m_s2": ("acceleration", True),
-    "force_N": ("torque", True),
+_LIMITS = {  # key: limit, whether it is one of sliding joints, meaning, unit
+    "angle_min_deg": ("angle_min", False, "Lower limit", "deg"),
+    "angle_max_deg": ("angle_max", False, "Upper limit", "deg"),
+    "speed_deg_s": ("speed", False, "Speed limit", "deg/s"),
+    "acceleration_deg_s2": ("acceleration", False, "Acceleration limit", "deg/s^2"),
+    "torque_Nm": ("torque", False, "Torque limit", "N m"),
+    "position_min_m": ("angle_min", True, "Lower limit", "m"),
+    "position_max_m": ("angle_max", True, "Upper limit", "m"),
+    "speed_m_s": ("speed", True, "Speed limit", "m/s"),
+    "acceleration_m_s2": ("acceleration", True, "Acceleration limit", "m/s^2"),
+    "force_N": ("torque", True, "Force limit", "N"),
 }
 LOCKED = {"locked_deg": False, "locked_m": True}
 """Keys of joints that do not move: whether these are sliding joints."""
@@ -43,34 +43,18 @@ LOCKED = {"locked_deg": False, "locked_m": True}
 _MOST_PARTS = 64
 
 _OF_ARM = "of the arm"
+_USUAL = {"acceleration": f"full speed in {FULL_SPEED} s"}
 ARM_LIMITS = Keys(
     "arm limits",
     "Limits of the joints, which replace those of the arm.",
     {
-        "angle_min_deg": schema.by_joint("Lower limit of turning joints.", "deg", otherwise=_OF_ARM),
-        "angle_max_deg": schema.by_joint("Upper limit of turning joints.", "deg", otherwise=_OF_ARM),
-        "speed_deg_s": schema.by_joint(
-            "Speed limit of turning joints.", "deg/s", bound="> 0", otherwise=_OF_ARM
-        ),
-        "acceleration_deg_s2": schema.by_joint(
-            "Acceleration limit of turning joints.",
-            "deg/s^2",
-            bound="> 0",
-            otherwise=f"full speed in {FULL_SPEED} s",
-        ),
-        "torque_Nm": schema.by_joint(
-            "Torque limit of turning joints.", "N m", bound="> 0", otherwise=_OF_ARM
-        ),
-        "position_min_m": schema.by_joint("Lower limit of sliding joints.", "m", otherwise=_OF_ARM),
-        "position_max_m": schema.by_joint("Upper limit of sliding joints.", "m", otherwise=_OF_ARM),
-        "speed_m_s": schema.by_joint("Speed limit of sliding joints.", "m/s", bound="> 0", otherwise=_OF_ARM),
-        "acceleration_m_s2": schema.by_joint(
-            "Acceleration limit of sliding joints.",
-            "m/s^2",
-            bound="> 0",
-            otherwise=f"full speed in {FULL_SPEED} s",
-        ),
-        "force_N": schema.by_joint("Force limit of sliding joints.", "N", bound="> 0", otherwise=_OF_ARM),
+        key: schema.by_joint(
+            f"{meaning} of {'sliding' if slides else 'turning'} joints.",
+            unit,
+            bound="" if limit.startswith("angle") else "> 0",
+            otherwise=_USUAL.get(limit, _OF_ARM),
+        )
+        for key, (limit, slides, meaning, unit) in _LIMITS.items()
     },
 )
 _PART = Keys(
@@ -300,7 +284,7 @@ def _part(table: Table) -> RigidBody:
 def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
     """The arm with the limits of `[arm.limits]`, and with accelerations where nobody gives any."""
     values: dict[str, np.ndarray] = {}
-    for key, (name, slides) in _LIMITS.items():
+    for key, (name, slides, _, _) in _LIMITS.items():
         given = joint_values(table, key, arm, slides=slides)
         if given is not None:
             values.setdefault(name, getattr(arm.limits, name).copy())
