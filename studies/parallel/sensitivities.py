@@ -1,12 +1,17 @@
 """Derivatives of motor forces with respect to geometry and inertia parameters, the platform's motion held
 fixed.
 
+    python -m studies.parallel.sensitivities [ROBOT...]
+
+prints the lengths and angles on which the motor forces near home depend most.
+
 A change of geometry also changes the joint angles at which the legs reach the platform; that part follows
 from the position closures: dq = -(dh/dq)^-1 dh.
 """
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 
 import casadi as cs
@@ -16,7 +21,9 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.code.tidy import tidy
+from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.projection import Arguments, Projection
 from ocptip.parallel.symbolic.symbols import (
@@ -148,3 +155,21 @@ def _joint_derivatives(closures: cs.SX, q: cs.SX, named: cs.SX) -> cs.SX:
         ]
         blocks.append(cs.horzcat(*columns))
     return cs.vertcat(*blocks)
+
+
+def main() -> None:
+    """Print the largest derivatives of the named robots."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("robots", nargs="*", default=list(READY_MADE), metavar="ROBOT")
+    for name in parser.parse_args().robots:
+        robot = READY_MADE[name]()
+        z, rates = robot.home + 0.02, np.full(robot.m, 0.5)
+        q = np.column_stack(Kinematics(robot).point_joints(z).q)
+        found = ForceSensitivities(robot)(z, rates, 2 * rates, q)
+        largest = np.abs(found.geometry).max(axis=0)
+        shown = [f"{found.geometry_names[k]} {largest[k]:.3g}" for k in np.argsort(-largest)[:3]]
+        print(f"{name}: {', '.join(shown) or 'no named parameters'} (N or N m per m or rad)")
+
+
+if __name__ == "__main__":
+    main()
