@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -189,7 +189,7 @@ def check(
     if motion is None:
         if not _is_path(task):
             raise InputError("motion: missing; the task alone is no motion")
-        task, motion = None, task
+        motion, task = cast(MotionLike, task), None
     reading = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns}
     name, task, given = given_motion(motion, task, base=base, **reading)
     if task.is_cycle and sensitivities:
@@ -211,7 +211,10 @@ def check(
     say("checking stops ...")
     stopped = stops_by_segment(task, sequence, checked, stops)
     alone = None if task.is_cycle else task.segments[0].task
-    offsets, misses = _offsets_of_cycle(task, sequence) if alone is None else (offsets_of(given, alone), ())
+    if alone is None:
+        offsets, misses = _offsets_of_cycle(cast(CycleTask, task), sequence)
+    else:
+        offsets, misses = offsets_of(given, alone), ()
     return Check(
         name,
         task,
@@ -222,7 +225,7 @@ def check(
         misses,
         robust,
         stopped,
-        sensitivities_of(alone, given) if sensitivities else (),
+        sensitivities_of(alone, given) if sensitivities and alone else (),
         "" if alone is None else retimed(alone, given, checked.whole),
     )
 

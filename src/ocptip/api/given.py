@@ -6,12 +6,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.read import only_inside, require_readable
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.output import PLAN, TRAJECTORY
+from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import NONE, Tolerance
@@ -98,7 +100,7 @@ def given_motion(
         return name, task, load_motions(path, robot.names, robot.units, **how)
     found = load_motion(path, robot.names, robot.units, **how)
     if found.profiles is not None:
-        own = found.rise_times or task.rise_times or ()
+        own = found.rise_times or cast(MotionTask, task).rise_times or ()
         return name, task, found.with_rise_times(own if rise_time is None else rise_time)
     if rise_time is not None:
         own = "samples, which say themselves how they move" if found.points else "a timing of its own"

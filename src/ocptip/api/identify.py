@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -214,7 +214,7 @@ def motion_for_identification(task: MotionTask | str | os.PathLike[str], *, seed
     if given.is_cycle:
         raise InputError("is a cycle; motions for identification start at one pose", "", str(task))
     with naming(name):
-        return ExcitingMotion(given.name, excite(given, seed=seed))
+        return ExcitingMotion(given.name, excite(cast(MotionTask, given), seed=seed))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, PlanningError, positive_number
@@ -17,7 +17,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, Proof, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.cycles.plan import Planned, plan_cycle
-from ocptip.motion.cycles.task import Task
+from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
 from ocptip.motion.margins import MotionMargin, motion_margins
@@ -95,7 +95,7 @@ class Plan:
             if drives:
                 run = Execution.of_drives(robot, motion, limits, part.check)
             else:
-                run = execute(robot, motion, limits, controller, step=step)
+                run = execute(robot, motion, limits, cast(Controller, controller), step=step)
             executions.append(replace(run, check=certified(robot, run.motion, run.check, limits)))
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
@@ -318,16 +318,19 @@ def plan(
     try:
         planned = _searched(task, progress=progress, prove=certified, **how)
     except PlanningError as error:
-        refusal = NoPlanError(f"{error}", task, None if task.is_cycle else _without_stops(task, how))
+        other = None if task.is_cycle else _without_stops(task, how)
+        refusal = NoPlanError(f"{error}", task, cast(MotionPlan | None, other))
         if isinstance(error, ToleranceError) and largest_uncertainty:
-            refusal.largest = _largest(task, error, how, progress)
+            refusal.largest = _largest(cast(MotionTask, task), error, how, progress)
         raise refusal from error
     except InputError:
-        error = too_much_at_rest(task) if largest_uncertainty and not task.is_cycle else None
+        error = (
+            too_much_at_rest(cast(MotionTask, task)) if largest_uncertainty and not task.is_cycle else None
+        )
         if error is None:
             raise
         refusal = NoPlanError(f"{error}", task)
-        refusal.largest = _largest(task, error, how, progress)
+        refusal.largest = _largest(cast(MotionTask, task), error, how, progress)
         raise refusal from error
     except KeyboardInterrupt:
         what = "a segment had" if task.is_cycle else "there was"
@@ -338,7 +341,9 @@ def plan(
 
 
 def _searched(task: Task, **how: Any) -> Planned:
-    return plan_cycle(task, **how) if task.is_cycle else plan_motion(task, **how)
+    if task.is_cycle:
+        return plan_cycle(cast(CycleTask, task), **how)
+    return plan_motion(cast(MotionTask, task), **how)
 
 
 def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:
@@ -354,7 +359,8 @@ def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: As
         return task
     if rise_time is not None:
         task = replace(task, rise_times=checked_rise_times(rise_time, task.robot.n))
-    if controller == "quintic" and not all(task.rise_times or [0.0]):
+    rises = cast(MotionTask, task).rise_times or (0.0,)
+    if controller == "quintic" and not all(cast(Sequence[float], rises)):
         if rise_time is not None:
             raise InputError(f"rise_time: must be > 0 for --controller quintic, got {rise_time:g}")
         task = replace(task, rise_times=RISE_TIME)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
@@ -206,7 +206,7 @@ def retime(
         where = f"{path.name} (segment {segment.name})" if task.is_cycle else path.name
         with naming(where):
             timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or _silent))
-    planned = _cycle(task, timings) if task.is_cycle else timings[0].plan
+    planned = _cycle(cast(CycleTask, task), timings) if task.is_cycle else timings[0].plan
     executions = tuple(own.execution for own in timings)
     motion = run_by(planned, executions)
     checked = cycle_check(planned.task, motion, [run.check for run in executions])
