@@ -24,7 +24,7 @@ Side = Literal["left", "right"]
 MERGE = 1e-7  # switching times nearer to each other than this are one, s: rounding of commands moves them
 ENDS = 1e-6
 """s: nearer to start and end of a motion speeds do not change sign but for rounding."""
-STANDSTILL = 1e-9  # rad/s or m/s: signs of lower speeds are rounding
+STANDSTILL = 1e-9  # rad/s or m/s: a joint that never gets faster rests, signs of its speed are rounding
 _CONTINUOUS = 1e-12  # of the largest value: smaller steps between two pieces are rounding
 _NEGLIGIBLE = 1e-14  # of the largest coefficient: smaller ones of the highest powers are rounding
 _REAL = 1e-7  # imaginary parts of zeros, of the length of a piece, that are rounding of double zeros
@@ -107,13 +107,13 @@ class Pieces:
             return np.empty(0)
         times = self.breaks[piece] + elapsed
         inside = (times > self.breaks[0] + ENDS) & (times < self.breaks[-1] - ENDS)
-        found = []
-        for j in range(len(self.goal)):
+        found = [np.empty(0)]
+        for j in np.flatnonzero(self.peaks(1) > STANDSTILL):
             candidates = np.unique(np.concatenate([self.breaks, times[inside & (joint == j)]]))
             middles = 0.5 * (candidates[1:] + candidates[:-1])
             owner = np.searchsorted(self.breaks, middles, side="right") - 1
             speeds = taylor(self.derivatives[1:, owner, j], middles - self.breaks[owner])
-            signs = np.where(np.abs(speeds) > STANDSTILL, np.sign(speeds), 0.0)
+            signs = np.sign(speeds)
             moving = np.flatnonzero(signs)
             turned = signs[moving[1:]] != signs[moving[:-1]]
             found.append(candidates[1 + moving[:-1][turned]])
