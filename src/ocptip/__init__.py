@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ocptip.api.place import place
     from ocptip.api.plan import NoPlanError, Plan, plan
     from ocptip.api.rate import rate, rate_along, rate_workspace
+    from ocptip.api.report import report
     from ocptip.api.retime import RetimedPlan, retime
     from ocptip.api.simulate import simulate
     from ocptip.api.stand import stand
@@ -77,6 +78,7 @@ _HOME = {
     "rate_along": "ocptip.api.rate",
     "rate_workspace": "ocptip.api.rate",
     "read_scene": "ocptip.task_files.scene",
+    "report": "ocptip.api.report",
     "retime": "ocptip.api.retime",
     "simulate": "ocptip.api.simulate",
     "solve": "ocptip.contact",
@@ -112,6 +114,7 @@ __all__ = [
     "rate_along",
     "rate_workspace",
     "read_scene",
+    "report",
     "retime",
     "simulate",
     "solve",

@@ -97,6 +97,14 @@ def test_a_proof_is_what_the_command_says(folder, tmp_path, capsys):
     assert main(["certify", str(found.save(tmp_path / "proof.json"))]) == 0
 
 
+def test_a_report_is_what_the_command_says(folder, tmp_path, capsys):
+    code, data = said(capsys, "report", folder, "--out", tmp_path / "report.html")
+    found = ocptip.report(folder)
+    assert (code, found.stands) == (0, True)
+    assert comparable(data) == comparable(json.loads(json.dumps(plain(found.to_dict()))))
+    assert repr(found).startswith("C: CERTIFIED")
+
+
 def test_a_path_is_timed_as_the_command_does(tmp_path, capsys):
     path, file = EXAMPLES / "paths" / "ur5_sweep.json", EXAMPLES / "tasks" / "ur5_cart.toml"
     plan = ocptip.retime(ocptip.load_task(file, uncertainty="none"), path)

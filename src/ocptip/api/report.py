@@ -1,0 +1,203 @@
+"""`ocptip.report`: what a plan, a cycle or a robot at rest was checked for, as data for the safety file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.write import versions
+from ocptip.certificate.checks import certified_cycle
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.check import CycleCheck, check_cycle
+from ocptip.motion.cycles.task import Task
+from ocptip.motion.load_cases import Asked, LoadCase, largest_payload, load_cases, tilt_by_direction
+from ocptip.motion.stops import Stops, stops_of
+from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import Tolerated, robustness
+from ocptip.standing.arm import Robot
+from ocptip.standing.parts import Part
+from ocptip.standing.tolerance import NONE
+from ocptip.task_files.cycle import read_task
+from ocptip.task_files.option_files import load_asked
+from ocptip.task_files.plan_folder import PlanFolder, arms_of, read_plan_folder
+
+POSTURES = 60  # of a motion, for the largest payload
+_SAME = 1e-3  # s: postures no farther apart are one
+
+
+def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stability:
+    """Return the load cases, tilts, stops and robustness of a plan, or of a robot at rest.
+
+    Example::
+
+        print(ocptip.report("ocptip-plan-A").stands)
+
+    Args:
+        what: the folder of a plan, or a task file, whose robot is at rest.
+        cases: a TOML file with the load cases; None: the usual ones.
+
+    Raises:
+        InputError: there is no such folder or file, or the robot is no arm.
+    """
+    path = Path(what)
+    folder = read_plan_folder(path) if path.is_dir() else None
+    task = folder.task if folder else read_task(path)
+    robots = arms_of(task, "report is about", path)
+    if folder is not None:
+        stages = [Stage(*one) for one in zip(_tasks(task), folder.parts("report is about"), strict=True)]
+    else:
+        names = [segment.name for segment in task.segments]
+        stages = [Stage(own, None, name) for own, name in zip(_tasks(task), names, strict=True)]
+    found = Stability(path.name, task, folder, stages)
+    if folder is not None:
+        found.moves()
+    for stage, robot in zip(stages, robots, strict=True):
+        stage.rests(robot, cases)
+    return found
+
+
+def _tasks(task: Task) -> list[MotionTask]:
+    """That of the motion; of a cycle one per segment, from and to the first posture of those it may take."""
+    if not task.is_cycle:
+        return [task]
+    starts = [task.starts[0], *(segment.goals[0] for segment in task.segments[:-1])]
+    pairs = zip(task.segments, starts, strict=True)
+    return [segment.between(start, segment.goals[0]) for segment, start in pairs]
+
+
+class Stage:
+    """A motion, or a segment of a cycle: what is said of it alone.
+
+    Args:
+        task: with the robot as it is then.
+        part: what it does; None: not planned.
+        name: of the segment; of a single motion empty.
+    """
+
+    def __init__(self, task: MotionTask, part: Part | None, name: str = "") -> None:
+        self.task, self.part, self.name = task, part, part.name if part else name
+        self.checked: MotionCheck | None = None
+        self.stops: Stops | None = None
+        self.payloads: tuple[np.ndarray, np.ndarray] | None = None
+        self.cases: list[LoadCase] = []
+        self.tilts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def moves(self, checked: MotionCheck) -> None:
+        """Look at the motion; its check is known."""
+        assert self.part is not None
+        self.checked, robot, motion = checked, self.part.robot, self.part.motion
+        as_described = replace(self.task.limits, tolerance=NONE)  # stops are looked at without one
+        stopped = check_motion(robot, motion, self.task.stops.asked(as_described))
+        self.stops = stops_of(self.task, motion, stopped, "path")
+        times = np.linspace(0.0, motion.end, POSTURES)
+        acting = robot.during(motion).acting(times)
+        self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0], acting)
+
+    def rests(self, robot: Robot, cases_file: str | None) -> None:
+        """Look at postures at rest."""
+        poses, acting = {"start": self.task.start, "goal": self.task.goal}, {}
+        if self.part is not None:
+            motion, times = self.part.motion, self._poses()
+            known = robot.during(motion).acting(np.array(list(times.values())))
+            poses = dict(zip(times, motion.states(np.array(list(times.values())))[0], strict=True))
+            acting = dict(zip(times, known, strict=True))
+        asked = Asked(poses) if cases_file is None else load_asked(cases_file, robot.arm, poses)
+        before = f"{self.name}: " if self.name else ""
+        asked = replace(
+            asked,
+            poses={before + pose: q for pose, q in asked.poses.items()},
+            acting={before + pose: own for pose, own in acting.items() if asked.poses[pose] is poses[pose]},
+        )
+        self.cases = load_cases(robot, asked)
+        self.tilts = {
+            name: tilt_by_direction(robot, q, acting=asked.acting.get(name))
+            for name, q in asked.poses.items()
+        }
+
+    def _poses(self) -> dict[str, float]:
+        """Times, s, of postures: both ends, and where the reserves are used most, if that is between."""
+        assert self.part is not None
+        assert self.checked is not None
+        found = {"start": 0.0, "goal": self.part.motion.end}
+        for name in ("GN", "GT"):
+            time = self.checked.worst[name].time
+            if min(abs(time - other) for other in found.values()) > _SAME:
+                found[f"worst {name} ({self.part.begin + time:.3f} s)"] = time
+        return found
+
+
+class Stability:
+    """What is known about the contacts of a robot at rest, and of its motion.
+
+    Args:
+        name: of the plan's folder, or of the task's file.
+        task: with the robot.
+        folder: of the plan, if there is one.
+        stages: of the motion, or of the segments of a cycle.
+    """
+
+    def __init__(self, name: str, task: Task, folder: PlanFolder | None, stages: Sequence[Stage]) -> None:
+        self.name, self.task, self.folder, self.stages = name, task, folder, stages
+        self.checked: MotionCheck | None = None
+        self.segments: CycleCheck | None = None
+        self.tolerated: tuple[Tolerated, ...] = ()
+
+    def moves(self) -> None:
+        """Check the motions of the folder."""
+        assert self.folder is not None
+        motion = self.folder.motion
+        self.segments = certified_cycle(self.task, motion, check_cycle(self.task, motion))
+        self.checked = self.segments.whole
+        self.tolerated = robustness(self.task, motion)
+        for stage, checked in zip(self.stages, self.segments.segments, strict=True):
+            stage.moves(checked)
+
+    @property
+    def cases(self) -> list[LoadCase]:
+        """Of all stages."""
+        return [case for stage in self.stages for case in stage.cases]
+
+    @property
+    def stands(self) -> bool:
+        """The motion is verified; without a motion: all postures stand on level ground."""
+        if self.checked is not None:
+            return self.checked.verified  # what becomes of it in stops is a table of its own
+        return all(case.stands for case in self.cases if not (case.tilt or case.push or case.payload))
+
+    @property
+    def headline(self) -> str:
+        """One line."""
+        if self.checked is not None:
+            return f"{self.task.name}: {self.checked.headline}"
+        return f"{self.task.name}: {'STABLE' if self.stands else 'NOT STABLE'} at rest"
+
+    def __repr__(self) -> str:
+        """The verdict, and how many load cases stand."""
+        standing = sum(case.stands for case in self.cases)
+        return f"{self.headline}\n  {standing} of {len(self.cases)} load cases stand"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as data."""
+        worst = {} if self.segments is None else {"check": self.segments.to_dict()}
+        stops = [{"segment": s.name, **s.stops.to_dict()} for s in self.stages if s.stops]
+        held = [float(s.payloads[1].min()) for s in self.stages if s.payloads is not None]
+        return {
+            "name": self.task.name,
+            **worst,
+            **({"stops": stops if self.task.is_cycle else stops[0]} if stops else {}),
+            **({"least_more_payload_kg": min(held)} if held else {}),
+            "tolerated": [one.to_dict() for one in self.tolerated],
+            "load_cases": [case.to_dict() for case in self.cases],
+            "least_tilt_deg": {
+                name: float(np.degrees(tilts.min()))
+                for stage in self.stages
+                for name, (_, tilts) in stage.tilts.items()
+            },
+            "assumed": list(self.task.robot.notes),
+            "versions": versions(),
+        }
