@@ -102,7 +102,7 @@ def test_a_report_is_what_the_command_says(folder, tmp_path, capsys):
     found = ocptip.report(folder)
     assert (code, found.stands) == (0, True)
     assert comparable(data) == comparable(json.loads(json.dumps(plain(found.to_dict()))))
-    assert repr(found).startswith("C: CERTIFIED")
+    assert repr(found).startswith(f"C: {found.checked.headline}")
 
 
 def test_a_path_is_timed_as_the_command_does(tmp_path, capsys):

@@ -209,8 +209,9 @@ def motion_for_identification(task: MotionTask | str | os.PathLike[str], *, seed
     Raises:
         InputError: the task cannot be used; one line.
     """
-    given = task if isinstance(task, MotionTask) else read_task(task, WORKSHOP)
-    name = given.name if isinstance(task, MotionTask) else Path(task).name
+    is_file = isinstance(task, str | os.PathLike)
+    given = read_task(task, WORKSHOP) if is_file else task
+    name = Path(task).name if is_file else given.name
     if given.is_cycle:
         raise InputError("is a cycle; motions for identification start at one pose", "", str(task))
     with naming(name):

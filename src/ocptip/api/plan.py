@@ -85,14 +85,14 @@ class Plan:
         sensitivities: bool = False,
     ) -> Plan:
         """Run, prove and check what was planned; arguments are those of :func:`plan`."""
-        task, drives = planned.finished, controller == "ramps"
+        task = planned.finished
         step = None if rate is None else 1 / rate
         executions = []
         for part in planned.parts:
             robot, motion, limits = part.task.robot, part.motion, part.task.limits
             if task.is_cycle and controller == "quintic":  # segments are planned as ramps
                 motion = motion.with_rise_times(rise_time or RISE_TIME)
-            if drives:
+            if controller == "ramps":
                 run = Execution.of_drives(robot, motion, limits, part.check)
             else:
                 run = execute(robot, motion, limits, cast(Controller, controller), step=step)
