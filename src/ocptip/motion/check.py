@@ -246,7 +246,7 @@ def check_motion(
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
     samples, unsolved, uncertified, standing, contacts = 0, [], [], True, None
-    todo = [grid.times for grid in grids]
+    todo, ends = [grid.times for grid in grids], np.empty(0, dtype=int)
     for _ in range(_ROUNDS):
         count = sum(map(len, todo))
         if count == 0:
@@ -258,7 +258,7 @@ def check_motion(
         unsolved += found.unsolved
         uncertified += found.uncertified
         standing &= found.standing
-        contacts = found.contacts.worse(contacts or found.contacts)
+        contacts, ends = found.contacts.worse(contacts or found.contacts), found.ends
         for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
             if len(times):
                 grid.add(times, values)
@@ -268,7 +268,7 @@ def check_motion(
     values = np.concatenate([grid.values for grid in grids])
     holding, worst = standing and not unsolved, list[Worst]()
     sampled = Sampled(described, motion, times, lambda time: _instants(robot, motion, np.array([time])))
-    rows = zip(kinds, np.split(values, found.ends, axis=1), strict=True)
+    rows = zip(kinds, np.split(values, ends, axis=1), strict=True)
     for limit, own in sorted(rows, key=lambda row: row[0].scenario):
         of_limit = limit.worst(own, sampled)
         if limit.scenario == SAMPLED and limit.of_contacts and limit.of_motion:

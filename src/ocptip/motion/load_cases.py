@@ -156,7 +156,7 @@ def tilt_by_direction(
 
     def stands(tilt: np.ndarray) -> np.ndarray:
         good = judge(np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
-        return good.reshape(count, -1).all(axis=1)
+        return np.all(good.reshape(count, -1), axis=1)
 
     return sides, _largest(stands, np.full(count, MOST_TILT))
 

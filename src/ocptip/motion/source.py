@@ -53,7 +53,7 @@ class TaskSource:
         rise_times: tuple[float, ...] | None = None,
     ) -> str:
         """A task file with this name, these limits, objective and rise times, whatever the file said."""
-        data = {} if "case" in self.data else {"name": name}
+        data: dict[str, Any] = {} if "case" in self.data else {"name": name}
         data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
         asked = data.setdefault("limits", {})
         asked.update({name: getattr(limits, name) for name in LIMITS})

@@ -415,7 +415,7 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
             times = np.hstack([sides, sides + delay]).ravel()  # by event, as the case's times
             now, then = motion.states(times), motion.states(times - delay)
             states = [np.where(late, b, a) for a, b in zip(now, then, strict=True)]
-            return robot.loads(*states, robot.acting(times))[1]
+            return robot.loads(states[0], states[1], states[2], robot.acting(times))[1]
 
         names = ", ".join(robot.names[j] for j in moving[subset])
         return _Case(loads, np.repeat(events, 4), f"late: {names}")

@@ -101,7 +101,7 @@ def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay:
         if after == share == 0.0 and last > event:
             continue  # the last of those that meet stands for all
         rising = np.any((order.corner_positions <= last) & (order.late_positions > before), axis=1)
-        ways = [((), (joint,)) for joint in moving if rising[joint]]
+        ways: list[list[tuple[int, ...]]] = [[(), (joint,)] for joint in moving if rising[joint]]
         late = [joints for own in combinations(ways) if (joints := tuple(chain(*own)))]
         found += [
             Deviating(last, event, after, late=Late(joints, before, delay), share=share) for joints in late

@@ -296,7 +296,7 @@ def _risen(ramps: EventOrder, profiles: Profiles, x: np.ndarray) -> tuple[EventO
         rise = profiles.rise_times[joint]
         own = chain[joint, :count]
         corners[joint, :count] = place[own]
-        ends[joint, :count] = place[[late.get((k, rise), k) for k in own]]
+        ends[joint, :count] = place[[late.get((k, rise), int(k)) for k in own]]
     directions = np.ones((len(events) - 1, layout.n))
     directions[:, joints] = signs[:, 0]
     for index, (j, _) in enumerate(found):

@@ -158,6 +158,7 @@ class Refiner:
                 if not fresh and not program.near_rows(x, 1 - FEASIBLE) - rows and kept_at_worst(program, x):
                     break
                 program = program.with_rows(near.including(rows), near=x)
+                assert multipliers is not None  # there are rows of a program that was solved
                 multipliers = program.carried(multipliers[0], rows), multipliers[1]
             extra += fresh
             rows = program.rows

@@ -92,11 +92,11 @@ class Formulation:
         arm = robot.limits
         passive = [j for j in range(robot.n) if j not in joints]
         self._latest: tuple[EventOrder, Structure] | None = None
-        ends = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
+        earliest = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
         self.rise_times = np.zeros(robot.n) if rise_times is None else np.asarray(rise_times, dtype=float)
         moving = [j for j in range(robot.n) if j in joints or goal[j] != start[j]]
         self.rise = float(np.max(self.rise_times[moving], initial=0.0))
-        self.earliest = max(float(np.max(ends, initial=0.0)), durations[0] - self.rise)
+        self.earliest = max(float(np.max(earliest, initial=0.0)), durations[0] - self.rise)
         self.latest = min(durations[1], LONGEST) - self.rise
 
     def profiles(self, layout: Layout, rounding: float = 0.0) -> Profiles:
@@ -210,6 +210,7 @@ class Formulation:
         integral even when events pass each other.
         """
         layout, width = self.layout, smoothing.width
+        assert width is not None  # fine programs have one
         order, _ = order_of(self, x)
         shift = width * unit_row(layout, layout.one)
         rows = [

@@ -108,9 +108,11 @@ class Search:
         clock, status, x = rough.clock, rough.status, rough.x
         clock.go_on()
         best: tuple[Trajectory, MotionCheck] | None = None
-        cycles = CYCLES - bool(self.task.limits.tolerance.given) if x is not None else 0
+        cycles = CYCLES - bool(self.task.limits.tolerance.given)
         try:
             for cycle in range(cycles):
+                if x is None or rough.coarse is None:
+                    break  # there is no rough motion
                 if cycle > 0 and best is None and self.task.limits.stoppable:  # x has lost its way
                     x = self.formulation.slowed(rough.coarse, SLOWER[cycle])
                 if cycle > 0 or not self.jumps:
@@ -247,8 +249,10 @@ class Search:
     def _not_proved(self, checked: MotionCheck) -> list[tuple[AskedLimit, float, list[float]]]:
         """Limits that the certificate leaves open, by how much, and when, s."""
         found = []
-        for limit in self._asked if checked.certificate else []:
-            shorts, times = checked.certificate.short_of(limit.name, limit.setting, limit.number)
+        proof = checked.certificate
+        for limit in self._asked if proof is not None else []:
+            assert proof is not None
+            shorts, times = proof.short_of(limit.name, limit.setting, limit.number)
             if shorts > 0:
                 found.append((limit, shorts, times or [checked.worst[limit.result].time]))
         return found
@@ -328,9 +332,10 @@ class Search:
                     best = exact
                 if best.solution.violation <= SOLVED:
                     break
+            assert best is not None  # there is a pace
             if best.solution.violation <= (HOPELESS if within else SOLVED):
                 break
-        assert best is not None  # there is a pace
+        assert best is not None  # there is a merge
         clock.stage("exact")
         return best
 

@@ -337,8 +337,9 @@ class Nodes:
     ) -> None:
         self.course, self.regime = course, regime
         self.profiles, self.times = profiles, np.ascontiguousarray(times)
-        late_by_none = behind is None or not np.any(behind)
-        self._behind = np.zeros((0, 0)) if late_by_none else np.ascontiguousarray(np.transpose(behind))
+        self._behind = np.zeros((0, 0))
+        if behind is not None and np.any(behind):
+            self._behind = np.ascontiguousarray(np.transpose(behind))
         self._masks, self._late = (
             np.zeros((0, 0, 0)) if own is None else np.ascontiguousarray(np.moveaxis(own, 0, -1), dtype=float)
             for own in (masks, late)

@@ -81,7 +81,8 @@ class Structure:
 
     def rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (rows,) and Jacobian (rows, nx)."""
-        return tuple(self._first(x))
+        values, jacobian = self._first(x)
+        return values, jacobian
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Hessian (nx, nx) of multipliers . rows."""

@@ -66,7 +66,7 @@ def random_change(layout: Layout, x: np.ndarray, rng: np.random.Generator) -> np
     """Variables (nx,) of a motion that takes as long, with other speeds and ramps of one joint, or of all."""
     x, one = x.copy(), rng.random() < 0.5
     size = rng.uniform(*(ONE_CHANGES if one else ALL_CHANGE))
-    joints = [rng.integers(len(layout.joints))] if one else range(len(layout.joints))
+    joints = [int(rng.integers(len(layout.joints)))] if one else range(len(layout.joints))
     for j in joints:
         w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]  # views
         w += size * np.abs(w).max() * rng.standard_normal(len(w))

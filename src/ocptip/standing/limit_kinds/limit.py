@@ -178,6 +178,10 @@ class Limit:
         """(N, width) True where the use of the limit is at least `share` (1: at the limit)."""
         return np.zeros((len(at), self.width), dtype=bool)
 
+    def uses(self, at: Instants) -> np.ndarray:
+        """(N, width): use of the limit by each row, 1 at the limit, more beyond; of nodes that deviate."""
+        raise NotImplementedError(f"{self.name}: no rows that deviate")
+
     def use(self, at: Instants) -> np.ndarray:
         """(N,): worst use of the limit, 1 at the limit, more beyond."""
         return np.full(len(at), -np.inf)

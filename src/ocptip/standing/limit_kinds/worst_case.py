@@ -91,10 +91,6 @@ class WorstCaseLimit(StateLimit, WithinLimit):
         found = f"within the tolerance {what} reaches {value:.4g} at rest ({words}): {rest}"
         return f"{found} (--tolerance none plans as described)"
 
-    def uses(self, at: Instants) -> np.ndarray:
-        """(N, width): use of the limit by each row, 1 at the limit, more beyond."""
-        raise NotImplementedError
-
     def use(self, at: Instants) -> np.ndarray:
         return np.max(self.uses(at), axis=1, initial=-np.inf)
 
