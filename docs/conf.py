@@ -42,7 +42,7 @@ nb_execution_timeout = 300
 
 autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"
+autodoc_typehints = "signature"
 napoleon_use_ivar = True
 napoleon_use_rtype = False
 suppress_warnings = [
