@@ -76,7 +76,7 @@ def test_every_number_is_that_of_the_commands_printed_in_it(made, tmp_path, monk
     assert (tmp_path / "again.html").read_text(encoding="utf-8") == page
     capsys.readouterr()
     for typed in checks:
-        main(typed)
+        main([*typed, "-v"])
     said = " ".join(capsys.readouterr().out.split())
     motion = page[page.index("<h2>Motion") : page.index("<h2>Load cases")].replace("&nbsp;", " ")
     found = re.findall(r"<li>(.*?)</li>", motion) + re.findall(r"<tr>(<td>.*?)</tr>", motion)
