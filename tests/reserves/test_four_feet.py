@@ -89,9 +89,10 @@ def test_margins_are_the_same_with_and_without_a_contact_solver(seed):
     quick = Margins.under(wrenches, tip_over, slip)
     slow = Margins.of(solve_resting(support, wrenches), tip_over, slip)
     np.testing.assert_array_equal(quick.stable, slow.stable)
-    np.testing.assert_array_equal(quick.tips, slow.tips)
+    holds = quick.stable  # a base that moves may have several motions
     for name in ("GN", "GT", "tipping_moment", "edge_distance", "min_foot_force", "friction_used"):
-        np.testing.assert_allclose(getattr(quick, name), getattr(slow, name), atol=1e-5, err_msg=name)
+        own, other = getattr(quick[holds], name), getattr(slow[holds], name)
+        np.testing.assert_allclose(own, other, atol=1e-5, err_msg=name)
 
 
 @pytest.mark.parametrize(

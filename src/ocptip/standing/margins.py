@@ -26,7 +26,8 @@ _UNITS = {"tipping_moment": "_Nm", "edge_distance": "_m", "normal_forces": "_N",
 class Margins:
     """Margins of the contacts in one state, or in N states: then every field begins with an axis N.
 
-    NaN where no contact state is known. Fields that name contacts count them from 1, as files and reports do;
+    NaN where no contact state is known. Where the base moves, GN, GT and forces are those of one of the
+    motions that the contact laws allow. Fields that name contacts count them from 1, as files and reports do;
     the columns of arrays are in the order of the support's contacts.
 
     Attributes:
