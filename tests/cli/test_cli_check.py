@@ -1,6 +1,7 @@
 """`ocptip check`: verdicts, exit codes, numbers of the library, and mistakes in one line."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -250,10 +251,13 @@ def test_within_a_tolerance(capsys, plan, tmp_path):
     assert data["limits"]["tolerance"]["tilt"] == pytest.approx(np.radians(0.5))
     small = tmp_path / "small.toml"
     small.write_text("[tolerance]\ntilt_deg = 0.01\n")
-    main(["check", f"{plan}", "--tolerance", f"{small}"])
+    main(["check", f"{plan}", "-v", "--tolerance", f"{small}"])
     text = capsys.readouterr().out
-    assert "tip-over GN at worst" in text
-    assert "within     floor tilt 0.01 deg\n           worst for GN: tilt 0.01 deg towards (" in text
+    assert "PROVED for the given uncertainty" in text.splitlines()[0]
+    assert "tip-over GN, worst case" in text
+    assert re.search(
+        r"^uncertainty +floor tilt 0\.01 deg\n +worst tipping: tilt 0\.01 deg towards \(", text, re.M
+    )
     code, data = check_json(capsys, plan, "--tolerance", "none")
     assert "within_tolerance" not in data
     assert main(["check", f"{plan}", "--tolerance", "shop"]) == 2

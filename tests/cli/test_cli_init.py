@@ -129,7 +129,7 @@ def test_missing_meshes_are_said(tmp_path, monkeypatch, capsys, meshes, mark, ke
     assert main(["init", urdf.name]) == 0
     said = capsys.readouterr().out
     names = f"{meshes}/upper_arm_link.stl, {meshes}/forearm_link.stl"
-    assert f"2 mesh files not found: {names}" in said
+    assert f"2 mesh files missing: {names}" in said
     text = Path("ur5_with_collision.toml").read_text()
     (line,) = [line for line in text.splitlines() if line.startswith(f"{MARK} {mark}")]
     assert key in line

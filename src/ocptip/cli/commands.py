@@ -98,8 +98,8 @@ COMMANDS = (
     Command(
         "plan",
         PLAN,
-        "plan the arm motion of least energy or time that keeps all contacts",
-        "Plans trapezoidal velocity profiles (or S-curves) of least electric energy, or time, that keep "
+        "plan the arm motion with minimum energy or time that keeps all contacts",
+        "Plans trapezoidal velocity profiles (or S-curves) with minimum electric energy, or time, that keep "
         "all contacts and limits within the uncertainty. Checks the motion and proves it.",
         "0 a verified plan, 1 no verified plan",
         (
@@ -135,7 +135,7 @@ COMMANDS = (
                 argument(
                     "--controller",
                     None,
-                    "what executes the motion: drives that run the profiles (ramps, default), or a "
+                    "what executes the motion: drives that run the profiles (`ramps`, default), or a "
                     "controller that interpolates points",
                     choices=("ramps", "linear", "cubic", "quintic"),
                     default="ramps",
@@ -264,7 +264,7 @@ COMMANDS = (
                 "further answers",
                 stops(
                     "--stops",
-                    "also judge stops begun at any instant: path-maintaining, by brakes (category 0), or "
+                    "also check stops begun at any instant: path-maintaining, by brakes (category 0), or "
                     "both (default)",
                     "both",
                 ),
@@ -332,7 +332,7 @@ COMMANDS = (
         PLACE,
         "find base placements for tool poses and process forces",
         "Finds the best placements of the base for a task file, with all constraints checked.",
-        "0 found and verified, 1 no placement keeps all constraints",
+        "0 a verified placement, 1 no placement keeps all constraints",
         (
             argument("task", "TASK.toml", "a task, or several", nargs="+"),
             argument("--starts", "N", "initial placements (default: 5)", type=int, default=5),

@@ -73,7 +73,7 @@ class InitReport(Report):
         if missing is None:
             yield "collision", "not checked, for the URDF has no collision geometry; see sphere_radius"
         elif missing:
-            yield "collision", f"{len(missing)} mesh files not found: {some(missing, 2)}"
+            yield "collision", f"{len(missing)} mesh files missing: {some(missing, 2)}"
 
 
 def run(options: Namespace) -> InitReport:

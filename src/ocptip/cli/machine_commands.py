@@ -194,7 +194,7 @@ MACHINE_COMMANDS = (
         "mobility, assembly modes, workspace and code of a parallel robot",
         "Checks the mobility of a parallel robot, counts the operations of its inverse dynamics and writes "
         "them as C code (also of a serial arm). Writes URDF and MJCF.",
-        "0 the robot moves as described, 1 it does not",
+        "0 the robot moves as its description says, 1 it does not",
         (
             argument(
                 "robot",

@@ -29,9 +29,7 @@ def notes(checked: MotionCheck) -> list[str]:
     """What limits the answer: assumptions about shared forces, and what was not checked."""
     contacts, collision, found = checked.contacts, checked.collision, []
     if not contacts.unique and contacts.force:
-        found.append(
-            "rigid feet can share the load in several ways; foot forces are of equally compliant feet"
-        )
+        found.append("rigid feet can share the load differently; foot forces are of equally compliant feet")
     if contacts.alike and contacts.alike.value < 0:
         found.append(f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base")
     if contacts.weak:
@@ -132,8 +130,8 @@ def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]
     if within and within.damping is not None:
         own = [checked.feet.frequency * shortest] if checked.feet else []
         half, *feet = map(percent, overshoot_of_rise(within.damping, np.array([0.5, *own])))
-        text = f"counted as no jump: feet and structure of {1 / shortest:.3g} Hz and more overshoot by up to "
+        text = f"counted as smooth: feet and structure of {1 / shortest:.3g} Hz and more overshoot by up to "
         text += f"{percent(overshoot_of_rises(within.damping))} of a change, of {0.5 / shortest:.3g} Hz "
-        text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after a jump by "
+        text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after an acceleration step by "
         texts.append(text + percent(within.overshoot))
     return under("S-curves", texts)
