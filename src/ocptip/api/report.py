@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle
-from ocptip.motion.cycles.task import Task
+from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.motion.load_cases import Asked, LoadCase, largest_payload, load_cases, tilt_by_direction
 from ocptip.motion.stops import Stops, stops_of
 from ocptip.motion.task import MotionTask
@@ -64,9 +64,10 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
 def _tasks(task: Task) -> list[MotionTask]:
     """That of the motion; of a cycle one per segment, from and to the first posture of those it may take."""
     if not task.is_cycle:
-        return [task]
-    starts = [task.starts[0], *(segment.goals[0] for segment in task.segments[:-1])]
-    pairs = zip(task.segments, starts, strict=True)
+        return [cast(MotionTask, task)]
+    cycle = cast(CycleTask, task)
+    starts = [cycle.starts[0], *(segment.goals[0] for segment in cycle.segments[:-1])]
+    pairs = zip(cycle.segments, starts, strict=True)
     return [segment.between(start, segment.goals[0]) for segment, start in pairs]
 
 
