@@ -1,4 +1,4 @@
-"""Keeps standing robots standing: contact persistence, tip-over and slip reserves.
+"""Keeps standing robots standing: stability margins, placements, motions and proofs.
 
 A support in a few lines::
 
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
         stability,
     )
     from ocptip.standing.arm import Robot
+    from ocptip.standing.limits import Limits
+    from ocptip.standing.tolerance import Uncertainty
     from ocptip.task_files.scene import read_scene
     from ocptip.trajectories.trajectory import Trajectory
 
@@ -57,6 +59,7 @@ _HOME = {
     "Certified": "ocptip.api.certify",
     "Check": "ocptip.api.check",
     "InputError": "ocptip.basics.errors",
+    "Limits": "ocptip.standing.limits",
     "Load": "ocptip.contact",
     "NoPlanError": "ocptip.api.plan",
     "OcptipError": "ocptip.basics.errors",
@@ -65,6 +68,7 @@ _HOME = {
     "Robot": "ocptip.standing.arm",
     "Support": "ocptip.contact",
     "Trajectory": "ocptip.trajectories.trajectory",
+    "Uncertainty": "ocptip.standing.tolerance",
     "UnilateralContact": "ocptip.contact",
     "certify": "ocptip.api.certify",
     "check": "ocptip.api.check",
@@ -92,6 +96,7 @@ __all__ = [
     "Certified",
     "Check",
     "InputError",
+    "Limits",
     "Load",
     "NoPlanError",
     "OcptipError",
@@ -100,6 +105,7 @@ __all__ = [
     "Robot",
     "Support",
     "Trajectory",
+    "Uncertainty",
     "UnilateralContact",
     "__version__",
     "certify",

@@ -29,8 +29,8 @@ from ocptip.certificate.find import certify
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import BASES, experiment_task
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -62,7 +62,7 @@ def swing(case: str, base: str) -> tuple[Any, Trajectory]:
 
 
 def attack(
-    task: Any, motion: Trajectory, tolerance: Tolerance, data: Mapping[str, Any], worlds: int, seed: int
+    task: Any, motion: Trajectory, tolerance: Uncertainty, data: Mapping[str, Any], worlds: int, seed: int
 ) -> tuple[float, float]:
     """Greatest GN and GT that are found in worlds with late joints."""
     rng, late = np.random.default_rng(seed), LateJoints(data["motion"], data["tolerance"])
@@ -107,7 +107,7 @@ def _swings(worlds: int, seed: int, done: Sequence[Mapping[str, Any]]) -> Iterat
     for k, (case, base) in enumerate(asked):
         progress(k, len(asked), f"{case} {base}")
         task, motion = swing(case, base)
-        limits = MotionLimits(tolerance=WORKSHOP)
+        limits = Limits(tolerance=WORKSHOP)
         row: dict[str, Any] = {"case": case, "base": base, "worlds": worlds, "seed": seed}
         for slower in _SLOWER:
             own = motion.time_scaled(slower)

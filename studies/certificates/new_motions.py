@@ -17,14 +17,14 @@ from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 
-CUSTOM = Tolerance(
+CUSTOM = Uncertainty(
     tilt=np.radians(1.0),
     base_mass=0.1,
     arm_mass=0.02,
@@ -101,16 +101,16 @@ def casters(case: str = "B") -> MotionTask:
     return on_base(case, wheels + feet(corners, 0.0), 80.0, [0.05, 0.0, 0.3])
 
 
-def retimed(task: MotionTask, tolerance: Tolerance) -> Trajectory:
+def retimed(task: MotionTask, tolerance: Uncertainty) -> Trajectory:
     """A path of three points at its fastest within a tolerance."""
     middle = task.start + 0.25 * (task.goal - task.start) + 0.1 * np.sin(np.arange(task.robot.n))
     end = task.start + 0.4 * (task.goal - task.start)
     ends = np.array([0.0, 0.6, 1.0])
     path = JointPath(ends, CubicSpline(ends, np.array([task.start, middle, end])).c)
-    return retime(task.robot, path, MotionLimits(tolerance=tolerance)).motion
+    return retime(task.robot, path, Limits(tolerance=tolerance)).motion
 
 
-def new_motions() -> Iterator[tuple[str, Robot, Trajectory, Tolerance]]:
+def new_motions() -> Iterator[tuple[str, Robot, Trajectory, Uncertainty]]:
     """Name, robot, motion and tolerance of each."""
     four = on_base("B", feet(_SQUARE, 0.5), 40.0, [0.03, 0.0, 0.25])
     held = four.robot.arm.with_payload(Payload(0.5, [0.02, 0.0, 0.05], [1e-3, 2e-3, 2.5e-3]))

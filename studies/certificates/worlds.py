@@ -34,8 +34,8 @@ from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.trajectory import Trajectory
 from studies.certificates.margins import ContactMargins
@@ -312,7 +312,7 @@ def holds(row: Mapping[str, Any]) -> bool:
 # --- motions ------------------------------------------------------------------------------------------------
 
 
-def committed() -> Iterator[tuple[str, Robot, Trajectory, Tolerance]]:
+def committed() -> Iterator[tuple[str, Robot, Trajectory, Uncertainty]]:
     """The plans of the cases."""
     for case in motion_cases():
         for base in BASES:
@@ -326,7 +326,7 @@ def committed() -> Iterator[tuple[str, Robot, Trajectory, Tolerance]]:
 
 
 def proved(
-    robot: Robot, motion: Trajectory, tolerance: Tolerance
+    robot: Robot, motion: Trajectory, tolerance: Uncertainty
 ) -> tuple[Mapping[str, Any] | None, float, float, str]:
     """The certificate of a motion within as much as it can have of a tolerance, slower where need be.
 
@@ -336,7 +336,7 @@ def proved(
     for share, slower in product(_SHARES, _SLOWER):
         own, limits = (
             motion.time_scaled(slower),
-            MotionLimits(tolerance=tolerance.scaled(share), clearance=0.0),
+            Limits(tolerance=tolerance.scaled(share), clearance=0.0),
         )
         checked = check_motion(robot, own, limits)
         if checked.violations:

@@ -28,7 +28,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.elastic.springs import Modes, Ride, Simulation
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.trajectory import Trajectory
 from studies.common import RESULTS, number, percent, software, table
 from studies.elastic_feet.rigid_bodies import FeetSimulation
@@ -76,7 +76,7 @@ def on_feet(robot: Robot, motion: Trajectory) -> list[dict[str, float]]:
 def planned(case: str, starts: int, seed: int) -> list[dict[str, Any]]:
     """The three plans of a case."""
     nominal = experiment_task(case)
-    counted = replace(nominal, limits=MotionLimits(damping=DAMPING))
+    counted = replace(nominal, limits=Limits(damping=DAMPING))
     pressed = replace(counted, robot=softened(nominal.robot, 1e6))
     rows: list[dict[str, Any]] = []
     for name, task in (("nominal", nominal), ("overshoot", counted), ("pressed", pressed)):

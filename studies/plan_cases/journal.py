@@ -18,7 +18,7 @@ from ocptip.motion.planner.attempt import Attempt, StartResult
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.trajectory import Trajectory
 from studies.common import PLANNING, JsonLines, broken_line, source_state
 
@@ -85,7 +85,7 @@ def task_of(set_name: str, case: str) -> MotionTask:
     if not one.own_reserves:
         return task
     worst = reference_check(set_name, case).worst
-    return replace(task, limits=MotionLimits(GN=worst["GN"].value, GT=worst["GT"].value))
+    return replace(task, limits=Limits(GN=worst["GN"].value, GT=worst["GT"].value))
 
 
 @cache

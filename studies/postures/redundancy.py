@@ -31,7 +31,7 @@ from ocptip.motion.task import MotionTask, refusals
 from ocptip.numerics.threads import one_thread
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
 from studies.common import JsonLines, progress, software, table
 from studies.foreign_arms.run import package_folder, task_text, template_of
@@ -44,7 +44,7 @@ RADIUS = 0.05  # m, of the collision spheres
 
 
 @cache
-def seven_axes(name: str, packages: tuple[Path, ...]) -> tuple[Robot, MotionLimits]:
+def seven_axes(name: str, packages: tuple[Path, ...]) -> tuple[Robot, Limits]:
     """A robot, and the limits of its tasks."""
     arm = next(arm for arm in tomllib.loads(ARMS.read_text())["arm"] if arm["name"] == name)
     urdf = package_folder(arm["package"], packages) / arm["urdf"]

@@ -17,7 +17,7 @@ from ocptip.published.tasks import experiment_robot
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.rest import posture_refusals
 from ocptip.task_files.motion import load_task
 from studies.common import EXAMPLES
@@ -31,13 +31,13 @@ NEAR, FAR = 0.5, 2.5  # rad: largest difference of the drawn postures, joint 1 t
 
 
 @cache
-def robot_of(name: str) -> tuple[Robot, MotionLimits]:
+def robot_of(name: str) -> tuple[Robot, Limits]:
     """A robot, and the limits of its tasks."""
     if name == "UR5":
         task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
         assert isinstance(task.robot, Robot)
         return task.robot, task.limits
-    return experiment_robot(motion_case({"FP1W2F": "A", "FSFS": "C"}[name]), "effective"), MotionLimits()
+    return experiment_robot(motion_case({"FP1W2F": "A", "FSFS": "C"}[name]), "effective"), Limits()
 
 
 def branch_task(number: int, seed: int = 0) -> MotionTask:
@@ -55,7 +55,7 @@ def branch_task(number: int, seed: int = 0) -> MotionTask:
     raise InputError(f"task {number}: none found in {TRIES} draws")
 
 
-def standing_posture(robot: Robot, limits: MotionLimits, rng: np.random.Generator) -> np.ndarray:
+def standing_posture(robot: Robot, limits: Limits, rng: np.random.Generator) -> np.ndarray:
     """A random posture (n,), rad, that keeps all limits at rest."""
     own = robot.limits
     low, high = np.maximum(own.angle_min, -np.pi), np.minimum(own.angle_max, np.pi)
@@ -68,7 +68,7 @@ def standing_posture(robot: Robot, limits: MotionLimits, rng: np.random.Generato
 def pose_task(
     name: str,
     robot: Robot,
-    limits: MotionLimits,
+    limits: Limits,
     given: np.ndarray | None,
     start: np.ndarray,
     goal: np.ndarray,

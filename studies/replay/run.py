@@ -29,7 +29,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.replay import LIFTED, SLID, Replay, Simulator
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.trajectories.trajectory import Trajectory
 from studies.common import PLANNING, RowFile, ended, number, say, software, source_state, state_notes, table
@@ -48,7 +48,7 @@ WORST = ("tips", "slips")
 FEET: dict[str, dict[str, float]] = {"stiff": {}, "1e6": {"stiffness": 1e6, "damping": 0.05}}
 
 
-def chunk(robot: Robot, motion: Trajectory, tolerance: Tolerance, feet: str, number: int) -> dict[str, Any]:
+def chunk(robot: Robot, motion: Trajectory, tolerance: Uncertainty, feet: str, number: int) -> dict[str, Any]:
     """What happens in some worlds; seeded by their number."""
     rng = np.random.default_rng(number)
     worlds = [random_world(robot, tolerance, rng, corner=k % 2 == 0) for k in range(CHUNK)]
@@ -64,7 +64,7 @@ def chunk(robot: Robot, motion: Trajectory, tolerance: Tolerance, feet: str, num
     }
 
 
-def beyond(robot: Robot, motion: Trajectory, tolerance: Tolerance) -> dict[str, Any]:
+def beyond(robot: Robot, motion: Trajectory, tolerance: Uncertainty) -> dict[str, Any]:
     """The worst, and its worlds, exaggerated, on both kinds of feet: is a contact lost, here and there?"""
     times = np.linspace(0, motion.end, INSTANTS)
     within = worst_within(robot, motion, tolerance, times)

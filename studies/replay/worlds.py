@@ -6,7 +6,7 @@ import numpy as np
 
 from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.world import World
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.late_joints import jump_states, on_time
 from ocptip.standing.within.worst_case import worst_case_of
@@ -17,7 +17,7 @@ EXACT = 60  # instants that are looked at exactly, those with the least estimate
 JUST = 1e-5  # s
 
 
-def random_world(robot: Robot, tolerance: Tolerance, rng: np.random.Generator, corner: bool) -> World:
+def random_world(robot: Robot, tolerance: Uncertainty, rng: np.random.Generator, corner: bool) -> World:
     """A world within a tolerance without pushes; of a corner everything is at an end."""
 
     def share(size: tuple[int, ...] = ()) -> np.ndarray:
@@ -40,7 +40,7 @@ def random_world(robot: Robot, tolerance: Tolerance, rng: np.random.Generator, c
 
 
 def worst_worlds(
-    robot: Robot, motion: Trajectory, tolerance: Tolerance
+    robot: Robot, motion: Trajectory, tolerance: Uncertainty
 ) -> dict[str, tuple[World, str, float]]:
     """The worlds of the least moment about a tipping axis, N m, and of the greatest GT; name and value.
 

@@ -35,7 +35,7 @@ from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.fastest import spaced
 from ocptip.retiming.retime import retime
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path import JointPath
@@ -69,7 +69,7 @@ class Ends(NamedTuple):
     robot: StandingMechanism
     start: np.ndarray
     goal: np.ndarray
-    limits: MotionLimits
+    limits: Limits
 
 
 def robots() -> dict[str, Ends]:
@@ -140,9 +140,7 @@ def row_of(ends: Ends, path: JointPath, nodes: int, rows: bool) -> dict[str, Any
     return row
 
 
-def _ours(
-    robot: StandingMechanism, path: JointPath, limits: MotionLimits, nodes: int
-) -> tuple[Trajectory, float]:
+def _ours(robot: StandingMechanism, path: JointPath, limits: Limits, nodes: int) -> tuple[Trajectory, float]:
     found = retime(robot, path, limits, nodes=nodes)
     return found.motion, found.seconds
 

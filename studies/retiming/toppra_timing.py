@@ -12,7 +12,7 @@ from toppra.constraint.linear_constraint import LinearConstraint, canlinear_coll
 
 from ocptip.basics.errors import OcptipError
 from ocptip.retiming.rows import Places, TimingLimits
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.trajectory import Trajectory
@@ -45,7 +45,7 @@ class Geometry(toppra.interpolator.AbstractGeometricPath):
 class Rows(LinearConstraint):
     """Half planes alpha u + beta x <= gamma at the nodes: of limits; without, of motors' speeds alone."""
 
-    def __init__(self, robot: StandingMechanism, path: JointPath, limits: MotionLimits | None) -> None:
+    def __init__(self, robot: StandingMechanism, path: JointPath, limits: Limits | None) -> None:
         super().__init__()
         self._own, self._timing = (robot, path), limits and TimingLimits(robot, limits)
         self.set_discretization_type(DiscretizationType.Interpolation)
@@ -67,7 +67,7 @@ class Rows(LinearConstraint):
 
 
 def by_toppra(
-    robot: StandingMechanism, path: JointPath, nodes: np.ndarray, limits: MotionLimits | None = None
+    robot: StandingMechanism, path: JointPath, nodes: np.ndarray, limits: Limits | None = None
 ) -> tuple[Trajectory, float]:
     """The timing and the seconds it took, set-up included; with rows of these limits, if there are any.
 

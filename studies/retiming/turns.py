@@ -17,7 +17,7 @@ import numpy as np
 from ocptip.motion.objective import TIME
 from ocptip.retiming.fastest import enough
 from ocptip.retiming.retime import FASTEST_NODES, least_cost
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path_fit import spline_through
 from studies.common import EXAMPLES, RESULTS
@@ -48,7 +48,7 @@ def main() -> None:
             path = spline_through(np.array(points)).path
             nodes = enough(path, FASTEST_NODES)
             best, own, few = (
-                least_cost(robot, path, MotionLimits(), TIME, n) for n in (MANY, nodes, FASTEST_NODES)
+                least_cost(robot, path, Limits(), TIME, n) for n in (MANY, nodes, FASTEST_NODES)
             )
             more = [f"{100 * (value / best - 1):.2f} %" for value in (own, few)]
             lines.append(f"| {count} | {kind} | {nodes} | {more[0]} | {more[1]} |")

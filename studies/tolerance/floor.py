@@ -35,7 +35,7 @@ import numpy as np
 from ocptip.basics.write import versions, write_text
 from ocptip.contact.support import Support
 from ocptip.motion.task import MotionTask
-from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
+from ocptip.standing.tolerance import NONE, PRESETS, Uncertainty
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 from studies.common import PLANNING, RowFile, ended, number, percent, say, software, source_state, table
@@ -137,7 +137,9 @@ def least(problem: FreeForm, guess: FreeMotion, smoothing: Sequence[float] = SMO
     return motion if report["success"] else None
 
 
-def floor(task: MotionTask, tolerance: Tolerance, plans: Sequence[Trajectory], rounds: int) -> dict[str, Any]:
+def floor(
+    task: MotionTask, tolerance: Uncertainty, plans: Sequence[Trajectory], rounds: int
+) -> dict[str, Any]:
     """Least energies found: of all starts in the first worlds, then with more worlds, each from the last."""
     began, cases = time.process_time(), worst_case_of(task.robot, tolerance)
     s = np.hstack([np.array([task.start, task.goal]), np.zeros((2, 2 * task.robot.n))])

@@ -33,7 +33,7 @@ from ocptip.motion.rise_times import with_rise_time
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
+from ocptip.standing.tolerance import NONE, PRESETS, Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from studies.common import (
@@ -94,11 +94,11 @@ def tasks() -> dict[str, tuple[MotionTask, str]]:
     return found
 
 
-def parts(preset: str) -> dict[str, Tolerance]:
+def parts(preset: str) -> dict[str, Uncertainty]:
     """Parts of a tolerance by name, nothing and all of it included."""
     whole = PRESETS[preset]
     only = {name: {key: getattr(whole, key) for key in keys} for name, keys in QUANTITIES.items()}
-    found = {name: Tolerance(**own) for name, own in only.items()}
+    found = {name: Uncertainty(**own) for name, own in only.items()}
     found[STATIC] = replace(whole, **{key: getattr(NONE, key) for key in JUMPS})
     return {NOMINAL: NONE, ALL: whole, RAMPS: whole} | {name: own for name, own in found.items() if own.given}
 
@@ -125,7 +125,7 @@ def planned(task: MotionTask, starts: int, seed: int) -> dict[str, Any]:
     }
 
 
-def at_rest(task: MotionTask, tolerance: Tolerance) -> dict[str, float]:
+def at_rest(task: MotionTask, tolerance: Uncertainty) -> dict[str, float]:
     """Least moments about a tipping axis at start and goal, N m: as described, and within a tolerance."""
     cases = worst_case_of(task.robot, tolerance)
     s = np.hstack([np.array([task.start, task.goal]), np.zeros((2, 2 * task.robot.n))])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
@@ -38,7 +38,7 @@ def random_deviations(own: Deviations, rng: np.random.Generator, count: int) -> 
 
 
 def sampled_wrenches(
-    robot: Robot, motion: Trajectory, tolerance: Tolerance, rng: np.random.Generator, count: int
+    robot: Robot, motion: Trajectory, tolerance: Uncertainty, rng: np.random.Generator, count: int
 ) -> np.ndarray:
     """Wrenches (count, 6) on the base at random instants of the motion run so."""
     own, n = worst_case_of(robot, tolerance).deviations, robot.n
@@ -86,7 +86,9 @@ def _states_of_joint(
     return found
 
 
-def lost(robot: Robot, motion: Trajectory, tolerance: Tolerance, rng: np.random.Generator, count: int) -> int:
+def lost(
+    robot: Robot, motion: Trajectory, tolerance: Uncertainty, rng: np.random.Generator, count: int
+) -> int:
     """How many of so many random instants lose a contact, by the exact contact solver with least friction."""
     weakest = worst_case_of(robot, tolerance).robot
     states = weakest.contact_states(sampled_wrenches(robot, motion, tolerance, rng, count))

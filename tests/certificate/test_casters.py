@@ -13,7 +13,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.reserves.slip import Slip
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import WORKSHOP
 from tests.certificate.test_by_hand import _model
 from tests.certificate.test_find import _swing
@@ -84,11 +84,11 @@ def _bounds(friction, more, limits):
 @pytest.mark.parametrize("more", [False, True])
 def test_motions_on_casters_are_proved_as_with_a_little_friction(more):
     """Before, rounding errors at the casters decided."""
-    none, little = (_bounds(friction, more, MotionLimits()) for friction in (0.0, 1e-3))
+    none, little = (_bounds(friction, more, Limits()) for friction in (0.0, 1e-3))
     assert none["GT"] == pytest.approx(little["GT"], rel=0.02)
 
 
 @pytest.mark.slow
 def test_motions_on_casters_are_proved_within_a_tolerance():
-    none, little = (_bounds(friction, False, MotionLimits(tolerance=WORKSHOP)) for friction in (0.0, 1e-3))
+    none, little = (_bounds(friction, False, Limits(tolerance=WORKSHOP)) for friction in (0.0, 1e-3))
     assert none["GT_worst_case"] == pytest.approx(little["GT_worst_case"], rel=0.02)

@@ -13,8 +13,8 @@ from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import NONE, SITE, WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import NONE, SITE, WORKSHOP, Uncertainty
 
 flint = pytest.importorskip("flint")
 from tests.certificate.test_find import _swing  # noqa: E402
@@ -87,7 +87,7 @@ def test_nothing_uncertain_is_the_world_as_described(case):
 def test_the_greatest_is_reached_but_for_products():
     """Weights, pace and tilt chosen for one torque, one after the other."""
     robot = experiment_task("B").robot
-    tolerance = Tolerance(arm_mass=0.1, payload_mass=0.2, extra_mass=0.5, tilt=0.02, speed=0.05)
+    tolerance = Uncertainty(arm_mass=0.1, payload_mass=0.2, extra_mass=0.5, tilt=0.02, speed=0.05)
     model, data = model_data(robot), tolerance_data(tolerance, robot.support)
     state = np.stack([np.linspace(-0.5, 0.9, robot.n), np.full(robot.n, 0.7), np.full(robot.n, -2.0)])
     most = Drives(model, data).greatest(*(Form.of(part[:, None]) for part in state), np.zeros((2, 1)))[:, 0]
@@ -116,7 +116,7 @@ def test_the_greatest_is_reached_but_for_products():
 @pytest.mark.slow
 def test_what_drives_do_not_have_within_the_tolerance_is_found_and_not_proved():
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=WORKSHOP)
+    limits = Limits(tolerance=WORKSHOP)
     checked = certified(task.robot, motion, check_motion(task.robot, motion, limits), limits)
     assert checked.verified
     worst, data = checked.worst[TORQUES], checked.certificate.data

@@ -18,8 +18,8 @@ from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import NONE, WORKSHOP, Uncertainty
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
@@ -91,9 +91,9 @@ def test_a_certificate_survives_json(swing):
 
 def test_at_the_limit_and_beyond(swing):
     task, motion, checked, _ = swing
-    tight = MotionLimits(GN=checked.worst["GN"].value, GT=checked.worst["GT"].value)
+    tight = Limits(GN=checked.worst["GN"].value, GT=checked.worst["GT"].value)
     assert _certified(task, motion, tight)[1].certified
-    below = MotionLimits(GN=checked.worst["GN"].value * 0.999)
+    below = Limits(GN=checked.worst["GN"].value * 0.999)
     found = _certified(task, motion, below)[1]
     assert found.verdict.holds  # contacts persist
     assert not found.certified  # but the limit is not kept
@@ -187,7 +187,7 @@ def test_a_motion_that_no_pieces_fit_is_not_certified(swing, monkeypatch):
 
 
 def test_mechanisms_that_cannot_be_certified_say_so(swing):
-    other = certify(_Other(), swing[1], MotionLimits(), swing[2].worst)
+    other = certify(_Other(), swing[1], Limits(), swing[2].worst)
     assert not other.certified
     assert "platform" in other.reason
 
@@ -315,7 +315,7 @@ def _on_casters(task, caster, wheel=0.6):
 )
 def test_casters_without_friction_cost_no_proof(swing, tolerance):
     task, motion, *_ = swing
-    robot, limits = _on_casters(task, 0.0), MotionLimits(tolerance=tolerance)
+    robot, limits = _on_casters(task, 0.0), Limits(tolerance=tolerance)
     checked = check_motion(robot, motion, limits)
     found = certify(robot, motion, limits, checked.worst)
     assert checked.verified
@@ -331,7 +331,7 @@ def test_forces_that_a_contact_without_friction_cannot_bear_prove_nothing(swing)
     """Wheels without friction, and tangential forces named for them as before."""
     task, motion, *_ = swing
     robot = _on_casters(task, 0.0)
-    limits = MotionLimits()
+    limits = Limits()
     data = copy.deepcopy(certify(robot, motion, limits, check_motion(robot, motion, limits).worst).data)
     for pieces in data["model"]["contacts"]["sets"][:2]:
         pieces[0][2:] = [0.0, 0.0]
@@ -343,7 +343,7 @@ def test_forces_that_a_contact_without_friction_cannot_bear_prove_nothing(swing)
 def proved_on(support, task, motion, tolerance):
     """Check and certificate of the task's arm on another support; both have to hold."""
     robot = Robot(task.robot.arm, support, task.robot.motors)
-    limits = MotionLimits(tolerance=tolerance)
+    limits = Limits(tolerance=tolerance)
     checked = check_motion(robot, motion, limits)
     found = certify(robot, motion, limits, checked.worst)
     assert checked.verified
@@ -353,7 +353,7 @@ def proved_on(support, task, motion, tolerance):
 
 @pytest.mark.parametrize(
     "tolerance",
-    [pytest.param(Tolerance(base_push=20.0), marks=pytest.mark.slow), Tolerance(push=5.0, tilt=0.01)],
+    [pytest.param(Uncertainty(base_push=20.0), marks=pytest.mark.slow), Uncertainty(push=5.0, tilt=0.01)],
 )
 def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(swing, tolerance):
     """The best sharing leaves two feet next to nothing; a rule by equal weights bears the pushes."""
@@ -373,7 +373,7 @@ _HEIGHTS = [
     ((-0.28, -0.2), 0.01),
     ((0.1, -0.33), 0.05),
 ]
-_THREE_DEVIATIONS = Tolerance(tilt=0.01, arm_mass=0.05, friction=0.2)
+_THREE_DEVIATIONS = Uncertainty(tilt=0.01, arm_mass=0.05, friction=0.2)
 _LEANING = [((0.35, 0.0), 0.0), ((-0.2, 0.3), 0.0), ((-0.2, -0.3), 0.0)]
 
 

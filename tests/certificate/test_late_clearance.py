@@ -18,13 +18,13 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.clearance import CLOSE, GAP_SCALE, LateClearanceLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import _smallest_gap
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 
-LATE = Tolerance(delay=0.02, speed=0.05)
+LATE = Uncertainty(delay=0.02, speed=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def swing():
     ]
     motion = Trajectory.from_profiles(task.start, commands)
     # pillars are less than a millimetre away here: what is judged is late joints, not the distance asked for
-    limits = MotionLimits(tolerance=LATE, GN=1.0, GT=1.0, clearance=0.0)
+    limits = Limits(tolerance=LATE, GN=1.0, GT=1.0, clearance=0.0)
     return _beside_a_pillar(task.robot, motion, 0.02), motion, limits
 
 
@@ -143,7 +143,7 @@ def test_joints_that_touch_when_late_are_not_verified(swing):
     [violation] = checked.violations
     assert violation.startswith("clearance_worst_case_m is -")
     assert "pillar" in violation
-    nominal = replace(limits, tolerance=Tolerance())
+    nominal = replace(limits, tolerance=Uncertainty())
     assert check_motion(standing, motion, nominal).verified
     assert checked.within is not None
     assert checked.within.gap is not None
@@ -201,7 +201,7 @@ def test_rows_are_distances_of_late_joints_with_exact_derivatives(swing, seed):
 
 def test_nothing_is_late_without_a_delay(swing):
     robot, motion, limits = swing
-    own = replace(limits, tolerance=Tolerance(tilt=0.01))
+    own = replace(limits, tolerance=Uncertainty(tilt=0.01))
     assert not LateClearanceLimit.wanted(robot, own)
     assert _smallest_gap(robot, motion, own.tolerance, np.linspace(0, 1, 5)) is None
     assert "clearance_worst_case_m" not in check_motion(robot, motion, own).worst

@@ -18,7 +18,7 @@ from ocptip.motion.check import check_motion
 from ocptip.parallel.description.ready_made import delta, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.payload import Payload
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -98,7 +98,7 @@ def _swing(robot):
 @pytest.fixture(scope="module", params=[_delta, _hexapod], ids=["delta", "hexapod"])
 def certified(request):
     robot = request.param()
-    motion, limits = _swing(robot), MotionLimits(torque_ratio=10.0)
+    motion, limits = _swing(robot), Limits(torque_ratio=10.0)
     checked = check_motion(robot, motion, limits)
     return request.param, robot, motion, checked, certify(robot, motion, limits, checked.worst)
 

@@ -17,8 +17,8 @@ from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.late import Late
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.motion.check import check_motion
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import NONE, WORKSHOP, Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 from tests.certificate.test_by_hand import BASE, MASS, G
@@ -26,7 +26,7 @@ from tests.certificate.test_find import _swing
 from tests.certificate.test_hostile import _certificate, _set
 
 _ASKED = {"GN_worst_case": 0.999, "GT_worst_case": 0.999}
-_PUSHED = Tolerance(
+_PUSHED = Uncertainty(
     base_mass=(60.0, 90.0),
     center_of_mass=(0.01, 0.005, 0.02),
     payload_mass=0.1,
@@ -40,7 +40,9 @@ _PUSHED = Tolerance(
 )
 
 
-def _late_states(motion: Trajectory, tolerance: Tolerance, late: Late, rng: np.random.Generator, count: int):
+def _late_states(
+    motion: Trajectory, tolerance: Uncertainty, late: Late, rng: np.random.Generator, count: int
+):
     """Times and states (count, 3 n) of joints that are late, some of them as they jump."""
     n, events = motion.n, motion.event_times
     d, more = tolerance.delay * (1 + tolerance.speed), tolerance.overshoot
@@ -111,7 +113,7 @@ def test_one_quantity_costs_next_to_nothing(quantity):
 @pytest.mark.slow
 def test_a_motion_is_certified_within_workshop():
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=WORKSHOP, clearance=0.0)
+    limits = Limits(tolerance=WORKSHOP, clearance=0.0)
     checked = certified(task.robot, motion, check_motion(task.robot, motion, limits), limits)
     assert checked.verified
     assert checked.certificate is not None
@@ -123,7 +125,7 @@ def test_a_motion_is_certified_within_workshop():
     assert checked.within.tip is not None
     assert bounds["GN_worst_case"] <= checked.within.tip.value * (1.001 + LOSS_WITHIN)
     assert check_certificate(data).tolerance == tolerance_data(WORKSHOP, task.robot.support)
-    described = MotionLimits(clearance=0.0)
+    described = Limits(clearance=0.0)
     nominal = certified(task.robot, motion, check_motion(task.robot, motion, described), described)
     assert nominal.headline == "PROVED for the nominal model only (no uncertainty)"
     _refused(data, lambda d: d["bounds"].update(GN_worst_case=bounds["GN_worst_case"] * 0.99))
@@ -134,7 +136,7 @@ def test_a_motion_is_certified_within_workshop():
 def test_bounds_of_joints_on_time_say_so(monkeypatch):
     """Where what late joints do cannot be proved."""
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=WORKSHOP, clearance=0.0)
+    limits = Limits(tolerance=WORKSHOP, clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
 
     def on_time_only(robot, model, motion, tolerance, *more):
@@ -154,7 +156,7 @@ def test_bounds_of_joints_on_time_say_so(monkeypatch):
 def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):
     """As where rows are shown at what they need themselves, and not at what all need."""
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=replace(WORKSHOP, delay=0.0, damping=None), clearance=0.0)
+    limits = Limits(tolerance=replace(WORKSHOP, delay=0.0, damping=None), clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
     proved = SearchWithin._proved_share
     needed = certify(task.robot, motion, limits, checked.worst).verdict.bounds["GT_worst_case"]
@@ -166,7 +168,7 @@ def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):
 
 def test_what_is_lost_as_sampled_is_not_searched(monkeypatch):
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=replace(WORKSHOP, extra_mass=30.0), clearance=0.0)
+    limits = Limits(tolerance=replace(WORKSHOP, extra_mass=30.0), clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
     assert checked.worst["GN_worst_case"].value > 1.1
     monkeypatch.setattr(SearchWithin, "found", None)  # nobody calls it
@@ -230,7 +232,7 @@ def test_an_uneven_interval_of_the_base_is_said():
     (0.999, 0.99995, True), (0.999, 1.0, False), (0.9, 0.8999, True), (0.9, 0.9005, False),
 ])  # fmt: skip
 def test_what_is_proved_keeps_the_limit_asked_for_or_all_contacts(limit, proved, kept):
-    limits = MotionLimits(tolerance=WORKSHOP, GN_worst_case=limit)
+    limits = Limits(tolerance=WORKSHOP, GN_worst_case=limit)
     assert _kept(limits, {"GN": 0.5, "GT": 0.5, "torque_ratio": 0.5, "GN_worst_case": proved}) == kept
 
 

@@ -13,7 +13,7 @@ from ocptip.certificate.describe import model_data, tolerance_data
 from ocptip.certificate.trusted.late import Late
 from ocptip.certificate.trusted.within import Within
 from ocptip.robots.payload import Payload
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from tests.certificate.test_find import _swing
 from tests.certificate.test_within_in_balls import _random_model, _random_motion
 from tests.oracles.worlds import ArmOnBase
@@ -89,7 +89,7 @@ def test_all_products_at_once_are_covered(seed):
 def test_the_independent_model_is_that_of_the_robot():
     task, motion = _swing("B")
     robot = task.robot.varied(arm=task.robot.arm.with_payload(Payload(0.4, [0.02, 0.0, 0.05])))
-    own = ArmOnBase(model_data(robot), tolerance_data(Tolerance(), robot.support))
+    own = ArmOnBase(model_data(robot), tolerance_data(Uncertainty(), robot.support))
     states = motion.states(np.linspace(0.01, motion.end - 0.01, 7))
     found = own.wrench(own.nominal(7), own.moved(*states), np.zeros((7, 12)))
     assert np.allclose(found, robot.loads(*states)[1], rtol=1e-10, atol=1e-10)

@@ -27,8 +27,8 @@ from ocptip.motion.output import plan_to_dict
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
 from ocptip.robots.payload import Payload
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import NONE, WORKSHOP, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
 from tests.places import EXAMPLES
@@ -109,7 +109,7 @@ def test_options_reach_the_planner(planner, capsys, tmp_path):
     assert code == 0
     (given, options), *_ = planner.calls
     assert (options["starts"], options["seed"], options["jobs"]) == (5, 7, 2)
-    assert given.limits == MotionLimits(GN=0.8, GT=0.7, torque_ratio=0.5, clearance=0.02, tolerance=WORKSHOP)
+    assert given.limits == Limits(GN=0.8, GT=0.7, torque_ratio=0.5, clearance=0.02, tolerance=WORKSHOP)
     assert files_in(tmp_path / "x") == sorted(FILES)
 
 
@@ -128,7 +128,7 @@ def test_a_plan_has_workshop_tolerance_unless_file_or_option_says_otherwise(plan
     ):
         run(capsys, *arguments, "--no-figures", "--overwrite")
     given = [task.limits.tolerance for task, _ in planner.calls]
-    assert given == [WORKSHOP, WORKSHOP, Tolerance(friction=0.1), NONE, NONE, NONE]
+    assert given == [WORKSHOP, WORKSHOP, Uncertainty(friction=0.1), NONE, NONE, NONE]
 
 
 @pytest.mark.parametrize(
@@ -168,11 +168,11 @@ def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, argument
 
 
 def test_a_task_file_and_limits_over_those_of_the_file(planner, capsys, tmp_path, monkeypatch):
-    read = task.experiment_task("C", "effective", MotionLimits(GN=0.5, GT=0.6))
+    read = task.experiment_task("C", "effective", Limits(GN=0.5, GT=0.6))
     read = replace(read, source=replace(read.source, data={"case": "C"}))
     monkeypatch.setattr(tasks, "read_task", lambda path, otherwise: read)
     assert run(capsys, "my.toml", "--no-figures", "--gt", 0.8)[0] == 0
-    assert planner.calls[0][0].limits == MotionLimits(GN=0.5, GT=0.8)
+    assert planner.calls[0][0].limits == Limits(GN=0.5, GT=0.8)
     assert "base" not in json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
     assert run(capsys, "my.toml", "--no-figures")[0] == 0
     assert planner.calls[1][0] is read
@@ -194,7 +194,7 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
 
 
 def test_time_scale_says_what_still_stands(planner, capsys):
-    planner.result = stand_in_plan("B", limits=MotionLimits(GN=0.999))
+    planner.result = stand_in_plan("B", limits=Limits(GN=0.999))
     code, out, _ = run(capsys, "B", "--no-figures", "--tolerance", "none", "--time-scale", 1.1, 0.999, 0.5)
     assert code == 0  # the plan itself is verified
     slower, quicker, quick = (line for line in out.splitlines() if line.startswith("Times x"))
@@ -205,7 +205,7 @@ def test_time_scale_says_what_still_stands(planner, capsys):
 
 
 def test_time_scale_beyond_a_limit_but_standing():
-    plan = Plan.of(stand_in_plan("C", limits=MotionLimits(GN=0.89)), time_scale=[0.99])
+    plan = Plan.of(stand_in_plan("C", limits=Limits(GN=0.89)), time_scale=[0.99])
     assert "Times x 0.99: LIMITS BROKEN, " in PlanReport(plan).to_text()
     assert plan.to_dict()["time_scale"][0]["stands"] is True
 

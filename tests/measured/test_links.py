@@ -20,7 +20,7 @@ from ocptip.measured.recording import Recording, Signal
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.bodies import exists
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from studies.recordings.run import machine
 
@@ -119,7 +119,7 @@ def test_a_tolerance_of_masses_covers_the_real_arm(runs):
         assert 1e-5 < shares[0] < 0.05
         assert shares[0] < shares[1] <= 2 * shares[0]
         robot = nominal.robot.varied(arm=one.arm)
-        least = worst_case_of(robot, Tolerance(arm_mass=shares[0])).all_moments(states)
+        least = worst_case_of(robot, Uncertainty(arm_mass=shares[0])).all_moments(states)
         assert np.all(least <= real_moments)
         alone = TipMap(robot.tip_over)(robot.loads(*np.split(states, 3, axis=1))[1])[0]
         assert not np.all(alone <= real_moments)

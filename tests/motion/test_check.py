@@ -11,7 +11,7 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import PRINTED_LIMITS, experiment_robot, experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -68,7 +68,7 @@ def test_violations_name_quantity_time_and_limit():
     assert checked.violations[0].startswith("GN is 0.99")
     assert "must be <= 0.9" in checked.violations[0]
     assert checked.stands
-    assert check_motion(robot, motion, MotionLimits(GN=0.999)).verified
+    assert check_motion(robot, motion, Limits(GN=0.999)).verified
 
 
 def test_a_motion_that_tips_is_refused():
@@ -101,15 +101,15 @@ def test_an_upper_bound_of_the_slip_optimum_keeps_a_limit_and_is_named_where_it_
     robot, motion = reference("A", "printed")
     GT = check_motion(robot, motion).worst["GT"].value
     monkeypatch.setattr(slip_module, "GAP_TOLERANCE", -1.0)  # no optimum is certified
-    assert check_motion(robot, motion, MotionLimits(GT=1.01 * GT)).verified
-    checked = check_motion(robot, motion, MotionLimits(GT=0.99 * GT))
+    assert check_motion(robot, motion, Limits(GT=1.01 * GT)).verified
+    checked = check_motion(robot, motion, Limits(GT=0.99 * GT))
     assert not checked.verified
     assert not any("no verified contact state" in violation for violation in checked.violations)
     assert any("the slip optimum is not certified at" in violation for violation in checked.violations)
     start, slope = motion.start, robot.support.varied(gravity=[0.3, 0.0, -9.81])
     robot = robot.varied(support=slope)
-    assert posture_refusals(robot, MotionLimits(GT=0.9), start) == []
-    [refusal] = posture_refusals(robot, MotionLimits(GT=1e-9), start)
+    assert posture_refusals(robot, Limits(GT=0.9), start) == []
+    [refusal] = posture_refusals(robot, Limits(GT=1e-9), start)
     assert refusal.startswith("slip GT is at most")
 
 
@@ -163,7 +163,7 @@ def test_results_are_plain_data():
 )
 def test_bad_limits_are_named(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
-        MotionLimits(**bad)
+        Limits(**bad)
 
 
 def test_parts_that_fit_into_memory_give_the_same(monkeypatch):

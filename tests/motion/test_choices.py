@@ -9,7 +9,7 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.choices import APART, PLANNED, likely_choices, plainest_cost, rounds
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
@@ -37,7 +37,7 @@ def test_the_cost_of_the_plainest_motion_is_that_of_single_ramps(task):
         for f in (1.0, 1.15, 1.3, 1.5, 1.8, 2.2)
     ]
     assert plainest_cost(task) in [pytest.approx(cost, rel=1e-12) for cost in costs]
-    harder = dataclasses.replace(task, limits=MotionLimits(GN=0.3, GT=0.3))
+    harder = dataclasses.replace(task, limits=Limits(GN=0.3, GT=0.3))
     assert plainest_cost(harder) >= plainest_cost(task)
 
 

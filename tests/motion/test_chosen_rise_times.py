@@ -9,7 +9,7 @@ from ocptip.motion.plan import plan_motion
 from ocptip.motion.rise_times import LONGEST, SHORTEST, others, with_rise_time
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.stops.along_path import PathStops
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 
 
 def within(name, tolerance=WORKSHOP, **changes):
@@ -26,7 +26,7 @@ def test_the_less_a_tolerance_leaves_at_rest_the_longer_is_the_rise(name, rise):
     "task",
     [
         experiment_task("A"),
-        within("A", Tolerance(tilt=0.01, delay=0.01)),
+        within("A", Uncertainty(tilt=0.01, delay=0.01)),
         within("A", rise_times=0.0),
         within("A", rise_times=0.03),
     ],

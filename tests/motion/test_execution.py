@@ -15,8 +15,8 @@ from ocptip.motion.execution import SLOWEST, Execution, execute
 from ocptip.motion.output import joint_trajectory
 from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion
@@ -33,8 +33,8 @@ def task():
 @pytest.fixture(scope="module")
 def tight(task):
     """Limits that the printed motion just keeps."""
-    worst = check_motion(task.robot, task.reference, MotionLimits(GN=1.0, GT=1.0)).worst
-    return MotionLimits(GN=worst["GN"].value * (1 + 1e-9), GT=worst["GT"].value * (1 + 1e-9))
+    worst = check_motion(task.robot, task.reference, Limits(GN=1.0, GT=1.0)).worst
+    return Limits(GN=worst["GN"].value * (1 + 1e-9), GT=worst["GT"].value * (1 + 1e-9))
 
 
 @pytest.fixture(
@@ -74,7 +74,7 @@ def test_what_is_read_back_is_what_was_checked(task, tight, executed, tmp_path, 
 
 @pytest.mark.slow
 def test_where_slowness_does_not_help_the_violations_stay(task, tight):
-    limits = MotionLimits(GN=tight.GN / 4, GT=tight.GT / 4)
+    limits = Limits(GN=tight.GN / 4, GT=tight.GT / 4)
     executed = execute(task.robot, task.reference.with_rise_times(0.02), limits, "quintic")
     assert not executed.check.verified
     assert executed.slower == 1
@@ -172,7 +172,7 @@ def test_points_of_drives_keep_limits_in_whole_nanoseconds(task, apart, tmp_path
     for j, way in enumerate(ways):
         ramp = 0.12345678951 + apart * (j == 5)
         commands.append([RampCommand(start[j] + way, most[j] * ramp, most[j])])
-    motion, limits = Trajectory.from_profiles(start, commands), MotionLimits()
+    motion, limits = Trajectory.from_profiles(start, commands), Limits()
     checked = check_motion(robot, motion, limits)
     assert checked.verified
     assert not check_motion(robot, controller_points(motion, "cubic"), limits).verified
@@ -203,7 +203,7 @@ def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
         way = (0.02 if j < 4 else 0.3) * rng.choice([-1, 1])
         low = min(most[j], abs(way) / ramp**2) * (0.05 if j < 4 else 1)
         commands.append([RampCommand(start[j] + way, low * ramp, low)])
-    motion, limits = Trajectory.from_profiles(start, commands), MotionLimits(GN=0.99, GT=0.99)
+    motion, limits = Trajectory.from_profiles(start, commands), Limits(GN=0.99, GT=0.99)
     checked = check_motion(robot, motion, limits)
     assume(checked.verified)
     run = Execution.of_drives(robot, motion, limits, checked)
@@ -217,10 +217,8 @@ def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
 def test_slower_ones_are_looked_for_without_the_tolerance_first(task, monkeypatch):
     """A limit of the described world that the motion breaks by a little decides by how much."""
     motion, given = task.reference.slowed(1.3), []
-    plain = check_motion(task.robot, motion, MotionLimits(GN=1.0, GT=1.0)).worst
-    limits = MotionLimits(
-        GN=0.97 * plain["GN"].value, GT=1.0, tolerance=Tolerance(tilt=1e-3), GN_worst_case=0.99
-    )
+    plain = check_motion(task.robot, motion, Limits(GN=1.0, GT=1.0)).worst
+    limits = Limits(GN=0.97 * plain["GN"].value, GT=1.0, tolerance=Uncertainty(tilt=1e-3), GN_worst_case=0.99)
 
     def counted(robot, motion, limits):
         given.append(bool(limits.tolerance.given))

@@ -16,7 +16,7 @@ from ocptip.placement.power import HoldingPower
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.motors import DCMotors
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.scene import read_scene
 from ocptip.trajectories.path_fit import path_of_motion
 from ocptip.trajectories.trajectory import Trajectory
@@ -80,7 +80,7 @@ def test_the_cheapest_timing_is_faster_where_holding_costs():
     found = []
     for watts in (0.0, WATTS):
         robot = of_case_c(watts).robot.varied(motors=motors)
-        found.append(retime(robot, path, MotionLimits(), ENERGY, nodes=60))
+        found.append(retime(robot, path, Limits(), ENERGY, nodes=60))
     assert found[1].motion.end < found[0].motion.end - 0.01
     weights = found[0].check.energy - found[1].check.energy + WATTS * found[1].motion.end
     assert weights < 1e-3  # without holding, the slower timing is the cheaper one

@@ -14,7 +14,7 @@ from ocptip.motion import largest_tolerance as module
 from ocptip.motion import plan as planning
 from ocptip.motion.plan import ToleranceError
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 
 
 class _Plan:
@@ -39,7 +39,7 @@ def bisected(monkeypatch, most: float, error: ToleranceError, **how):
 
 def too_much(tilt: float, factor: float) -> ToleranceError:
     error = ToleranceError("no motion")
-    error.too_much, error.factor = Tolerance(tilt=tilt), factor
+    error.too_much, error.factor = Uncertainty(tilt=tilt), factor
     return error
 
 
@@ -111,7 +111,7 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch):
     assert tried == pytest.approx([0.02])  # all of it alone: there is no more
     assert not found.interrupted
     tried.clear()
-    error.too_much, error.factor, error.at_rest = Tolerance(tilt=0.02), 0.0, 0.5
+    error.too_much, error.factor, error.at_rest = Uncertainty(tilt=0.02), 0.0, 0.5
     found = module.largest_tolerance(task, error)
     assert tried == pytest.approx([0.0075, 0.009375])
     assert (found.had.tilt, found.not_had, found.interrupted) == (pytest.approx(0.0075), None, True)
@@ -133,7 +133,7 @@ def test_where_ends_cannot_have_it_at_rest_bisection_begins_with_what_they_can(m
     task = experiment_task("H", "effective")
     task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
     error = module.too_much_at_rest(task)
-    assert error.too_much == Tolerance(tilt=WORKSHOP.tilt)
+    assert error.too_much == Uncertainty(tilt=WORKSHOP.tilt)
     assert math.degrees(error.at_rest * WORKSHOP.tilt) == pytest.approx(0.451, abs=1e-3)
     most = 0.7 * error.at_rest * WORKSHOP.tilt
     found, tried = bisected(monkeypatch, most, error)
@@ -152,7 +152,7 @@ def test_other_refusals_are_not_about_tolerance():
 
 def test_errors_travel_between_processes():
     error = pickle.loads(pickle.dumps(too_much(0.02, 0.5)))
-    assert (error.too_much, error.factor, error.alone) == (Tolerance(tilt=0.02), 0.5, True)
+    assert (error.too_much, error.factor, error.alone) == (Uncertainty(tilt=0.02), 0.5, True)
 
 
 @pytest.mark.parametrize(

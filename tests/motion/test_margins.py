@@ -9,12 +9,12 @@ import pytest
 from ocptip.motion.check import check_motion
 from ocptip.motion.margins import CLEARANCE, FRICTION, TIPPING, TORQUE, critical, motion_margins
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, MotionLimits
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
 
 @pytest.fixture(scope="module")
 def task():
-    return experiment_task("C", "effective", MotionLimits(GN=0.9, GT=0.8))
+    return experiment_task("C", "effective", Limits(GN=0.9, GT=0.8))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import DurationLimit
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_a_duration_is_met_and_a_greatest_one_kept(task, least_energy):
 
 def test_durations_are_checked_and_refused(task, least_energy):
     def duration(least, most):
-        limits = MotionLimits(min_duration=least, max_duration=most)
+        limits = Limits(min_duration=least, max_duration=most)
         return DurationLimit(task.robot, limits, (0, 1, 2)).worst(
             np.empty((0, 0)), SimpleNamespace(motion=least_energy.motion)
         )
@@ -127,12 +127,12 @@ def test_durations_are_checked_and_refused(task, least_energy):
     assert duration(0.0, end + 0.1)[0].violation == ""
     assert "duration_s is" in duration(0.0, end - 0.1)[0].violation
     assert "must be >=" in duration(end + 0.1, end + 0.2)[0].violation
-    (reason,) = refusals(dataclasses.replace(task, limits=MotionLimits(max_duration=0.2)))
+    (reason,) = refusals(dataclasses.replace(task, limits=Limits(max_duration=0.2)))
     assert "max_duration: joint" in reason
     with pytest.raises(InputError, match="max_duration: must be >= min_duration"):
-        MotionLimits(min_duration=2.0, max_duration=1.0)
+        Limits(min_duration=2.0, max_duration=1.0)
     with pytest.raises(InputError, match="max_duration: must be > 0"):
-        MotionLimits(max_duration=float("nan"))
+        Limits(max_duration=float("nan"))
 
 
 def test_an_objective_is_data():

@@ -26,8 +26,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.trajectory import Trajectory
@@ -198,7 +198,7 @@ def test_what_a_callback_raises_comes_out(task):
 
 def test_a_task_that_cannot_be_planned_is_refused_with_its_numbers(task):
     calls = Progress()
-    impossible = dataclasses.replace(task, limits=MotionLimits(GN=0.05))
+    impossible = dataclasses.replace(task, limits=Limits(GN=0.05))
     with pytest.raises(
         InputError, match=r"A: cannot be planned: start: .*GN is 0\.\d+ at rest, must be <= 0\.05"
     ):
@@ -667,7 +667,7 @@ def test_within_a_tolerance_the_pair_of_postures_that_promises_the_least_cost_ge
 @pytest.mark.slow
 def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(task):
     """It uses a limit of friction up, and the proof falls short of that by a thousandth."""
-    limits = MotionLimits(tolerance=Tolerance(friction=0.2, arm_mass=0.1, tilt=0.02), GT_worst_case=0.7)
+    limits = Limits(tolerance=Uncertainty(friction=0.2, arm_mass=0.1, tilt=0.02), GT_worst_case=0.7)
     task = dataclasses.replace(task, limits=limits)
     search = Search(task)
     before = search.run(0, 0)

@@ -29,13 +29,13 @@ from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import AXES, ProcessWrench
 from ocptip.standing.limit_kinds.brakes import Closing
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, compared
 from ocptip.standing.simulation.urdf import to_urdf
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.cycle import load_cycle
 from ocptip.task_files.motion import load_task
@@ -46,7 +46,7 @@ from tests.pictures.plan_stand_in import plan_of
 from tests.placement.placement_scenes import drilling
 from tests.places import EXAMPLES
 
-SMALL = Tolerance(speed=0.02, arm_mass=0.01, tilt=0.005, push=1.0)
+SMALL = Uncertainty(speed=0.02, arm_mass=0.01, tilt=0.005, push=1.0)
 
 
 def case(name="A", axes="tool"):
@@ -100,7 +100,7 @@ def test_derivatives_of_the_planners_loads(axes):
 @pytest.mark.parametrize("axes", ["tool", "base"])
 def test_a_certificate_encloses_what_samples_show(axes):
     task, bare = case("A", axes)
-    robot, motion, limits = task.robot, task.reference, MotionLimits(tolerance=SMALL)
+    robot, motion, limits = task.robot, task.reference, Limits(tolerance=SMALL)
     checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
     assert checked.certified
     assert checked.headline == "PROVED for the given uncertainty"
@@ -109,7 +109,7 @@ def test_a_certificate_encloses_what_samples_show(axes):
     assert 0.99 * bounds["GN"] < samples.tip.GN.max() <= bounds["GN"]
     assert samples.slip.GT.max() <= bounds["GT"]
     assert (np.abs(samples.torques) / robot.limits.torque).max() <= bounds["torque_ratio"]
-    other = check_motion(bare, motion, MotionLimits())
+    other = check_motion(bare, motion, Limits())
     assert abs(other.worst["GT"].value - checked.worst["GT"].value) > 0.01
 
 
@@ -159,7 +159,7 @@ def test_forces_are_those_of_a_simulation(axes):
 def test_a_sander_on_a_cart_in_the_time_that_its_weight_allows():
     task = load_task(EXAMPLES / "tasks" / "ur5_sander.toml")
     path = load_path(EXAMPLES / "paths" / "ur5_sander.toml", task).paths[0].path
-    limits = MotionLimits()
+    limits = Limits()
     found = retime(task.robot, path, limits)
     checked = found.check
     assert checked.verified
@@ -380,7 +380,7 @@ def test_stops_by_brakes_have_what_acts_when_they_begin(axes):
         np.testing.assert_allclose(found.GN[k], alone.GN[k], rtol=1e-6)
         np.testing.assert_allclose(found.ways[k], alone.ways[k], atol=1e-9)
     assert np.abs(BrakeCheck(bare, brakes).stops(q, qd).GN - found.GN).max() > 1e-3 * found.GN.max()
-    assert check_motion(robot, motion, MotionLimits(brakes=brakes)).worst["GN_brakes"].value > 0
+    assert check_motion(robot, motion, Limits(brakes=brakes)).worst["GN_brakes"].value > 0
 
 
 def test_tables_of_a_motion_have_one_over_the_path():

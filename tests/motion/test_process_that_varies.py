@@ -13,7 +13,7 @@ from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.path import load_path
@@ -118,9 +118,9 @@ def test_timings_follow_what_varies_over_the_way():
     def timed(over, factors):
         shares = np.asarray(factors)[:, None]
         process = ProcessWrench(shares * own.force, shares * own.moment, own.axes, "path", over)
-        return retime(task.robot.varied(arm=task.robot.arm.with_process(process)), path, MotionLimits())
+        return retime(task.robot.varied(arm=task.robot.arm.with_process(process)), path, Limits())
 
-    constant, same = retime(task.robot, path, MotionLimits()), timed([0.1, 0.2], [1.0, 1.0])
+    constant, same = retime(task.robot, path, Limits()), timed([0.1, 0.2], [1.0, 1.0])
     assert same.motion.end == pytest.approx(constant.motion.end, rel=1e-9)
     early, gently = timed([0.1, 0.2], [1.0, 0.0]), timed([0.1, 0.2], [0.0, 0.0])
     assert early.check.verified

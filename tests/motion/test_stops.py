@@ -27,7 +27,7 @@ from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import softest_feet
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes
 from ocptip.task_files.motion import load_task
@@ -139,7 +139,7 @@ def test_half_spaces_of_slip_do_not_change_what_is_safe(task, monkeypatch):
         UnilateralContact(position=[x, y, 0.0], friction=0.6) for x in (-0.25, 0.25) for y in (-0.25, 0.25)
     ]
     robot = task.robot.varied(support=task.robot.support.varied(feet))
-    limits = MotionLimits(stops=PathStops(0.9, 0.2))
+    limits = Limits(stops=PathStops(0.9, 0.2))
     path = StoppedPath(robot, task.reference, limits)
     safe = path.safe_speeds()
     assert robot.slip.half_spaces(0.2) is not None
@@ -376,7 +376,7 @@ def test_arms_of_one_joint_are_planned_for_stops_of_both_kinds(tmp_path, task):
     arm = replace(arm, limits=replace(arm.limits, acceleration=np.array([5.0])))
     robot = Robot(arm, on_a_heavy_base(task, 60.0).robot.support, DCMotors.estimated(arm))
     rules = StopRules(brake_min=np.array([8.0]), brake_max=np.array([14.0]), delay=(0.0, 0.02))
-    limits = rules.safe(MotionLimits(), robot, "both")
+    limits = rules.safe(Limits(), robot, "both")
     ends = np.array([-1.0]), np.array([1.0])
     asked = MotionTask("one joint", robot, *ends, limits, (0,), stops=rules)
     plan = plan_motion(asked, starts=1, jobs=1)

@@ -14,7 +14,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.motors import DCMotors, PowerMaps
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -122,7 +122,7 @@ def test_printed_cases_are_tasks_that_can_be_planned():
             require_plannable(task)
             np.testing.assert_allclose(task.reference.start, task.start)
             np.testing.assert_allclose(task.reference.goal, task.goal, atol=1e-9)
-    limits = MotionLimits(GN=0.5)
+    limits = Limits(GN=0.5)
     assert experiment_task("A", limits=limits).limits is limits
     with pytest.raises(InputError, match="case: there is no 'Z'"):
         experiment_task("Z")
@@ -133,7 +133,7 @@ def test_printed_cases_are_tasks_that_can_be_planned():
     [
         ({"start": np.zeros(5)}, "start: expected shape 6, got 5"),
         ({"goal": np.full(6, np.nan)}, "goal: contains NaN"),
-        ({"limits": 0.9}, "limits: expected MotionLimits"),
+        ({"limits": 0.9}, "limits: expected Limits"),
         ({"optimised": ()}, "optimised: expected joints of 0 to 5, at least one"),
         ({"optimised": (0, 6)}, "optimised: expected joints of 0 to 5"),
         ({"optimised": (0, 1.5)}, "optimised: expected joints of 0 to 5"),
@@ -154,7 +154,7 @@ def test_a_modular_arm_from_a_file(tmp_path):
     assert (task.name, task.optimised, task.commands, task.reference) == ("task", tuple(range(6)), 3, None)
     np.testing.assert_allclose(np.rad2deg(task.start), [-90, 35, -18, 45, -37, 180])
     assert isinstance(task.robot.motors, PowerMaps)
-    assert task.limits == MotionLimits()
+    assert task.limits == Limits()
     assert any("floor" in str(label) for label in task.robot.collision.labels)
     assert refusals(task) == ()
 
@@ -168,7 +168,7 @@ def test_a_urdf_from_a_file(tmp_path):
     np.testing.assert_allclose(arm.armature, 0.1)
     # rpy of 90 degrees about z: the stretched arm lies along y of the base
     np.testing.assert_allclose(gripper_pose(arm, [0, 0])[0], [0.05, 0.55, 0.2], atol=1e-12)
-    assert task.limits == MotionLimits(GN=0.8, clearance=0.005)
+    assert task.limits == Limits(GN=0.8, clearance=0.005)
     assert task.robot.tip_over.reference_moment == 12
     assert isinstance(task.robot.motors, DCMotors)
     np.testing.assert_allclose(task.robot.motors.standby, 3)
@@ -241,15 +241,15 @@ def test_poses_take_the_shortest_usable_pair_of_branches(tmp_path):
         ({"start": [0, 3.0, 0, 0, 0, 0]}, r"start: joint 2 at 171\.89 degrees is outside its limits -"),
         ({"goal": [0, 2.5, 0, 0, 0, 0]}, r"goal: collision: .* and floor overlap by \d+\.\d mm"),
         (
-            {"limits": MotionLimits(clearance=1.0)},
+            {"limits": Limits(clearance=1.0)},
             r"start: .* are \d+\.\d mm apart, must be >= 1000",
         ),
         (
-            {"limits": MotionLimits(torque_ratio=0.01)},
+            {"limits": Limits(torque_ratio=0.01)},
             r"goal: joint 2 needs .* N m to hold the arm, must be <=",
         ),
         (
-            {"limits": MotionLimits(GN=0.05)},
+            {"limits": Limits(GN=0.05)},
             r"start: tip-over GN is 0\.1\d+ at rest, must be <= 0\.05 \(tipping axis through contacts \d and "
             r"\d, moment reserve \d+\.\d+ N m\)",
         ),
@@ -444,7 +444,7 @@ def test_ur5_on_a_cart_stands_but_would_tip_at_full_speed(ur5):
     assert isinstance(ur5, MotionTask)
     assert (ur5.name, ur5.robot.arm.n, ur5.robot.support.n_contacts) == ("UR5 on a cart", 6, 4)
     require_plannable(ur5)
-    at_rest = dataclasses.replace(ur5, limits=MotionLimits(GN=0.2, GT=0.2, torque_ratio=0.5, clearance=0.01))
+    at_rest = dataclasses.replace(ur5, limits=Limits(GN=0.2, GT=0.2, torque_ratio=0.5, clearance=0.01))
     assert refusals(at_rest) == ()
     position, rotation = gripper_pose(ur5.robot.arm, ur5.goal)
     np.testing.assert_allclose(position, [0.3, -0.5, 1.05], atol=1e-9)

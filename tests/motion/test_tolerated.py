@@ -13,11 +13,11 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 
-JUST = MotionLimits(GN=1.0, GT=1.0, torque_ratio=1e6)
+JUST = Limits(GN=1.0, GT=1.0, torque_ratio=1e6)
 
 
 def at_rest(angles):

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_info
 from ocptip.motion.check import check_motion
 from ocptip.placement.scan import scan
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.placement import load_placement
 
 def threads():
@@ -39,7 +39,7 @@ def watch(module, name):
 watch("ocptip.motion.check", "_evaluate")
 watch("ocptip.certificate.find", "_missing")
 watch("ocptip.placement.scan", "worst")
-task, limits, before = experiment_task("A"), MotionLimits(GN=1.0, GT=1.0), threads()
+task, limits, before = experiment_task("A"), Limits(GN=1.0, GT=1.0), threads()
 checked = check_motion(task.robot, task.reference, limits)
 assert certified(task.robot, task.reference, checked, limits).certificate is not None
 problem = load_placement("src/ocptip/examples/tasks/place_incline.toml").problem

@@ -9,7 +9,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.plan import MotionPlan
 from ocptip.motion.planner.attempt import StartResult
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 
 
 @cache
@@ -22,7 +22,7 @@ def _checked(name, base, factor, limits):
 @cache
 def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, reference=True, interrupted=False):
     """A `MotionPlan`; the motion is the printed one with all times multiplied by factor."""
-    limits = limits or MotionLimits()
+    limits = limits or Limits()
     printed, motion, checked = _checked(name, base, factor, limits)
     task = printed if reference else replace(printed, reference=None)
     return plan_of(task, motion, checked, interrupted=interrupted)

@@ -16,7 +16,7 @@ from ocptip.pictures import plan_curves
 from ocptip.pictures.frame import COLORS
 from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.pictures.plan_curves import PlanCurves
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
 from tests.standing.elastic.test_drives import geared
@@ -157,7 +157,7 @@ def test_worst_instants_are_marked(clamped):
 
 
 def test_limits_are_those_of_the_task():
-    plan, _, figures = drawn("C", limits=MotionLimits(GN=0.95, GT=0.8, torque_ratio=0.6))
+    plan, _, figures = drawn("C", limits=Limits(GN=0.95, GT=0.8, torque_ratio=0.6))
     gn, gt = figures["reserves"].axes
     for ax, value in ((gn, 0.95), (gt, 0.8)):
         (line,) = ax.findobj(lambda artist: artist.get_gid() == "limit")

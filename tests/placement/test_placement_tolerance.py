@@ -17,11 +17,11 @@ from ocptip.placement.terrain import plane, rough_ground
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from tests.placement.placement_scenes import clamped, drilling, four_feet, tripod
 from tests.quick import some
 
-TOLERANCE = Tolerance(base_mass=0.05, center_of_mass=[0.01, 0.015, 0.02], friction=0.2)
+TOLERANCE = Uncertainty(base_mass=0.05, center_of_mass=[0.01, 0.015, 0.02], friction=0.2)
 WAVES = HeightField(Wave(0.05, 0.8, 0.3), Wave(0.04, 0.7, 1.8))
 PROBLEMS = {
     "four feet on an incline": lambda **more: drilling(tolerance=TOLERANCE, **more),
@@ -88,7 +88,7 @@ def test_placements_hold_at_every_corner():
     own = PROBLEMS["three feet"]()
     best = place(own, starts=1, samples=500).best
     assert best.feasible
-    nominal = replace(own, tolerance=Tolerance())
+    nominal = replace(own, tolerance=Uncertainty())
     assert judge(Evaluator(nominal), 0, best.parameters, best.angles).total < best.total
     nominal, case = own.robot.support, own.cases[1]
     for corner in own.corners:
@@ -110,17 +110,17 @@ def test_corners_without_influence_are_left_out():
     assert not any("in z" in name for name in names)
     assert len(PROBLEMS["four feet on an incline"]().corners) == 16
     assert [c.name for c in drilling().corners] == [""]
-    only = drilling(tolerance=Tolerance(friction=0.1))
+    only = drilling(tolerance=Uncertainty(friction=0.1))
     assert [c.name for c in only.corners] == ["friction -10 %"]
     assert only.footing.support.contacts[0].friction == pytest.approx(0.45)
 
 
 def test_an_interval_of_the_mass():
-    own = drilling(tolerance=Tolerance(base_mass=[14.0, 18.0]))
+    own = drilling(tolerance=Uncertainty(base_mass=[14.0, 18.0]))
     assert [corner.mass for corner in own.corners] == [14.0, 18.0]
     assert [corner.name for corner in own.corners] == ["base mass -6.67 %", "base mass +20 %"]
     with pytest.raises(InputError, match=r"tolerance\.base_mass: 16 to 18 kg without the base's mass 15 kg"):
-        drilling(tolerance=Tolerance(base_mass=[16.0, 18.0]))
+        drilling(tolerance=Uncertainty(base_mass=[16.0, 18.0]))
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_an_interval_of_the_mass():
 )
 def test_broken_tolerances_are_refused(options, message):
     with pytest.raises(InputError, match=message):
-        Tolerance(**options)
+        Uncertainty(**options)
 
 
 def test_motions_are_not_planned_for_a_tolerance():

@@ -13,7 +13,7 @@ from ocptip.placement.search.starts import sample
 from ocptip.placement.within import placement_within, rest_case, searched
 from ocptip.reserves.slip import Slip
 from ocptip.robots.payload import Payload
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from tests.placement.placement_scenes import drilling
 
 
@@ -32,14 +32,14 @@ def test_wrenches_are_those_of_the_evaluator(placement):
     for t, q in enumerate(placement.angles):
         found = evaluator.task(t, placement.patch, placement.parameters[None], q[None])
         for c, case in enumerate(found.cases):
-            own = rest_case(placement, case, Tolerance())
+            own = rest_case(placement, case, Uncertainty())
             nominal = own._wrenches([own._off(own.support.gravity)])[0]
             np.testing.assert_allclose(nominal, found.wrenches[0, c], atol=1e-9)
 
 
 @pytest.mark.slow
 def test_nothing_inside_is_worse(placement):
-    tolerance = Tolerance(
+    tolerance = Uncertainty(
         tilt=0.02,
         arm_mass=0.1,
         payload_mass=0.1,
@@ -70,13 +70,13 @@ def test_what_needs_a_motion_is_left_out_and_the_rest_is_named(placement):
     assert found.GN_worst.startswith(tuple(case.name for case in placement.problem.cases))
     assert "tilt 0.5 deg" in found.GN_worst
     assert searched(WORKSHOP).given == ("base_mass", "friction")
-    heavy = placement_within(placement, Tolerance(push=5000.0))
+    heavy = placement_within(placement, Uncertainty(push=5000.0))
     assert not heavy.stands
     assert heavy.reason.startswith("of push of 5e+03 N at the gripper alone it can have push of ")
 
 
 def test_a_push_at_the_base_moves_with_its_centre(placement):
-    tolerance = Tolerance(center_of_mass=(0.02, 0.03, 0.05), base_push=60.0)
+    tolerance = Uncertainty(center_of_mass=(0.02, 0.03, 0.05), base_push=60.0)
     own = rest_case(placement, placement.problem.cases[0], tolerance)
     gravity, mass = own.support.gravity, own.support.mass
     nominal = own._wrenches([own._off(gravity)])[0]

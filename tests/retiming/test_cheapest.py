@@ -12,7 +12,7 @@ from ocptip.motion.objective import ENERGY, priced
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.retime import retime
 from ocptip.robots.motors import DCMotors
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from tests.retiming.paths import arm_of, cart, random_path, tripod
 
 
@@ -26,7 +26,7 @@ def robot_with(regeneration: float, standby: float, viscous: float = 1.0):
 def test_cheaper_than_every_slower_and_faster(regeneration, standby):
     task, robot = robot_with(regeneration, standby, viscous=0.0)
     path = random_path(task, 1, 0.1)
-    found = retime(robot, path, MotionLimits(), ENERGY, nodes=80)
+    found = retime(robot, path, Limits(), ENERGY, nodes=80)
     assert found.verified
     assert found.cheapest.gap < 1e-6
     energy = robot.energy(found.motion)
@@ -39,25 +39,23 @@ def test_cheaper_than_every_slower_and_faster(regeneration, standby):
 def test_time_price_and_longest_duration():
     task, robot = robot_with(1.0, 0.0)
     path = random_path(task, 1, 0.1)
-    ends = [
-        retime(robot, path, MotionLimits(), goal, nodes=80) for goal in (ENERGY, priced(5.0), priced(500.0))
-    ]
+    ends = [retime(robot, path, Limits(), goal, nodes=80) for goal in (ENERGY, priced(5.0), priced(500.0))]
     durations = [found.motion.end for found in ends]
     assert durations[0] > durations[1] > durations[2]
     assert durations[2] == pytest.approx(ends[2].fastest, rel=0.05)
     longest = 0.5 * (durations[0] + durations[2])
-    bounded = retime(robot, path, MotionLimits(max_duration=longest), ENERGY, nodes=80)
+    bounded = retime(robot, path, Limits(max_duration=longest), ENERGY, nodes=80)
     assert bounded.verified
     assert longest * 0.999 < bounded.motion.end <= longest
     assert robot.energy(bounded.motion) > robot.energy(ends[0].motion)
     with pytest.raises(InputError, match="the fastest timing takes"):
-        retime(robot, path, MotionLimits(max_duration=0.1), ENERGY)
+        retime(robot, path, Limits(max_duration=0.1), ENERGY)
 
 
 def test_viscous_friction_that_outweighs_all_else():
     task, robot = robot_with(1.0, 0.0, viscous=30.0)
     path = random_path(task, 1, 0.1)
-    found = retime(robot, path, MotionLimits(), priced(1.0), nodes=60)
+    found = retime(robot, path, Limits(), priced(1.0), nodes=60)
     assert found.verified
     assert found.cheapest.gap < 1e-2
     assert found.motion.end > 1.2 * found.fastest
@@ -68,7 +66,7 @@ def test_viscous_friction_that_outweighs_all_else():
 def test_measured_maps_have_a_lower_bound():
     task = tripod()
     path = random_path(task, 1, 0.1)
-    found = retime(task.robot, path, MotionLimits(), ENERGY, nodes=60)
+    found = retime(task.robot, path, Limits(), ENERGY, nodes=60)
     energy = task.robot.energy(found.motion)
     assert found.verified
     assert energy == pytest.approx(found.cheapest.cost, rel=3e-3)

@@ -21,7 +21,7 @@ from ocptip.retiming.fastest import ExtraRows, Grid, enough, fastest, spaced
 from ocptip.retiming.retime import _slowed as slowed_as_needed
 from ocptip.retiming.retime import least_cost, retime
 from ocptip.retiming.rows import Places, TimingLimits
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.path_fit import path_of_motion, spline_through
@@ -37,7 +37,7 @@ def test_a_straight_line_is_a_trapezoid():
     task = tripod()
     way = task.goal - task.start
     path = JointPath([0.0, 1.0], np.stack([way, task.start])[:, None])
-    found = retime(task.robot, path, MotionLimits(GN=0.999, GT=0.999, torque_ratio=100.0))
+    found = retime(task.robot, path, Limits(GN=0.999, GT=0.999, torque_ratio=100.0))
     limits = task.robot.limits
     pace = np.min(limits.speed / np.abs(way)), np.min(limits.acceleration / np.abs(way))
     assert found.verified
@@ -57,7 +57,7 @@ def test_splines_that_turn_back_are_timed_as_well_as_others():
     limits = task.robot.limits
     times = 2 * np.sqrt(np.abs(np.diff(extremes)) * np.max(np.abs(way) / limits.acceleration))
     assert np.all(2 * np.abs(np.diff(extremes)) / times < np.min(limits.speed / np.abs(way)))
-    optimum, loose = float(np.sum(times)), MotionLimits(GN=0.999, GT=0.999, torque_ratio=100.0)
+    optimum, loose = float(np.sum(times)), Limits(GN=0.999, GT=0.999, torque_ratio=100.0)
     few, more = (least_cost(task.robot, path, loose, TIME, n) for n in (300, enough(path, 300)))
     assert enough(path, 300) > 600
     assert 1 - 1e-6 < more / optimum < 1.004
@@ -68,7 +68,7 @@ def test_splines_that_turn_back_are_timed_as_well_as_others():
 @settings(max_examples=3, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_random_paths_keep_all_limits(seed):
-    for task, limits in ((tripod(), MotionLimits()), (delta(), delta().limits)):
+    for task, limits in ((tripod(), Limits()), (delta(), delta().limits)):
         path = random_path(task, seed, 0.1)
         found = retime(task.robot, path, limits, nodes=100)
         assert found.verified, found.check.violations
@@ -79,7 +79,7 @@ def test_random_paths_keep_all_limits(seed):
         assert _use(task.robot, limits, states) > 1.0
 
 
-def _use(robot: StandingMechanism, limits: MotionLimits, states) -> float:
+def _use(robot: StandingMechanism, limits: Limits, states) -> float:
     """Largest use of what limits the timing."""
     q, qd, qdd = states
     samples = robot.samples_of(np.arange(len(q)), q, qd, qdd)
@@ -97,7 +97,7 @@ def _use(robot: StandingMechanism, limits: MotionLimits, states) -> float:
 def test_reduced_rows_are_all_rows():
     task = tripod()
     path, rng = random_path(task, 4), np.random.default_rng(0)
-    timing = TimingLimits(task.robot, MotionLimits(GN=0.7, GT=0.5))
+    timing = TimingLimits(task.robot, Limits(GN=0.7, GT=0.5))
     grid = Grid(task.robot, path, timing, spaced(path, 20))
     planes, polygons = grid.planes, grid.polygons(ExtraRows.none())
     for i, width in enumerate(grid.widths):
@@ -117,7 +117,7 @@ def test_reduced_rows_are_all_rows():
 def test_active_limits_are_used_up():
     """Those of speeding up, braking and speed, each recomputed from the motion itself."""
     task = tripod()
-    found = retime(task.robot, random_path(task, 0), MotionLimits(GN=0.7), nodes=100)
+    found = retime(task.robot, random_path(task, 0), Limits(GN=0.7), nodes=100)
     motion, robot = found.motion, task.robot
     begins, ends = motion.timing.node_times[:-1] + 1e-7, motion.timing.node_times[1:] - 1e-7
     use: dict[str, np.ndarray] = {}
@@ -140,7 +140,7 @@ def test_active_limits_are_used_up():
 
 @pytest.mark.slow
 def test_what_timing_can_cure_is_cured_although_clearance_is_not():
-    task, limits = cart(), MotionLimits(clearance=0.6)
+    task, limits = cart(), Limits(clearance=0.6)
     found = retime(task.robot, random_path(task, 5), limits, nodes=30)
     hasty = found.motion.time_scaled(0.97)
     before = check_motion(task.robot, hasty, limits)
@@ -157,13 +157,13 @@ def test_against_a_dynamic_program():
     """On the same intervals and levels of x at every node; with more nodes it hardly gets faster."""
     task = tripod()
     path = random_path(task, 1)
-    timing = TimingLimits(task.robot, MotionLimits(GN=0.7))
+    timing = TimingLimits(task.robot, Limits(GN=0.7))
     grid = Grid(task.robot, path, timing, spaced(path, 30))
     found = Trajectory.from_path(path, grid.s, fastest(grid, ExtraRows.none()).x)
     best = _dynamic_program(grid, 700)
     assert found.end <= best * (1 + 1e-9)
     assert found.end == pytest.approx(best, rel=2e-2)
-    ends = [retime(task.robot, path, MotionLimits(GN=0.7), nodes=nodes).motion.end for nodes in (300, 1200)]
+    ends = [retime(task.robot, path, Limits(GN=0.7), nodes=nodes).motion.end for nodes in (300, 1200)]
     assert ends[0] == pytest.approx(ends[1], rel=2e-3)
 
 
@@ -251,7 +251,7 @@ def test_stops_at_corners():
     ends = np.array([0.0, 0.5, 1.0])
     way = 2 * np.array([middle - task.start, task.goal - middle])
     path = JointPath(ends, np.stack([way, [task.start, middle]]))
-    found = retime(task.robot, path, MotionLimits(), nodes=60)
+    found = retime(task.robot, path, Limits(), nodes=60)
     assert found.verified
     assert found.motion.timing.x[list(found.motion.timing.s).index(0.5)] == 0.0
 
@@ -269,7 +269,7 @@ def test_start_and_end_speeds():
 
 def test_minimum_duration():
     task = tripod()
-    found = retime(task.robot, random_path(task, 0), MotionLimits(min_duration=9.0), nodes=60)
+    found = retime(task.robot, random_path(task, 0), Limits(min_duration=9.0), nodes=60)
     assert found.verified
     assert found.motion.end == pytest.approx(9.0)
 
@@ -309,9 +309,9 @@ def test_ramps_on_their_own_path_are_not_worse_with_a_free_law_of_time(objective
         [RampCommand(way, 1.5, 2.0 + k), RampCommand(way / 3, 0.8, 4.0)] for k, way in enumerate(ways)
     ]
     ramps = Trajectory.from_profiles(start, commands)
-    before = check_motion(task.robot, ramps, MotionLimits())
+    before = check_motion(task.robot, ramps, Limits())
     assert before.verified
-    found = retime(task.robot, path_of_motion(ramps).path, MotionLimits(), objective, nodes=200)
+    found = retime(task.robot, path_of_motion(ramps).path, Limits(), objective, nodes=200)
     assert found.verified
     assert found.motion.end <= ramps.end * (1 + 1e-3) or objective is ENERGY
     assert found.check.energy <= before.energy * (1 + 1e-3) or objective is TIME

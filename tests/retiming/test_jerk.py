@@ -8,11 +8,11 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.motion.objective import ENERGY, TIME
 from ocptip.retiming.retime import retime
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.path import JointPath
 from tests.retiming.paths import delta, random_path, tripod
 
-FREE = MotionLimits(GN=0.999, GT=0.999, torque_ratio=100.0)
+FREE = Limits(GN=0.999, GT=0.999, torque_ratio=100.0)
 
 
 def test_a_straight_line_is_an_s_curve():
@@ -32,7 +32,7 @@ def test_a_straight_line_is_an_s_curve():
 
 @pytest.mark.parametrize(("objective", "nodes"), [(TIME, 60), (ENERGY, 30)])
 def test_jerks_are_within_the_limit_and_nothing_is_faster(objective, nodes):
-    task, limits = tripod(), MotionLimits()
+    task, limits = tripod(), Limits()
     path, jerk = random_path(task, 3, 0.1), 5 * task.robot.limits.acceleration
     first = retime(task.robot, path, limits, objective, nodes=nodes)
     found = retime(task.robot, path, limits, objective, nodes=nodes, jerk=jerk)

@@ -21,7 +21,7 @@ from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.motion.check import check_motion
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, compared
@@ -73,7 +73,7 @@ def test_what_is_the_same_all_the_time_is_a_constant_one(both):
     robot, bare, motion = both
     force, moment, axes = [3.0, -2.0, 5.0], [0.3, 0.2, -0.1], robot.arm.process.axes
     same = ProcessWrench([force] * 3, [moment] * 3, axes, "share", [0.1, 0.5, 0.8])
-    limits = MotionLimits(tolerance=SMALL, stops=PathStops())
+    limits = Limits(tolerance=SMALL, stops=PathStops())
     checks = []
     for process in (ProcessWrench(force, moment, axes), same):
         own = acted(bare, process)
@@ -89,7 +89,7 @@ def test_what_is_the_same_all_the_time_is_a_constant_one(both):
 @pytest.mark.slow
 def test_a_certificate_of_what_varies_encloses_what_late_joints_do(both):
     robot, _, motion = both
-    limits = MotionLimits(tolerance=LATE)
+    limits = Limits(tolerance=LATE)
     checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
     assert checked.certified
     assert checked.headline == "PROVED for the given uncertainty"
@@ -114,7 +114,7 @@ def test_what_goes_on_changing_after_a_motion_is_no_part_of_its_certificate():
     motion = task.reference.time_scaled(1.5)
     knots = [-0.5, 0.3 * motion.end, 0.5 * motion.end, 2 * motion.end]
     process = mild("time", knots, "base")
-    robot, limits = acted(bare, process), MotionLimits()
+    robot, limits = acted(bare, process), Limits()
     checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
     assert checked.headline == "PROVED for the nominal model only (no uncertainty)"
     arm = checked.certificate.data["model"]["arm"]
@@ -196,7 +196,7 @@ def test_stops_along_the_path_have_the_process_of_the_place(both):
         alone = affine_loads(constant, q[k : k + 1], qd[k : k + 1], qdd[k : k + 1])[1]
         for mine, other in zip(wrenches, alone, strict=True):
             np.testing.assert_allclose(mine[k], other[0], atol=1e-9)
-    limits = MotionLimits(stops=PathStops())
+    limits = Limits(stops=PathStops())
     checked = check_motion(robot, motion, limits)
     shares = StoppedPath(robot, motion, limits).safe_speeds()
     assert (checked.worst["GN_stop"].value <= 0.9) == bool(np.all(shares >= 1 - 1e-9))

@@ -18,7 +18,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds import kinds as limit_kinds
 from ocptip.standing.limit_kinds.kinds import KINDS, AccelerationLimit, limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit, QuantityLimit, Sampled, Worst
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
 from ocptip.standing.tolerance import WORKSHOP
@@ -166,7 +166,7 @@ def test_paths_of_random_starts_see_a_new_kind(task, with_shoulder, monkeypatch)
 
 def test_rounding_of_samples_breaks_no_peak_and_small_excesses_are_said():
     robot = experiment_task("A", "effective").robot
-    limit = AccelerationLimit(robot, MotionLimits(), (0,))
+    limit = AccelerationLimit(robot, Limits(), (0,))
     for excess, rounding, said in (
         (5e-6, 1e-5, ""),
         (2e-5, 1e-5, "acceleration_ratio is 1 + 1e-05 (joint 1), must be <= 1"),

@@ -20,7 +20,7 @@ from ocptip.parallel.description.ready_made import delta, rrr3, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.motors import DCMotors
 from ocptip.robots.payload import Payload
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
@@ -424,7 +424,7 @@ def test_hexapod_on_a_cart_is_planned_and_checked(standing):
         robot,
         [-0.08, 0.0, 0.58, 0.0, 0.1, 0.0],
         [0.08, 0.02, 0.62, 0.1, -0.1, 0.1],
-        MotionLimits(),
+        Limits(),
         optimised=tuple(range(6)),
         commands=2,
     )

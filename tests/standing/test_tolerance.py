@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.standing.tolerance import NONE, PRESETS, SITE, WORKSHOP, Tolerance
+from ocptip.standing.tolerance import NONE, PRESETS, SITE, WORKSHOP, Uncertainty
 
 
 def test_presets_are_those_of_the_documentation():
@@ -29,18 +29,18 @@ def test_overshoot_is_that_of_a_damped_oscillation():
     root = np.sqrt(1 - zeta**2)
     t = np.linspace(0, 4, 400001)
     response = 1 - np.exp(-zeta * t) * (np.cos(root * t) + zeta / root * np.sin(root * t))
-    assert Tolerance(damping=zeta).overshoot == pytest.approx(response.max() - 1, abs=1e-9)
-    assert Tolerance(damping=0.0).overshoot == 1
+    assert Uncertainty(damping=zeta).overshoot == pytest.approx(response.max() - 1, abs=1e-9)
+    assert Uncertainty(damping=0.0).overshoot == 1
 
 
 def test_only_and_require_only():
     assert WORKSHOP.only("friction", "tilt").given == ("friction", "tilt")
     with pytest.raises(InputError, match=r"^tolerance\.tilt: not looked at here; there are friction$"):
-        Tolerance(friction=0.1, tilt=0.1).require_only("friction", where="here")
+        Uncertainty(friction=0.1, tilt=0.1).require_only("friction", where="here")
 
 
 def test_plain_data_holds_what_is_uncertain():
-    data = Tolerance(base_mass=[9.0, 11.0], center_of_mass=[0.01, 0, 0], damping=0.0).to_dict()
+    data = Uncertainty(base_mass=[9.0, 11.0], center_of_mass=[0.01, 0, 0], damping=0.0).to_dict()
     assert data == {"base_mass": [9.0, 11.0], "center_of_mass": [0.01, 0.0, 0.0], "damping": 0.0}
 
 
@@ -57,4 +57,4 @@ def test_plain_data_holds_what_is_uncertain():
 )
 def test_broken_tolerances_are_refused(options, message):
     with pytest.raises(InputError, match=message):
-        Tolerance(**options)
+        Uncertainty(**options)

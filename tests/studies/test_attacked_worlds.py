@@ -9,21 +9,21 @@ import pytest
 from ocptip.certificate.describe import model_data
 from ocptip.certificate.find import certify
 from ocptip.motion.check import check_motion
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import Uncertainty
 from studies.certificates import worlds as study
 from studies.certificates.margins import ContactMargins
 from studies.certificates.new_motions import feet as ordinary
 from studies.certificates.new_motions import on_base, swing
 
-PUSHED = Tolerance(center_of_mass=(0.02, 0.02, 0.1), base_push=40.0, base_mass=0.05)
+PUSHED = Uncertainty(center_of_mass=(0.02, 0.02, 0.1), base_push=40.0, base_mass=0.05)
 
 
 @pytest.fixture(scope="module")
 def proved():
     places = [(0.3, 0.25, 0.0), (0.3, -0.25, 0.0), (-0.3, 0.0, 0.0)]
     task = on_base("B", ordinary(places, 0.8), 40.0, [0.0, 0.0, 0.4])
-    motion, limits = swing(task), MotionLimits(tolerance=PUSHED, clearance=0.0)
+    motion, limits = swing(task), Limits(tolerance=PUSHED, clearance=0.0)
     found = certify(task.robot, motion, limits, check_motion(task.robot, motion, limits).worst)
     assert found.certified, found.undecided
     return task.robot, motion, found.data

@@ -10,7 +10,7 @@ from ocptip.cli.main import main
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.task_files.motion import load_task
 from tests.places import ROOT
@@ -84,7 +84,7 @@ def test_check_says_how_the_base_swings(capsys, tmp_path):
 @pytest.mark.slow
 def test_a_plan_keeps_its_feet_on_the_ground():
     """Plan A of the rigid base lifts a foot by 0.07 mm on these feet."""
-    task = experiment_task("A", limits=MotionLimits(damping=0.05))
+    task = experiment_task("A", limits=Limits(damping=0.05))
     task = dataclasses.replace(task, robot=softened(task.robot, 1e6, damping_ratio=0.05))
     plan = plan_motion(task, starts=2, seed=0, jobs=1)
     assert plan.verified

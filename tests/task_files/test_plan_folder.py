@@ -17,7 +17,7 @@ from ocptip.motion.execution import execute
 from ocptip.motion.objective import TIME, priced
 from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import PRINTED_LIMITS, experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.trajectories.trajectory import Trajectory
@@ -31,7 +31,7 @@ SRDF = '<robot name="ur5"><disable_collisions link1="base_link" link2="wrist_1_l
 
 @pytest.fixture(scope="module")
 def case():
-    limits = MotionLimits(GN=0.85, GT=0.8, max_duration=4.0)
+    limits = Limits(GN=0.85, GT=0.8, max_duration=4.0)
     return replace(experiment_task("C", "effective", limits), objective=priced(20.0))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml_text import toml_text
-from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
 from ocptip.task_files.tolerance import load_tolerance
 
 
@@ -48,7 +48,7 @@ def test_mistakes_are_named(tmp_path, text, message):
     assert f"{caught.value}".startswith(message)
 
 
-@pytest.mark.parametrize("one", [WORKSHOP, SITE, Tolerance(base_mass=[1, 2.5], payload_center=[0, 0.1, 0])])
+@pytest.mark.parametrize("one", [WORKSHOP, SITE, Uncertainty(base_mass=[1, 2.5], payload_center=[0, 0.1, 0])])
 def test_tables_are_read_back(tmp_path, one):
     found = read(tmp_path, toml_text(one.to_table()))
     assert found.to_dict().keys() == one.to_dict().keys()

@@ -16,7 +16,7 @@ from ocptip.motion.output import PLAN, TRAJECTORY
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
 from ocptip.trajectories.read import load_motion, load_motions, motion_origin
@@ -27,7 +27,7 @@ MotionLike = Trajectory | str | os.PathLike[str]
 
 
 def task_of_motion(
-    motion: str | os.PathLike[str], task: TaskLike | None, base: Base | None, otherwise: Tolerance
+    motion: str | os.PathLike[str], task: TaskLike | None, base: Base | None, otherwise: Uncertainty
 ) -> tuple[Task, Path]:
     """The task and the motion's file.
 

@@ -14,7 +14,7 @@ from ocptip.placement.place import place as search
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult
 from ocptip.placement.within import placement_within, searched
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.rest import WithinAtRest
 from ocptip.task_files.placement import PlacementTask, load_placement
 from ocptip.task_files.tolerance import load_tolerance
@@ -23,7 +23,7 @@ from ocptip.task_files.tolerance import load_tolerance
 def place(
     what: PlacementTask | PlacementProblem | str | os.PathLike[str],
     *,
-    uncertainty: Tolerance | str | None = None,
+    uncertainty: Uncertainty | str | None = None,
     starts: int = 5,
     seed: int = 0,
     progress: Callable[[int, int, float | None], None] | None = None,
@@ -65,7 +65,7 @@ def place(
     return _holding(task.name, answer, task.tolerance)
 
 
-def _holding(name: str, answer: PlacementResult, tolerance: Tolerance) -> Placed:
+def _holding(name: str, answer: PlacementResult, tolerance: Uncertainty) -> Placed:
     """The placements that hold the whole tolerance, the first one's worst, and how many do not; else all."""
     checks = [placement_within(placement, tolerance) for placement in answer.placements]
     kept = [k for k, one in enumerate(checks) if one.stands]

@@ -17,15 +17,15 @@ from ocptip.motion.cycles.task import Task
 from ocptip.placement.within import posture_within
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import own_refusals
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.rest import WithinAtRest
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.scene import Scene
 
-Rests = dict[str, tuple[StandingMechanism, np.ndarray, MotionLimits]]
+Rests = dict[str, tuple[StandingMechanism, np.ndarray, Limits]]
 """Robot, joint values and limits of postures at rest, by name."""
 
 
@@ -44,12 +44,12 @@ class RestingPosture:
     name: str
     robot: StandingMechanism
     q: np.ndarray
-    limits: MotionLimits
+    limits: Limits
     scene: Scene
 
     @classmethod
     def of(
-        cls, task: str, name: str, robot: StandingMechanism, q: np.ndarray, limits: MotionLimits
+        cls, task: str, name: str, robot: StandingMechanism, q: np.ndarray, limits: Limits
     ) -> RestingPosture:
         """The posture with its scene."""
         still, support = np.zeros((1, robot.n)), robot.support
@@ -70,7 +70,7 @@ class RestingPosture:
         """Why the robot itself cannot be there: angles, clearance, torques."""
         return own_refusals(self.robot, self.limits, self.instant)
 
-    def within(self, tolerance: Tolerance) -> WithinAtRest | None:
+    def within(self, tolerance: Uncertainty) -> WithinAtRest | None:
         """The worst of a tolerance; None without one, and for parallel robots, which have none."""
         if not tolerance.given or not isinstance(self.robot, Robot):
             return None
@@ -98,7 +98,7 @@ def resting_posture(
         if q is None or isinstance(q, str):
             raise InputError(f"q: expected {what.n} joint values of the robot, got {q!r}")
         values = finite_array("q", q, (what.n,))
-        return RestingPosture.of("robot", "given", what, values, MotionLimits())
+        return RestingPosture.of("robot", "given", what, values, Limits())
     task = read_task(what, WORKSHOP) if isinstance(what, str | os.PathLike) else what
     rests = rests_of(task)
     if isinstance(q, str):

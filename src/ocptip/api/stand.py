@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ocptip.motion.task import MotionTask
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
-    from ocptip.standing.tolerance import Tolerance
+    from ocptip.standing.tolerance import Uncertainty
     from ocptip.standing.within.rest import WithinAtRest
 
 NO_MARGIN = 1 - 1e-9
@@ -43,7 +43,7 @@ def stand(
     what: Scene | MotionTask | CycleTask | StandingMechanism | RestingPosture | str | os.PathLike[str],
     q: ArrayLike | str | None = None,
     *,
-    uncertainty: Tolerance | str | None = None,
+    uncertainty: Uncertainty | str | None = None,
     reference_moment: float | None = None,
     sensitivities: bool = False,
 ) -> Standing:
@@ -90,7 +90,7 @@ def stand(
 def _solved(
     scene: Scene,
     posture: RestingPosture | None,
-    tolerance: Tolerance,
+    tolerance: Uncertainty,
     reference: float | None,
     wants_sensitivities: bool,
 ) -> Standing:

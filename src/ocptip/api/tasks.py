@@ -13,7 +13,7 @@ from ocptip.motion.objective import objective_of
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -27,7 +27,7 @@ def load_task(
     source: TaskLike,
     *,
     base: Base | None = None,
-    uncertainty: Tolerance | str | None = None,
+    uncertainty: Uncertainty | str | None = None,
     objective: Literal["energy", "time", "both"] | None = None,
     price_per_second: float | None = None,
     duration: float | None = None,

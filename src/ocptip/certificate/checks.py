@@ -8,13 +8,13 @@ from ocptip.certificate.find import certify
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.task import Task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
 
 def certified(
-    robot: StandingMechanism, motion: Trajectory, checked: MotionCheck, limits: MotionLimits | None = None
+    robot: StandingMechanism, motion: Trajectory, checked: MotionCheck, limits: Limits | None = None
 ) -> MotionCheck:
     """The check with a certificate, if it is verified: a proof for all instants, as far as there is one.
 
@@ -26,7 +26,7 @@ def certified(
     """
     if not checked.verified or checked.certificate is not None:
         return checked
-    return replace(checked, certificate=certify(robot, motion, limits or MotionLimits(), checked.worst))
+    return replace(checked, certificate=certify(robot, motion, limits or Limits(), checked.worst))
 
 
 def certified_cycle(task: Task, motion: Trajectory, checked: CycleCheck) -> CycleCheck:

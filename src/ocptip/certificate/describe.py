@@ -20,7 +20,7 @@ from ocptip.robots.dynamics import process_parts
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def _program_data(robot: StandingParallelRobot) -> dict[str, Any]:
     return {"code": code, "outputs": results, **ends}
 
 
-def tolerance_data(tolerance: Tolerance, support: Support) -> dict[str, Any]:
+def tolerance_data(tolerance: Uncertainty, support: Support) -> dict[str, Any]:
     """How far the world may be off: SI units, masses relative."""
     mass = np.array(tolerance.masses(support.mass)) / support.mass - 1
     return {
@@ -225,7 +225,7 @@ def tolerance_words(data: Mapping[str, Any]) -> str:
     low, high = data["base_mass"]
     even = abs(low + high) <= 1e-9 * (high - low)
     swing = np.log(data["overshoot"]) if data["overshoot"] else None
-    own = Tolerance(
+    own = Uncertainty(
         base_mass=float(high) if even else 0.0,
         center_of_mass=data["center_of_mass"],
         payload_center=data["payload_center"],

@@ -29,7 +29,7 @@ from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, In
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.limit import Worst
-from ocptip.standing.limits import NEARLY_LOST, SLIP_WITHIN, TIP_WITHIN, MotionLimits
+from ocptip.standing.limits import NEARLY_LOST, SLIP_WITHIN, TIP_WITHIN, Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
@@ -67,7 +67,7 @@ _COVERED = {
 
 @one_thread
 def certify(
-    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, worst: Mapping[str, Worst]
+    robot: StandingMechanism, motion: Trajectory, limits: Limits, worst: Mapping[str, Worst]
 ) -> Certificate:
     """Prove that a motion keeps all limits at every instant, as far as that can be done.
 
@@ -102,7 +102,7 @@ def certify(
     )
 
 
-def _goal(limits: MotionLimits, worst: Mapping[str, Worst], name: str) -> float:
+def _goal(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
     """What to claim of a reserve within a tolerance; hardly more than a limit that is kept."""
     if name not in worst:
         return HIGHEST
@@ -128,7 +128,7 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
 
 
-def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) -> dict[str, float]:
+def _bounds(limits: Limits, worst: Mapping[str, Worst], collides: bool) -> dict[str, float]:
     """What to claim: a little beyond the sampled values, but within the limits where these are kept."""
     bounds = {}
     for name in ("GN", "GT", *_OF_DRIVES):
@@ -155,7 +155,7 @@ def _hopeless(worst: Mapping[str, Worst]) -> list[Undecided]:
     return [Undecided(w.time, w.time, claim, w.value - 1) for w, claim in own if not w.value < _LOST]
 
 
-def _kept(limits: MotionLimits, bounds: Mapping[str, float]) -> bool:
+def _kept(limits: Limits, bounds: Mapping[str, float]) -> bool:
     asked = [name for name in ("GN", "GT", *_OF_DRIVES) if name in bounds]
     most = all(bounds[name] <= getattr(limits, name) * (1 + 2 * AT_LIMIT) for name in asked)
     for name in CLAIMS_WITHIN:
@@ -232,7 +232,7 @@ class _Search:
             todo = np.r_[piece, piece], np.r_[start, middle], np.r_[middle, end]
 
     def run_within(
-        self, limits: MotionLimits, worst: Mapping[str, Worst], whole: dict[str, Any]
+        self, limits: Limits, worst: Mapping[str, Worst], whole: dict[str, Any]
     ) -> tuple[str, ...]:
         """Prove the contacts within the tolerance, else at least with all joints on time; what is missing."""
         weakest = worst_case_of(self.robot, limits.tolerance).robot

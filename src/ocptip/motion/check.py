@@ -23,7 +23,7 @@ from ocptip.standing.elastic.feet import FeetMotion, on_its_feet
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import SAMPLED, Limit, Sampled, Worst
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WithinTolerance, worst_of_sampled
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
@@ -204,7 +204,7 @@ class MotionCheck:
         }
 
 
-Prove = Callable[[StandingMechanism, Trajectory, MotionCheck, MotionLimits], MotionCheck]
+Prove = Callable[[StandingMechanism, Trajectory, MotionCheck, Limits], MotionCheck]
 """Gives a verified check its `Proof`; pickled with tasks, so that workers can call it."""
 
 
@@ -212,7 +212,7 @@ Prove = Callable[[StandingMechanism, Trajectory, MotionCheck, MotionLimits], Mot
 def check_motion(
     robot: StandingMechanism,
     motion: Trajectory,
-    limits: MotionLimits | None = None,
+    limits: Limits | None = None,
     *,
     step: float = 0.01,
     progress: Callable[[int, int, None], None] | None = None,
@@ -241,7 +241,7 @@ def check_motion(
             f"{step:.4g} s, more than {MOST_INSTANTS:.0e}; take larger steps, or look for a speed or an "
             "acceleration that is far too small"
         )
-    limits = limits or MotionLimits()
+    limits = limits or Limits()
     kinds = limits_of(robot, limits)
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]

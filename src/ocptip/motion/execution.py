@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.numerics.bisection import bisected
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.controllers import STEP, Controller, controller_points, usual_step
@@ -47,7 +47,7 @@ class Execution:
 
     @classmethod
     def of_drives(
-        cls, robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, check: MotionCheck
+        cls, robot: StandingMechanism, motion: Trajectory, limits: Limits, check: MotionCheck
     ) -> Execution:
         """Of drives that take commands, whose check is known; the points are for who runs them as they are.
 
@@ -104,7 +104,7 @@ class Execution:
 def execute(
     robot: StandingMechanism,
     motion: Trajectory,
-    limits: MotionLimits,
+    limits: Limits,
     controller: Controller,
     *,
     step: float | None = None,
@@ -124,7 +124,7 @@ def execute(
 
     step = usual_step(controller) if step is None else step
 
-    def tried(factor: float, limits: MotionLimits = limits) -> Execution:
+    def tried(factor: float, limits: Limits = limits) -> Execution:
         run = controller_points(motion.slowed(factor), controller, step=step)
         checked = check_motion(robot, run, limits)
         assert run.points is not None

@@ -13,7 +13,7 @@ from typing import Any
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.task import MotionTask, refusals
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.tolerable import AT_REST, culprit
 
 PLANS = 5  # at most
@@ -36,13 +36,13 @@ class LargestTolerance:
         interrupted: by Ctrl-C, which keeps what was found before.
     """
 
-    had: Tolerance
+    had: Uncertainty
     factor: float
-    not_had: Tolerance | None
+    not_had: Uncertainty | None
     plan: MotionPlan | None
     plans: int
     starts: int
-    at_rest: Tolerance | None = None
+    at_rest: Uncertainty | None = None
     interrupted: bool = False
 
     def __str__(self) -> str:
@@ -119,7 +119,7 @@ def too_much_at_rest(task: MotionTask) -> ToleranceError | None:
     """Says which quantity start or goal cannot have at rest, and how much they can; None if not that."""
     asked = task.limits.tolerance
 
-    def kept(tolerance: Tolerance) -> bool:
+    def kept(tolerance: Uncertainty) -> bool:
         return not refusals(replace(task, limits=replace(task.limits, tolerance=tolerance)))
 
     if not asked.given or not (reasons := refusals(task)) or not kept(NONE):

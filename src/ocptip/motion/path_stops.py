@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
 from ocptip.trajectories.trajectory import Trajectory
@@ -38,7 +38,7 @@ class StoppedPath:
         limits: with stops.
     """
 
-    def __init__(self, robot: StandingMechanism, motion: Trajectory, limits: MotionLimits) -> None:
+    def __init__(self, robot: StandingMechanism, motion: Trajectory, limits: Limits) -> None:
         self._stops = limits.stops or PathStops(limits.GN, limits.GT)
         self.places = motion.both_sides(SPACING)
         acting = robot.during(motion).acting(self.places)

@@ -23,7 +23,7 @@ from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.tolerated import tolerable, too_much
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 
 LOST = "lost: "
@@ -234,7 +234,7 @@ class ToleranceError(PlanningError):
         at_rest: of it that start and goal can have at rest, 0 to 1: no motion can have more.
     """
 
-    too_much: Tolerance = NONE
+    too_much: Uncertainty = NONE
     factor: float = 0.0
     at_rest: float = 1.0
 

@@ -9,11 +9,11 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.rest import posture_refusals
 
 
-def postures_of(arm: ArmModel, target: PoseTarget, limits: MotionLimits) -> np.ndarray:
+def postures_of(arm: ArmModel, target: PoseTarget, limits: Limits) -> np.ndarray:
     """Postures (k, n), rad (sliding joints: m), of a gripper pose; far from angle limits, if some are.
 
     Raises:
@@ -26,7 +26,7 @@ def postures_of(arm: ArmModel, target: PoseTarget, limits: MotionLimits) -> np.n
 
 
 def posture_pairs(
-    robot: Robot, limits: MotionLimits, starts: np.ndarray, goals: np.ndarray
+    robot: Robot, limits: Limits, starts: np.ndarray, goals: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Pairs of start and goal, (n,), rad each, by the rule of docs/how-to/gripper-poses.md, ties by order.
 

@@ -11,14 +11,14 @@ from typing import Any
 from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
 
 LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
-"""Keys of `[limits]` that are fields of `MotionLimits`."""
+"""Keys of `[limits]` that are fields of `Limits`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class TaskSource:
     def text(
         self,
         name: str,
-        limits: MotionLimits,
+        limits: Limits,
         objective: Objective,
         rise_times: tuple[float, ...] | None = None,
     ) -> str:
@@ -76,7 +76,7 @@ class TaskSource:
         return toml_text(data)
 
 
-def tolerance_table(limits: MotionLimits, robot: StandingMechanism) -> dict[str, Any]:
+def tolerance_table(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:
     """The table `[tolerance]`; that of a parallel robot holds the damping with which its jumps count."""
     if not isinstance(robot, Robot) and limits.damping < 1:
         return {"damping": limits.damping}
@@ -89,7 +89,7 @@ def source_of(task: Any) -> TaskSource | None:
     return source if source is not None and source.robot is task.robot else None
 
 
-def stop_keys(limits: MotionLimits) -> dict[str, Any]:
+def stop_keys(limits: Limits) -> dict[str, Any]:
     """Keys of `[stops]` with which the task asks for them."""
     path, brakes = limits.stops, limits.brakes
     asked: dict[str, Any] = {}

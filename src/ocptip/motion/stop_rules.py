@@ -10,7 +10,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array, positive_number, share_of_one
 from ocptip.basics.frozen import settle
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
@@ -72,14 +72,12 @@ class StopRules:
         if not least <= positive_number("delay", most, zero_allowed=True):
             raise InputError(f"delay: expected [least, greatest], s, got [{least}, {most}]")
 
-    def asked(self, limits: MotionLimits) -> MotionLimits:
+    def asked(self, limits: Limits) -> Limits:
         """The limits with stops along the path."""
         stops = PathStops(self.GN or limits.GN, self.GT or limits.GT, self.time)
         return replace(limits, stops=stops)
 
-    def safe(
-        self, limits: MotionLimits, robot: StandingMechanism, kinds: Kinds | None = None
-    ) -> MotionLimits:
+    def safe(self, limits: Limits, robot: StandingMechanism, kinds: Kinds | None = None) -> Limits:
         """The limits with stops of these kinds.
 
         Args:

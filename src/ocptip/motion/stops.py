@@ -19,7 +19,7 @@ from ocptip.motion.stop_rules import BRAKES, HOLDING, Kinds, StopRules
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, BrakeStops, stops_of_motion
 from ocptip.trajectories.trajectory import Trajectory
@@ -109,7 +109,7 @@ class Stops:
 def check_stops(
     robot: StandingMechanism,
     motion: Trajectory,
-    limits: MotionLimits,
+    limits: Limits,
     rules: StopRules,
     checked: MotionCheck,
     kinds: Kinds = "both",
@@ -191,7 +191,7 @@ class _PathTable:
     """Stops along the path."""
 
     def __init__(
-        self, robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, times: np.ndarray
+        self, robot: StandingMechanism, motion: Trajectory, limits: Limits, times: np.ndarray
     ) -> None:
         self._path = StoppedPath(robot, motion, limits)
         safe = self._path.safe_speeds()
@@ -217,7 +217,7 @@ class _BrakeTable:
         self,
         robot: Robot,
         motion: Trajectory,
-        limits: MotionLimits,
+        limits: Limits,
         brakes: Brakes,
         guessed: bool,
         times: np.ndarray,

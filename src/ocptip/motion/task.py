@@ -17,7 +17,7 @@ from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import PATH
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
 from ocptip.standing.stops.by_brakes import BrakeCheck
@@ -61,7 +61,7 @@ class MotionTask:
     robot: StandingMechanism
     start: np.ndarray
     goal: np.ndarray
-    limits: MotionLimits = field(default_factory=MotionLimits)
+    limits: Limits = field(default_factory=Limits)
     optimised: tuple[int, ...] = FIRST_SEVEN
     commands: int = 3
     objective: Objective = ENERGY
@@ -77,8 +77,8 @@ class MotionTask:
         n = self.robot.n
         for name in ("start", "goal"):
             settle(self, **{name: finite_array(name, getattr(self, name), (n,))})
-        if not isinstance(self.limits, MotionLimits):
-            raise InputError(f"limits: expected MotionLimits, got {self.limits!r}")
+        if not isinstance(self.limits, Limits):
+            raise InputError(f"limits: expected Limits, got {self.limits!r}")
         for pair in self.choices:
             for name, angles in zip(("start", "goal"), pair, strict=True):
                 finite_array(f"choices: {name}", angles, (n,))

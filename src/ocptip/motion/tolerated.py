@@ -30,9 +30,9 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.limit_kinds.kinds import UNCERTAIN
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import worst_of_cases
 from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
 from ocptip.standing.within.worst_case import worst_case_of
@@ -423,30 +423,26 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
     return [case(subset) for subset in subsets]
 
 
-def tolerable(robot: StandingMechanism, motion: Trajectory, limits: MotionLimits) -> float:
+def tolerable(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> float:
     """How much of everything in its tolerance a motion can have, 0 to 1."""
     return largest(limits.tolerance, _keeper(robot, motion, limits), _ROUGHLY)
 
 
-def too_much(
-    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits
-) -> tuple[Tolerance, float, str]:
+def too_much(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> tuple[Uncertainty, float, str]:
     """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
     kept = _keeper(robot, motion, limits)
     found = culprit(limits.tolerance, IN_MOTION, kept)
-    return *found, culprit_words(*found) if kept(Tolerance()) else UNDESCRIBED
+    return *found, culprit_words(*found) if kept(Uncertainty()) else UNDESCRIBED
 
 
-def _keeper(
-    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits
-) -> Callable[[Tolerance], bool]:
+def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Callable[[Uncertainty], bool]:
     """Whether a motion keeps its contacts within a tolerance."""
     cases = worst_case_of(robot, limits.tolerance)
     every = tuple(range(robot.n))
     kinds = [kind(robot, limits, every) for kind in UNCERTAIN if kind.wanted(robot, limits)]
     times = motion.both_sides(SPACING)
 
-    def kept(tolerance: Tolerance) -> bool:
+    def kept(tolerance: Uncertainty) -> bool:
         found = worst_of_cases(cases.within(tolerance), motion, times)
         return all(worst.excess <= 0 for limit in kinds for worst in limit.within(found))
 

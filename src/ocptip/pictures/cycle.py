@@ -8,7 +8,7 @@ from typing import Any
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -19,7 +19,7 @@ class _Task:
 
     name: str
     robot: StandingMechanism
-    limits: MotionLimits
+    limits: Limits
     reference: None = None
 
 
@@ -37,7 +37,7 @@ class _Plan:
     motion: Trajectory
     check: MotionCheck
     segments: tuple[tuple[float, float, str], ...] = ()
-    segment_limits: tuple[MotionLimits, ...] = ()
+    segment_limits: tuple[Limits, ...] = ()
 
 
 def seen_plan(task: Task, motion: Trajectory, check: CycleCheck) -> Any:

@@ -20,7 +20,7 @@ from ocptip.placement.search.starts import solutions
 from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,10 +215,10 @@ def require_way(problem: PlacementProblem) -> None:
         raise InputError("tolerance: motions are planned for a base as described; leave the tolerance out")
 
 
-def motion_limits(problem: PlacementProblem) -> MotionLimits:
+def motion_limits(problem: PlacementProblem) -> Limits:
     """The limits of motions between the tasks of a problem."""
     limits = problem.limits
-    return MotionLimits(
+    return Limits(
         GN=limits.GN or 1.0,
         GT=limits.GT or 1.0,
         torque_ratio=limits.torque_ratio,

@@ -21,7 +21,7 @@ from ocptip.placement.search.refine import followed
 from ocptip.placement.search.starts import exact_scores
 from ocptip.retiming.retime import Retimed, least_cost, retime
 from ocptip.robots.inverse.pose_target import PoseTarget
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, spline_through
 from ocptip.trajectories.tool_path import tool_lines
 
@@ -137,7 +137,7 @@ class _Paths:
     ) -> None:
         self.evaluator, self._problem, self._objective = Evaluator(problem), problem, objective
         self._between, self._tolerance = between, tolerance
-        self._limits: MotionLimits = motion_limits(problem)
+        self._limits: Limits = motion_limits(problem)
 
     def best_around(self, placement: Placement, rng: np.random.Generator) -> PathPlacement:
         """What a random search finds, or the place itself where that is better."""

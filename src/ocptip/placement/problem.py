@@ -28,7 +28,7 @@ from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.geometry import Obstacle
 from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import Corner, Tolerance
+from ocptip.standing.tolerance import Corner, Uncertainty
 
 CRITERIA = ("GN", "GT", "GK", "GE")
 INDICES = ("dm_2", "pi_oe", "inv_cdn_oe", "manipulability")
@@ -272,7 +272,7 @@ class PlacementProblem:
     references: dict[str, float] = field(default_factory=dict)
     gravity: Sequence[float] = None  # pyright: ignore[reportAssignmentType] # filled in
     ground_frame: tuple[np.ndarray, np.ndarray] = None  # pyright: ignore[reportAssignmentType] # filled in
-    tolerance: Tolerance = field(default_factory=Tolerance)
+    tolerance: Uncertainty = field(default_factory=Uncertainty)
 
     footing: Footing = field(init=False)
     stands: tuple[Stand, ...] = field(init=False)

@@ -30,7 +30,7 @@ from ocptip.placement.terrain import Patch
 from ocptip.reserves.slip import Redistribution, Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 
 GAP_TOLERANCE = 1e-7
 """Largest distance, m, of a foot from the ground where it counts as standing on it."""
@@ -64,7 +64,7 @@ class Feet:
         tolerance: of its base.
     """
 
-    def __init__(self, robot: Robot, tolerance: Tolerance) -> None:
+    def __init__(self, robot: Robot, tolerance: Uncertainty) -> None:
         self._robot, self._contacts = robot, robot.support.contacts
         self._known = tolerance.friction == 0
         if not self._known:

@@ -12,7 +12,7 @@ from ocptip.placement.problem import LoadCase
 from ocptip.placement.result import Placement
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.rest import (
     Push,
     RestCase,
@@ -28,12 +28,12 @@ SEARCHED = ("base_mass", "center_of_mass", "friction")
 """Quantities that the search for placements looks at itself."""
 
 
-def searched(tolerance: Tolerance) -> Tolerance:
+def searched(tolerance: Uncertainty) -> Uncertainty:
     """The part that the search looks at."""
     return tolerance.only(*(name for name in SEARCHED if name in tolerance.given))
 
 
-def placement_within(placement: Placement, tolerance: Tolerance) -> WithinAtRest:
+def placement_within(placement: Placement, tolerance: Uncertainty) -> WithinAtRest:
     """The worst of all poses and load cases that count in the constraints; process loads are as described.
 
     Args:
@@ -44,7 +44,7 @@ def placement_within(placement: Placement, tolerance: Tolerance) -> WithinAtRest
     return _within(cases, tolerance.of(placement.problem.robot.payload))
 
 
-def posture_within(robot: Robot, q: np.ndarray, tolerance: Tolerance) -> WithinAtRest:
+def posture_within(robot: Robot, q: np.ndarray, tolerance: Uncertainty) -> WithinAtRest:
     """The worst of a robot at rest in a posture; what the gripper's process does then is nominal.
 
     Args:
@@ -55,7 +55,7 @@ def posture_within(robot: Robot, q: np.ndarray, tolerance: Tolerance) -> WithinA
     still, support, gravity = np.zeros((1, robot.n)), robot.support, robot.support.gravity
     wrench = robot.loads(q[None], still, still)[1][0]
 
-    def case(some: Tolerance) -> RestCase:
+    def case(some: Uncertainty) -> RestCase:
         weights, tool = bodies(robot, q, some)
         carried = sum(w.mass * np.concatenate([gravity, np.cross(w.center, gravity)]) for w in weights)
         pushes = [Push("gripper", some.push, tool)] if some.push else []
@@ -66,14 +66,14 @@ def posture_within(robot: Robot, q: np.ndarray, tolerance: Tolerance) -> WithinA
     return _within([case], tolerance.of(robot.payload))
 
 
-def _within(cases: Sequence[Callable[[Tolerance], RestCase]], tolerance: Tolerance) -> WithinAtRest:
+def _within(cases: Sequence[Callable[[Uncertainty], RestCase]], tolerance: Uncertainty) -> WithinAtRest:
     """The worst of cases within the part of a tolerance that counts at rest."""
     own = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
     ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in AT_REST)
     return found_within(cases, own, AT_REST, ignored)
 
 
-def rest_case(placement: Placement, case: LoadCase, tolerance: Tolerance) -> RestCase:
+def rest_case(placement: Placement, case: LoadCase, tolerance: Uncertainty) -> RestCase:
     """The robot at a placement in one pose under one load."""
     problem = placement.problem
     robot, back = problem.robot, placement.base_rotation.T
@@ -93,7 +93,7 @@ def rest_case(placement: Placement, case: LoadCase, tolerance: Tolerance) -> Res
     return RestCase(support, weights, fixed, tolerance, pushes, reference, case.name)
 
 
-def bodies(robot: Robot, q: np.ndarray, tolerance: Tolerance) -> tuple[list[Weight], np.ndarray]:
+def bodies(robot: Robot, q: np.ndarray, tolerance: Uncertainty) -> tuple[list[Weight], np.ndarray]:
     """Links, payload and what may be at the gripper, at angles (n,); and the gripper point (3,), m.
 
     Places are from the base's centre of mass, base axes.

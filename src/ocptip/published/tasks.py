@@ -12,13 +12,13 @@ from ocptip.published.arms import load_arm, modular_motors, published_data
 from ocptip.published.cases import MotionCase, motion_case
 from ocptip.robots.geometry import floor
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 
 BASES = ("printed", "effective")
 JOINTS = (0, 1, 2)  # with three commands each; the others follow in one ramp
 
 
-PRINTED_LIMITS = MotionLimits(clearance=0.0)
+PRINTED_LIMITS = Limits(clearance=0.0)
 """Thesis M asks for no collision, (4.29) to (4.32), and for no distance beyond that."""
 
 _FACETS = 12
@@ -63,7 +63,7 @@ def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _
     return Robot(load_arm(case.arm), support, modular_motors(), obstacles=[floor(ground)])
 
 
-def experiment_task(name: str, base: str = "effective", limits: MotionLimits | None = None) -> MotionTask:
+def experiment_task(name: str, base: str = "effective", limits: Limits | None = None) -> MotionTask:
     """The task of a printed case, with its printed solution as reference.
 
     Args:

@@ -17,7 +17,7 @@ _TINY_FRICTION = 1e-2
 
 
 @dataclass(frozen=True)
-class Limits:
+class ForceLimits:
     """Tangential limits of the contacts of N states in the force piece that holds the normal force.
 
     Attributes:
@@ -80,7 +80,7 @@ class ForceSets:
         """Distances of normal forces (N, n) from the lower and from the upper ends of their sets, N."""
         return normal_forces - self.lower, self.upper - normal_forces
 
-    def limits(self, normal_forces: np.ndarray, scale: np.ndarray) -> Limits:
+    def limits(self, normal_forces: np.ndarray, scale: np.ndarray) -> ForceLimits:
         """Tangential limits at normal forces.
 
         Where two pieces meet, the one with the larger limit counts (the first if they are equal).
@@ -96,7 +96,7 @@ class ForceSets:
         limit = self._radius + self._slope * nearest
         choice = np.argmax(np.where(outside <= 0, limit, -1.0 - np.maximum(outside, 0)), axis=2)
         rows = np.arange(len(self.lower))
-        return Limits(
+        return ForceLimits(
             radius=self._radius[rows, choice],
             slope=self._slope[rows, choice],
             normal_min=self._minimum[rows, choice],

@@ -26,7 +26,7 @@ import clarabel
 import numpy as np
 
 from ocptip.contact.support import Support
-from ocptip.reserves.force_sets import ForceSets, Limits
+from ocptip.reserves.force_sets import ForceLimits, ForceSets
 from ocptip.reserves.minimax import ConeBatch
 
 LARGEST_FORCE = 1e3
@@ -206,7 +206,7 @@ class AddableMoments:
         return (-b / a - half, -b / a + half), (root >= 0) & (n0 - b / a * n1 >= 0)
 
     def _solve(
-        self, wrenches: np.ndarray, axis: np.ndarray, limits: Limits, at: np.ndarray
+        self, wrenches: np.ndarray, axis: np.ndarray, limits: ForceLimits, at: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """M (P,), derivatives (P, 6), forces (P, d n) by cone programs; NaN where none were found.
 

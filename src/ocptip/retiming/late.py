@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from ocptip.retiming.fastest import Grid
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.late_joints import doings, worst_of_ways
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import INSIDE
@@ -82,7 +82,7 @@ class LateJoints:
         self._before = np.stack([*(np.vstack([none, part]) for part in before), still])
 
     @staticmethod
-    def wanted(tolerance: Tolerance) -> bool:
+    def wanted(tolerance: Uncertainty) -> bool:
         """Whether joints may be late, or overshoot."""
         return bool(tolerance.delay or tolerance.overshoot)
 

@@ -25,7 +25,7 @@ from ocptip.retiming.measured import PoweredTiming
 from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.trajectory import Trajectory
@@ -132,7 +132,7 @@ class _Solved:
 def retime(
     robot: StandingMechanism,
     path: JointPath,
-    limits: MotionLimits | None = None,
+    limits: Limits | None = None,
     objective: Objective = TIME,
     *,
     nodes: int | None = None,
@@ -164,7 +164,7 @@ def retime(
             its curvature jumps, which no limit of the jerk allows.
         SolverError: the program of the cheapest timing, or that of the jerk, is not solved.
     """
-    begun, limits = perf_counter(), limits or MotionLimits()
+    begun, limits = perf_counter(), limits or Limits()
     if path.joints != robot.n:
         raise InputError(f"path: has {path.joints} joints, the {robot.kind} has {robot.n}")
     speeds = [positive_number("ends", speed, zero_allowed=True) for speed in ends]
@@ -205,7 +205,7 @@ def retime(
 
 @one_thread
 def least_cost(
-    robot: StandingMechanism, path: JointPath, limits: MotionLimits, objective: Objective, nodes: int
+    robot: StandingMechanism, path: JointPath, limits: Limits, objective: Objective, nodes: int
 ) -> float:
     """Duration, s, of the fastest timing on a grid, or cost of the cheapest one in the objective's unit.
 
@@ -377,7 +377,7 @@ def _curve(found: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
     return np.array(speeds), tuple(names)
 
 
-def _long_enough(motion: Trajectory, limits: MotionLimits) -> Trajectory:
+def _long_enough(motion: Trajectory, limits: Limits) -> Trajectory:
     """Slower where the motion has to take longer; all limits are kept on the way to rest."""
     return motion.time_scaled(max(1.0, limits.min_duration / motion.end))
 
@@ -403,9 +403,7 @@ def _within_peaks(
     return motion.time_scaled(factor), factor
 
 
-def _tightened(
-    robot: StandingMechanism, asked: MotionLimits, limits: MotionLimits, checked: MotionCheck
-) -> MotionLimits:
+def _tightened(robot: StandingMechanism, asked: Limits, limits: Limits, checked: MotionCheck) -> Limits:
     """The numbers asked for, tighter where a motion broke them; the same where that does not help."""
     names = [name for name, worst in checked.worst.items() if worst.violation and name not in OF_PATH]
     for limit in limits_of(robot, limits):
@@ -417,7 +415,7 @@ def _tightened(
 
 
 def _slowed(
-    robot: StandingMechanism, motion: Trajectory, limits: MotionLimits, checked: MotionCheck
+    robot: StandingMechanism, motion: Trajectory, limits: Limits, checked: MotionCheck
 ) -> tuple[Trajectory, MotionCheck, float]:
     """The motion slowed down by the least factor, up to that of `execute`, that cures what timing can."""
 

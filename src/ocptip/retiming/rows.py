@@ -17,7 +17,7 @@ from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.kinds import AccelerationLimit, FurtherLimit, SpeedLimit, limits_of
 from ocptip.standing.limit_kinds.limit import ORDINARY, Limit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Affine, affine_loads
 from ocptip.trajectories.path import JointPath
@@ -139,7 +139,7 @@ class TimingLimits:
         later: names of limits that a check sees, but no timing: of jumps and of stops.
     """
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits) -> None:
         self.robot = robot
         self.asked = asked
         self._affine: list[Limit] = []

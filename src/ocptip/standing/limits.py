@@ -10,7 +10,7 @@ from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
-from ocptip.standing.tolerance import NONE, Tolerance, overshoot_of
+from ocptip.standing.tolerance import NONE, Uncertainty, overshoot_of
 
 NEARLY_LOST = 0.999
 """Of GN and GT: so near to 1, where a contact is lost, may the worst within a tolerance come in samples."""
@@ -24,7 +24,7 @@ WITHIN_OF = {"GN": TIP_WITHIN, "GT": SLIP_WITHIN}
 
 
 @dataclass(frozen=True)
-class MotionLimits:
+class Limits:
     """Limits a motion has to keep; the joints' own limits come from the arm.
 
     Attributes:
@@ -60,7 +60,7 @@ class MotionLimits:
     damping: float = 1.0
     jump_tip_over: float = 1.0
     jump_slip: float = 1.0
-    tolerance: Tolerance = NONE
+    tolerance: Uncertainty = NONE
     GN_worst_case: float = NEARLY_LOST
     GT_worst_case: float = NEARLY_LOST
     clearance_worst_case: float = 0.0
@@ -100,7 +100,7 @@ class MotionLimits:
         return self.stops is not None or self.brakes is not None
 
     @property
-    def without_stops(self) -> MotionLimits:
+    def without_stops(self) -> Limits:
         """The same, whatever becomes of stops."""
         return replace(self, stops=None, brakes=None)
 

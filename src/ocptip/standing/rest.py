@@ -8,11 +8,11 @@ from ocptip.contact.moving import what_moves
 from ocptip.contact.solver import ContactStates
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 
-def posture_refusals(robot: StandingMechanism, limits: MotionLimits, q: np.ndarray) -> list[str]:
+def posture_refusals(robot: StandingMechanism, limits: Limits, q: np.ndarray) -> list[str]:
     """Why the mechanism cannot rest at angles or coordinates q, (n,)."""
     at, kinds = Instants.at_rest(robot, q[None]), limits_of(robot, limits)
     found = own_refusals(robot, limits, at)
@@ -21,7 +21,7 @@ def posture_refusals(robot: StandingMechanism, limits: MotionLimits, q: np.ndarr
     return found + [reason for limit in kinds if limit.of_contacts for reason in limit.refusals(at)]
 
 
-def own_refusals(robot: StandingMechanism, limits: MotionLimits, at: Instants) -> list[str]:
+def own_refusals(robot: StandingMechanism, limits: Limits, at: Instants) -> list[str]:
     """Why the mechanism itself cannot be there, whatever its contacts: angles, clearance, torques."""
     others = [limit for limit in reversed(limits_of(robot, limits)) if not limit.of_contacts]
     return [reason for limit in others for reason in limit.refusals(at)]  # the posture before its load

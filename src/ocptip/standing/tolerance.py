@@ -1,6 +1,6 @@
 """What of a robot, its base and the floor is known to within bounds only.
 
-Of the base at rest (mass, centre of mass, friction) all corners are looked at, see `Tolerance.corners`: with
+Of the base at rest (mass, centre of mass, friction) all corners count, see `Uncertainty.corners`: with
 the arm at its place the wrench on the contacts is affine in the base's mass and in mass times centre of mass.
 So it is a mean of the wrenches at the corners of all bounds, and since the wrenches that contacts carry
 within a share of their friction are a convex set, and addable moments are concave, no value inside the bounds
@@ -106,7 +106,7 @@ class Corner:
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class Uncertainty:
     """How far the world may differ from its description, everything at once.
 
     Attributes:
@@ -184,20 +184,20 @@ class Tolerance:
         names = [name for name, preset in PRESETS.items() if self in (preset, preset.of(None))]
         return f"'{names[0]}' uncertainty" if names else "the given uncertainty"
 
-    def only(self, *names: str) -> Tolerance:
+    def only(self, *names: str) -> Uncertainty:
         """The same with nothing uncertain but these quantities."""
-        return Tolerance(**{name: getattr(self, name) for name in names})
+        return Uncertainty(**{name: getattr(self, name) for name in names})
 
     @property
     def late(self) -> float:
         """s: by how much joints may be late in the motion's own time, which may run faster."""
         return self.delay * (1 + self.speed)
 
-    def of(self, payload: object) -> Tolerance:
+    def of(self, payload: object) -> Uncertainty:
         """What of it there is for an arm that holds this; None: nothing."""
         return self if payload else replace(self, payload_mass=0.0, payload_center=(0.0, 0.0, 0.0))
 
-    def scaled(self, factor: float) -> Tolerance:
+    def scaled(self, factor: float) -> Uncertainty:
         """Everything but damping by this factor of it; an interval of the base's mass stays."""
         values = {name: getattr(self, name) for name in self.given if name != "damping"}
         return replace(
@@ -321,8 +321,8 @@ _WORDS = {
     "damping": lambda zeta: f"jumps overshoot at {100 * zeta:.3g} % damping",
 }
 
-NONE = Tolerance()
-WORKSHOP = Tolerance(
+NONE = Uncertainty()
+WORKSHOP = Uncertainty(
     tilt=np.radians(0.5),
     base_mass=0.05,
     arm_mass=0.05,

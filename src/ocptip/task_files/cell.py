@@ -26,9 +26,9 @@ from ocptip.placement.within import searched
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.cycle import CYCLE, cycle_keys, read_cycle
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
 from ocptip.task_files.ends import POSE, given_angles, read_target
@@ -77,11 +77,11 @@ class CellTask:
     name: str
     cycle: CycleTask
     problem: PlacementProblem
-    tolerance: Tolerance
+    tolerance: Uncertainty
     data: dict[str, Any]
     path: Path
 
-    def within(self, tolerance: Tolerance) -> CellTask:
+    def within(self, tolerance: Uncertainty) -> CellTask:
         """The same cell with another tolerance."""
         problem = replace(self.problem, tolerance=searched(tolerance))
         return replace(self, problem=problem, tolerance=tolerance)
@@ -114,7 +114,7 @@ class CellTask:
         }
 
 
-def load_cell(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> CellTask:
+def load_cell(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> CellTask:
     """Read a cell file, see docs/cell.md.
 
     Args:
@@ -183,7 +183,7 @@ def _require_placeable(data: Table, robot: StandingMechanism) -> None:
 
 
 def _end(
-    robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
+    robot: StandingMechanism, table: Table, key: str, limits: Limits
 ) -> tuple[np.ndarray, PoseTarget | None]:
     """As `read_end`, without the postures of poses, which depend on the place."""
     if not isinstance(robot, Robot):
@@ -196,8 +196,8 @@ def _end(
 
 
 def _problem(
-    data: Table, content: dict[str, Any], cycle: CycleTask, path: Path, otherwise: Tolerance
-) -> tuple[PlacementProblem, Tolerance]:
+    data: Table, content: dict[str, Any], cycle: CycleTask, path: Path, otherwise: Uncertainty
+) -> tuple[PlacementProblem, Uncertainty]:
     """Where the base may stand, and the whole tolerance."""
     keys = (*_SCENE, "arm", "motors", "obstacle", *OF_PLACES)
     asked: dict[str, Any] = {key: content[key] for key in keys if key in content}

@@ -18,9 +18,9 @@ from ocptip.basics.toml import MARK, Table
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask, Segment
 from ocptip.robots.inverse.pose_target import PoseTarget
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.arm import LOCKED, LOCKED_KEYS
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
 from ocptip.task_files.ends import end_keys, read_end
@@ -107,11 +107,11 @@ CYCLE = cycle_keys(
     "robot",
 )
 
-Ends = Callable[[StandingMechanism, Table, str, MotionLimits], tuple[np.ndarray, PoseTarget | None]]
+Ends = Callable[[StandingMechanism, Table, str, Limits], tuple[np.ndarray, PoseTarget | None]]
 """Reads a start or a goal, as `read_end` does."""
 
 
-def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> MotionTask | CycleTask:
+def read_task(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> MotionTask | CycleTask:
     """Read a task file: one motion, or a cycle where it has `[[segment]]`.
 
     Args:
@@ -131,7 +131,7 @@ def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
         raise InputError(text, error.path, error.file) from None
 
 
-def load_cycle(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> CycleTask:
+def load_cycle(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> CycleTask:
     """Read a task file with `[[segment]]`.
 
     Args:
@@ -176,7 +176,7 @@ class _SegmentTable(Table):
         return self._motion.place(key) if key in self._shared else super().place(key)
 
 
-def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Tolerance = NONE) -> CycleTask:
+def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Uncertainty = NONE) -> CycleTask:
     """The cycle of a file, without its source.
 
     Args:

@@ -16,7 +16,7 @@ from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.joint_values import joint_values
 
@@ -64,7 +64,7 @@ def end_keys(end: str, name: str) -> dict[str, Key]:
 
 
 def read_end(
-    robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
+    robot: StandingMechanism, table: Table, key: str, limits: Limits
 ) -> tuple[np.ndarray, PoseTarget | None]:
     """Postures (k, n) of a start or a goal, and the pose they are postures of, if it is one."""
     if not isinstance(robot, Robot):

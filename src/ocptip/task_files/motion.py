@@ -25,9 +25,9 @@ from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_kind
 from ocptip.task_files.ends import end_keys, read_end
 from ocptip.task_files.motors import GEARS, read_gears
@@ -202,7 +202,7 @@ TASK = Keys(
 )
 
 
-def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> MotionTask:
+def load_task(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> MotionTask:
     """Read a task file, format: docs/motion-planner.md. Whether it can be planned: :func:`refusals`.
 
     Args:
@@ -233,7 +233,7 @@ def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
         return task
 
 
-def _published(data: Table, otherwise: Tolerance) -> MotionTask:
+def _published(data: Table, otherwise: Uncertainty) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
     name, base = data["case"], data["base"]
     motion, table = data.table("motion"), data.table("limits")
@@ -263,7 +263,7 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
     return replace(task, robot=robot, source=replace(source, data={"case": name, "base": base, **own}))
 
 
-def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:
+def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
     scene = TaskScene(data, otherwise)
     name, robot, motion = data.get("name", path.stem), scene.robot(), data.table("motion")
     ends = [read_end(robot, motion, key, scene.limits) for key in ("start", "goal")]
@@ -283,7 +283,7 @@ def ramp_task(
     robot: StandingMechanism,
     start: np.ndarray,
     goal: np.ndarray,
-    limits: MotionLimits,
+    limits: Limits,
     table: Table,
 ) -> MotionTask:
     """The task with the optimised joints, commands, objective and durations of [motion]."""

@@ -33,7 +33,7 @@ from ocptip.placement.problem import (
 from ocptip.placement.within import searched
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.arm import ARM
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_base_mass, require_kind
 from ocptip.task_files.motors import MOTORS, arm_and_motors
@@ -224,15 +224,15 @@ class PlacementTask:
 
     name: str
     problem: PlacementProblem
-    tolerance: Tolerance = NONE
+    tolerance: Uncertainty = NONE
 
-    def within(self, tolerance: Tolerance) -> PlacementTask:
+    def within(self, tolerance: Uncertainty) -> PlacementTask:
         """The same task with another tolerance."""
         problem = replace(self.problem, tolerance=searched(tolerance))
         return replace(self, problem=problem, tolerance=tolerance)
 
 
-def load_placement(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> PlacementTask:
+def load_placement(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> PlacementTask:
     """Read a placement file, see docs/placement.md.
 
     Args:
@@ -261,7 +261,7 @@ def load_placement(path: str | os.PathLike[str], otherwise: Tolerance = NONE) ->
         return task
 
 
-def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
+def read_problem(data: Table, tolerance: Uncertainty) -> PlacementProblem:
     """What a file asks for.
 
     Args:

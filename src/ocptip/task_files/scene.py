@@ -22,7 +22,7 @@ from ocptip.basics.toml import Source, Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_units, require_kind
 from ocptip.task_files.tolerance import TOLERANCE, tolerance_of
 
@@ -159,7 +159,7 @@ class Scene:
     support: Support
     loads: tuple[Load, ...]
     wrench: np.ndarray
-    tolerance: Tolerance = NONE
+    tolerance: Uncertainty = NONE
 
     @property
     def planar(self) -> bool:

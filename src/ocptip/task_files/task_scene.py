@@ -12,9 +12,9 @@ from ocptip.contact.support import Support
 from ocptip.motion.source import LIMITS
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.arm import ARM, LOCKED, read_arm
 from ocptip.task_files.doubts import require_base_mass
 from ocptip.task_files.motors import MOTORS, PLATFORM_MOTORS, arm_and_motors, gear_damping_ratio
@@ -128,7 +128,7 @@ class TaskScene:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
 
-    def __init__(self, data: Table, otherwise: Tolerance = NONE) -> None:
+    def __init__(self, data: Table, otherwise: Uncertainty = NONE) -> None:
         self._data, self._arms = data, dict[str, ArmModel]()
         self._shapes, self._floor = read_base_shapes(data), stands_on_floor(data)
         self._accept_mass = data.table("base")["accept_mass"]
@@ -140,7 +140,7 @@ class TaskScene:
         numbers = limits_of(table, self._support, None if "robot" in data else data.table("motors"))
         if "segment" not in data:  # segments of cycles are planned as ramps
             table.one_of("rise_time")
-        limits = table.make(MotionLimits, angle_margin=margin, **numbers)
+        limits = table.make(Limits, angle_margin=margin, **numbers)
         parallel = "robot" in data
         tolerance = tolerance_of(data, NONE if parallel else otherwise)
         if parallel and tolerance.given == ("damping",):

@@ -10,7 +10,7 @@ from ocptip.basics import schema
 from ocptip.basics.errors import InputError
 from ocptip.basics.schema import ANY_FILE, Key, Keys
 from ocptip.basics.toml import Table
-from ocptip.standing.tolerance import BOXES, IN_FILES, NONE, PRESETS, Tolerance
+from ocptip.standing.tolerance import BOXES, IN_FILES, NONE, PRESETS, Uncertainty
 
 _MASSES = ("base_mass", "arm_mass", "payload_mass")
 
@@ -63,12 +63,12 @@ TOLERANCE = Keys(
 _WITH_TOLERANCE = replace(ANY_FILE, keys={"tolerance": schema.table(TOLERANCE)})
 
 
-def tolerance_of(data: Table, otherwise: Tolerance = NONE) -> Tolerance:
+def tolerance_of(data: Table, otherwise: Uncertainty = NONE) -> Uncertainty:
     """The table `[tolerance]` of a file; `otherwise` if it has none."""
     return read_tolerance(data.table("tolerance")) if "tolerance" in data else otherwise
 
 
-def read_tolerance(table: Table) -> Tolerance:
+def read_tolerance(table: Table) -> Uncertainty:
     """A tolerance; what the table does not give is certain, or as in the preset that it names.
 
     Raises:
@@ -91,7 +91,7 @@ def read_tolerance(table: Table) -> Tolerance:
         return replace(preset, **given)
 
 
-def load_tolerance(word: str) -> Tolerance:
+def load_tolerance(word: str) -> Uncertainty:
     """A preset by its name, or the table `[tolerance]` of a TOML file.
 
     Raises:

@@ -28,7 +28,7 @@ from ocptip.motion.tolerated import robustness, tolerated
 from ocptip.pictures.cycle import seen_plan
 from ocptip.pictures.plan import _reserve_figure
 from ocptip.pictures.plan_curves import PlanCurves
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.controllers import CONTROLLERS
 from ocptip.trajectories.read import load_motion, load_motions
@@ -385,7 +385,7 @@ def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
 
 
 def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(plan):
-    known = Tolerance(tilt=0.005, arm_mass=0.02, friction=0.1, speed=0.02, delay=0.01)
+    known = Uncertainty(tilt=0.005, arm_mass=0.02, friction=0.1, speed=0.02, delay=0.01)
     task, motion = load_task(plan.task, uncertainty=known), plan.motion.time_scaled(1.5)
     motion = dataclasses.replace(motion, pauses=(motion.pauses[0], 0.011))
     found = certified_cycle(task, motion, check_cycle(task, motion))

@@ -16,11 +16,11 @@ from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import require_plannable
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.limit import DEVIATING
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
 from ocptip.standing.within.late_joints import jump_states
 
-LIMITS = MotionLimits(tolerance=replace(WORKSHOP, push=5.0))
+LIMITS = Limits(tolerance=replace(WORKSHOP, push=5.0))
 WITHIN = ("tip-over within tolerance", "slip within tolerance")
 
 
@@ -32,7 +32,7 @@ def task():
 def planned(task, seed, tolerance, rise_times=None):
     own = task.robot, task.start, task.goal, task.optimised, task.commands
     formulation = Formulation(*own, rise_times=rise_times)
-    motion = random_start(*own, MotionLimits(), np.random.default_rng(seed))
+    motion = random_start(*own, Limits(), np.random.default_rng(seed))
     order, x = order_of(formulation, formulation.variables(motion))
     limits = replace(LIMITS, tolerance=tolerance)
     x = formulation.polished(order, formulation.ordered_program(limits, order, x, []).structure, x)
@@ -40,7 +40,7 @@ def planned(task, seed, tolerance, rise_times=None):
     return formulation.ordered_program(limits, order, x, places), x, formulation.motion(x), places
 
 
-@pytest.mark.parametrize("tolerance", [Tolerance(damping=0.05), Tolerance(delay=0.002, damping=0.1)])
+@pytest.mark.parametrize("tolerance", [Uncertainty(damping=0.05), Uncertainty(delay=0.002, damping=0.1)])
 @pytest.mark.parametrize("seed", [1, 4])
 def test_nodes_have_the_states_that_the_check_looks_at(task, seed, tolerance):
     program, x, motion, _ = planned(task, seed, tolerance)
@@ -67,7 +67,7 @@ def test_nodes_have_the_states_that_the_check_looks_at(task, seed, tolerance):
 
 @pytest.mark.parametrize("seed", [1, 4])
 def test_nodes_of_s_curves_have_joints_that_are_late(task, seed):
-    tolerance = Tolerance(delay=0.01, speed=0.03)
+    tolerance = Uncertainty(delay=0.01, speed=0.03)
     program, x, motion, places = planned(task, seed, tolerance, np.full(6, 0.04))
     deviating = program.nodes.kinds == DEVIATING
     assert np.all(program.weights[deviating] == 0)
@@ -130,7 +130,7 @@ def test_events_more_than_a_delay_apart_stay_so(task, seed):
     """Rows keep every pair apart that is, and no other pair."""
     own, delay = (task.robot, task.start, task.goal, task.optimised, task.commands), 0.03
     formulation = Formulation(*own)
-    motion = random_start(*own, MotionLimits(), np.random.default_rng(seed))
+    motion = random_start(*own, Limits(), np.random.default_rng(seed))
     order, x = order_of(formulation, formulation.variables(motion), 0.004)
     kept, times = order.kept_apart(x, delay), order.rows @ x
     gaps = np.subtract.outer(times, times)
@@ -152,7 +152,7 @@ def test_events_more_than_a_delay_apart_stay_so(task, seed):
 def test_a_path_costs_more_slowed_down_until_it_has_a_tolerance(task):
     """And nothing is as slow as that where the floor is too steep at rest."""
     motion = random_start(
-        *(task.robot, task.start, task.goal, task.optimised, task.commands, MotionLimits()),
+        *(task.robot, task.start, task.goal, task.optimised, task.commands, Limits()),
         np.random.default_rng(1),
     )
 
@@ -160,9 +160,9 @@ def test_a_path_costs_more_slowed_down_until_it_has_a_tolerance(task):
         search = Search(replace(task, limits=replace(LIMITS, tolerance=tolerance)))
         return Refiner(search.formulation, search.inner).slowed_cost(search.formulation.variables(motion))
 
-    costs = [cost(own) for own in (Tolerance(tilt=1e-3), WORKSHOP, replace(WORKSHOP, tilt=np.radians(6)))]
+    costs = [cost(own) for own in (Uncertainty(tilt=1e-3), WORKSHOP, replace(WORKSHOP, tilt=np.radians(6)))]
     assert costs[0] < costs[1] < costs[2] < np.inf
-    assert cost(Tolerance(tilt=np.radians(12))) == np.inf
+    assert cost(Uncertainty(tilt=np.radians(12))) == np.inf
 
 
 @pytest.mark.slow

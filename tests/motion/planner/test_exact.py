@@ -8,9 +8,9 @@ from ocptip.motion.objective import ENERGY_UNIT
 from ocptip.motion.planner.exact import FEASIBLE, SHARES, Refiner
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 
-LIMITS = MotionLimits(GN=0.85, GT=0.7)
+LIMITS = Limits(GN=0.85, GT=0.7)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_it_is_a_local_optimum(refined):
 
 def test_tighter_limits_cost_energy(task, refined):
     refiner, exact, x = refined
-    tight = Refiner(refiner.formulation, MotionLimits(GN=0.8, GT=0.5)).first(x, merge=0.0)
+    tight = Refiner(refiner.formulation, Limits(GN=0.8, GT=0.5)).first(x, merge=0.0)
     assert tight.solution.violation <= FEASIBLE
     assert energy(tight) > energy(exact)
 

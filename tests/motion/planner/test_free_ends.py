@@ -14,7 +14,7 @@ from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from tests.motion.planner.test_program import geared_task
 
 
@@ -147,13 +147,11 @@ def test_margins_to_angle_limits_are_kept(planned):
     least = min(np.min(q - limits.angle_min), np.min(limits.angle_max - q))
     used = np.deg2rad(free.check.worst["angle_margin_deg"].value)
     assert used <= least + 1e-9
-    task = dataclasses.replace(
-        free.task, limits=MotionLimits(angle_margin=least - 0.02), targets=(None, None)
-    )
+    task = dataclasses.replace(free.task, limits=Limits(angle_margin=least - 0.02), targets=(None, None))
     plan = plan_motion(task, starts=4, jobs=1)
     worst = plan.check.worst["angle_margin_deg"]
     assert plan.verified
     assert worst.limit == pytest.approx(np.rad2deg(least - 0.02))
     assert worst.value >= worst.limit - 1e-6
-    broken = check_motion(task.robot, plan.motion, MotionLimits(angle_margin=least + 0.1))
+    broken = check_motion(task.robot, plan.motion, Limits(angle_margin=least + 0.1))
     assert any("angle_margin_deg" in violation for violation in broken.violations)

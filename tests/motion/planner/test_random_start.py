@@ -5,7 +5,7 @@ import pytest
 
 from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
 
 
@@ -46,8 +46,8 @@ def test_it_stands(task, seed):
 
 def test_it_stands_with_small_reserves_left(task):
     """With tight limits it is slower, and stands, too."""
-    tight = MotionLimits(GN=0.35, GT=0.35)
-    loose = MotionLimits(GN=0.35, GT=0.9)
+    tight = Limits(GN=0.35, GT=0.35)
+    loose = Limits(GN=0.35, GT=0.9)
     ends = []
     for seed in range(4):
         motion = start_of(task, seed, tight)

@@ -14,7 +14,7 @@ from ocptip.placement.search.selection import near_gaps, pieces
 from ocptip.placement.terrain import plane, rough_ground
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.kinematics import gripper_pose
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from tests.placement.placement_scenes import (
     INTO_WALL,
     clamped,
@@ -29,7 +29,7 @@ from tests.quick import some
 
 FRAME = (np.array([0.0, 0.0, -0.3]), np.eye(3))
 WAVES = HeightField(Wave(0.02, 0.9, 0.3), Bump([0.3, 0.1], 0.03, 0.3), slope=[0.02, 0.03])
-TOLERANCE = Tolerance(base_mass=0.05, center_of_mass=[0.01, 0.01, 0.02], friction=0.2)
+TOLERANCE = Uncertainty(base_mass=0.05, center_of_mass=[0.01, 0.01, 0.02], friction=0.2)
 LIMITS = PlacementLimits(condition=40.0, singular_ratio=50.0)
 
 

@@ -15,7 +15,7 @@ from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.feet import FootForceLimit, JumpFootForceLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.trajectories.trajectory import Trajectory
 from studies.elastic_feet.rigid_bodies import FeetSimulation
@@ -175,7 +175,7 @@ def test_a_check_is_not_verified_where_a_foot_lifts():
         f"foot_lift_m is {lift.value:.4g} at {lift.time:.4f} s (contact 1), must be <= 0",
     )
     assert checked.feet.lift == lift.value == pytest.approx(6.8e-5, rel=0.02)
-    allowed = check_motion(soft, motion, MotionLimits(foot_lift=1e-4))
+    allowed = check_motion(soft, motion, Limits(foot_lift=1e-4))
     assert allowed.verified
     data = json.loads(json.dumps(allowed.to_dict()["feet"]))
     assert data["lift_m"] == lift.value
@@ -196,7 +196,7 @@ def test_lines_say_what_is_known():
 def test_rows_of_foot_forces_are_the_springs_and_their_slopes(kind):
     robot, motion = plan_of("A")
     soft = softened(robot, 2e5)
-    limit = kind(soft, MotionLimits(damping=0.2), (0, 1, 2))
+    limit = kind(soft, Limits(damping=0.2), (0, 1, 2))
     at = Instants.of_states(soft, *motion.states(np.linspace(0.1, 1.2, 7)))
     shared = soft.support.elastic.share(at.wrenches)
     assert shared.pressing.all()

@@ -19,15 +19,15 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.jumps import Jumps
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import JUMP
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import Tolerance, overshoot_of, overshoot_of_rise, overshoot_of_rises
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import Uncertainty, overshoot_of, overshoot_of_rise, overshoot_of_rises
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
 from tests.places import EXAMPLES
 
 KAPPA = overshoot_of(0.05)
-LIMITS = MotionLimits(damping=0.05)
+LIMITS = Limits(damping=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +99,8 @@ def test_a_tolerance_asks_for_all_that_limits_ask_of_jumps(seed, case, damping, 
     rng = np.random.default_rng(seed)
     own = task.robot, task.start, task.goal, task.optimised, task.commands, task.limits
     motion = random_start(*own, rng).time_scaled(rng.uniform(1.0, 3.0))
-    tolerance = Tolerance(damping=less * damping, delay=delay, tilt=tilt)
-    asked = MotionLimits(damping=damping, tolerance=tolerance)
+    tolerance = Uncertainty(damping=less * damping, delay=delay, tilt=tilt)
+    asked = Limits(damping=damping, tolerance=tolerance)
     assert not any(
         getattr(limit, "result", "").startswith("jump_G") for limit in limits_of(task.robot, asked)
     )
@@ -177,7 +177,7 @@ def ordered(task, seed, merge=0.0):
     """Exact program near a random motion, its variables (equalities kept), the motion, the order."""
     own = task.robot, task.start, task.goal, task.optimised, task.commands
     formulation = Formulation(*own)
-    motion = random_start(*own, MotionLimits(), np.random.default_rng(seed))
+    motion = random_start(*own, Limits(), np.random.default_rng(seed))
     order, x = order_of(formulation, formulation.variables(motion), merge)
     x = formulation.polished(order, formulation.ordered_program(LIMITS, order, x, []).structure, x)
     program = formulation.ordered_program(LIMITS, order, x, [(1, 0.5)])

@@ -15,11 +15,11 @@ from ocptip.motion.planner.formulation import Formulation
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.model import JointLimits
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
 from tests.robots.pinocchio_twin import dynamics, twin
 
-ASKED = MotionLimits(stops=PathStops())
+ASKED = Limits(stops=PathStops())
 
 
 @pytest.fixture(scope="module")

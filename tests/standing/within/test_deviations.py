@@ -13,7 +13,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import SITE, Tolerance
+from ocptip.standing.tolerance import SITE, Uncertainty
 from ocptip.standing.within.deviations import Deviations, towards
 from ocptip.standing.within.worst_case import WorstCase
 from studies.tolerance.samples import random_deviations
@@ -147,7 +147,7 @@ def test_no_sample_slips_more_than_the_worst_that_was_found(cases):
 
 def test_a_tilt_alone_is_statics_by_hand(robot):
     """About an axis with slope a, (a . w) over the cap of gravity: norm(b) norm(g) cos(angle + tilt)."""
-    own = WorstCase(robot, Tolerance(tilt=np.radians(2)))
+    own = WorstCase(robot, Uncertainty(tilt=np.radians(2)))
     s = np.zeros((1, 18))
     per_gravity = []
     for g in np.eye(3):
@@ -164,7 +164,7 @@ def test_a_tilt_alone_is_statics_by_hand(robot):
 
 def test_words(robot):
     own = Deviations(
-        robot, Tolerance(tilt=np.radians(0.5), extra_mass=0.1, delay=0.01, speed=0.03, friction=0.2)
+        robot, Uncertainty(tilt=np.radians(0.5), extra_mass=0.1, delay=0.01, speed=0.03, friction=0.2)
     )
     theta = np.zeros(own.size)
     theta[own.places["gravity"]] = 9.81 * np.array([0, -np.sin(np.radians(0.5)), 1 - np.cos(np.radians(0.5))])

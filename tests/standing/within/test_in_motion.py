@@ -14,8 +14,8 @@ from ocptip.motion.tolerated import tolerable, too_much
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.reserves.tipping import TipMap
-from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.late_joints import jump_states, on_time
 from ocptip.standing.within.worst_case import worst_case_of
@@ -57,12 +57,12 @@ def test_no_sample_is_worse_than_the_worst_case(task, factor):
 
 
 def test_how_much_of_a_tolerance_a_motion_can_have(task):
-    motion, tolerance = slow(task, 2.0), Tolerance(tilt=np.radians(3.0), friction=0.2, damping=0.05)
+    motion, tolerance = slow(task, 2.0), Uncertainty(tilt=np.radians(3.0), friction=0.2, damping=0.05)
     limits = dataclasses.replace(task.limits, tolerance=tolerance)
     share = tolerable(task.robot, motion, limits)
     alone, factor, why = too_much(task.robot, motion, limits)
     assert 0.1 < share < 0.9
-    assert (alone, share < factor) == (Tolerance(tilt=tolerance.tilt), True)
+    assert (alone, share < factor) == (Uncertainty(tilt=tolerance.tilt), True)
     assert why.startswith("of floor tilt 3 deg alone it can have floor tilt ")
     for factor, kept in ((share - 0.03, True), (share + 0.05, False)):
         scaled = dataclasses.replace(limits, tolerance=tolerance.scaled(factor))
@@ -72,7 +72,7 @@ def test_how_much_of_a_tolerance_a_motion_can_have(task):
 
 def test_verified_only_if_the_worst_case_is(task):
     motion = slow(task, 3.0)
-    loose = dataclasses.replace(task.limits, tolerance=Tolerance(tilt=np.radians(0.5)))
+    loose = dataclasses.replace(task.limits, tolerance=Uncertainty(tilt=np.radians(0.5)))
     assert check_motion(task.robot, motion, task.limits).verified
     assert check_motion(task.robot, motion, loose).verified
     strict = dataclasses.replace(task.limits, tolerance=SITE)
@@ -86,20 +86,20 @@ def test_verified_only_if_the_worst_case_is(task):
 
 def test_jumps_overshoot_together_if_nothing_is_late(task):
     motion = slow(task, 2.0)
-    found = jump_states(motion, Tolerance(damping=0.05))
+    found = jump_states(motion, Uncertainty(damping=0.05))
     assert len(found.times) == len(motion.event_times)
     start = found.s[np.argmin(found.times), 12:]
     acceleration = motion.states(np.array([1e-4]))[2][0]
     assert np.allclose(start, (1 + np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))) * acceleration)
-    assert jump_states(motion, Tolerance(tilt=0.01)).s.shape == (0, 18)
-    assert not on_time(motion, Tolerance(damping=0.05), found.times).room.any()
-    assert not on_time(motion, Tolerance(damping=0.05), found.times).room.any()
-    assert not on_time(motion, Tolerance(damping=0.05), found.times).room.any()
+    assert jump_states(motion, Uncertainty(tilt=0.01)).s.shape == (0, 18)
+    assert not on_time(motion, Uncertainty(damping=0.05), found.times).room.any()
+    assert not on_time(motion, Uncertainty(damping=0.05), found.times).room.any()
+    assert not on_time(motion, Uncertainty(damping=0.05), found.times).room.any()
 
 
 def test_late_joints_are_combined_in_all_ways(task):
     motion = slow(task, 2.0)
-    found = jump_states(motion, Tolerance(delay=0.01))
+    found = jump_states(motion, Uncertainty(delay=0.01))
     first = found.s[found.times == 0.0, 12:]
     moving = np.flatnonzero(motion.states(np.array([1e-4]))[2][0])
     assert len(first) == 2 ** len(moving)
@@ -193,7 +193,7 @@ def test_late_s_curves_are_no_worse_than_the_states_that_are_looked_at(task):
     """Random delays of all joints at random instants: moments about the tipping axes, which are affine."""
     delay, robot = 0.015, task.robot
     motion = slow(task, 1.3).with_rise_times(0.04)
-    found = jump_states(motion, Tolerance(delay=delay))
+    found = jump_states(motion, Uncertainty(delay=delay))
     assert any("late" in words for words in found.words)
     rng = np.random.default_rng(4)
     times = rng.uniform(0, motion.end + delay, 4000)
@@ -224,10 +224,10 @@ def test_parallel_robots_are_refused():
 
 
 def test_limits_say_what_is_asked_of_the_worst_case():
-    limits = MotionLimits(tolerance=WORKSHOP)
+    limits = Limits(tolerance=WORKSHOP)
     assert limits.to_dict()["GN_worst_case"] == 0.999
     assert limits.to_dict()["tolerance"]["speed"] == 0.03
-    assert "tolerance" not in MotionLimits().to_dict()
+    assert "tolerance" not in Limits().to_dict()
 
 
 def test_half_spaces_tell_of_postures_what_the_search_for_the_worst_slip_finds():
@@ -235,7 +235,7 @@ def test_half_spaces_tell_of_postures_what_the_search_for_the_worst_slip_finds()
     task = load_task(EXAMPLES / "tasks" / "ur5_sander.toml")
     q = np.random.default_rng(4).uniform(-1.5, 1.5, (6, 6)) * [1, 0.5, 1, 1, 1, 1] - [0, 1.2, 0, 0, 0, 0]
     s = np.hstack([q, np.zeros((6, 12))])
-    cases = worst_case_of(task.robot, Tolerance(arm_mass=0.05, friction=0.2, tilt=0.01, push=5.0))
+    cases = worst_case_of(task.robot, Uncertainty(arm_mass=0.05, friction=0.2, tilt=0.01, push=5.0))
     worst = cases.slip(s, starts=3).values
     for GT in (0.9 * worst.min(), np.median(worst), 1.1 * worst.max()):
         told = np.array([cases.keeps_slip(s[k : k + 1], GT) for k in range(len(s))])

@@ -16,7 +16,7 @@ from ocptip.contact.support import Load, Support
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.rest import scene_within
 from tests.quick import some
 
@@ -49,7 +49,7 @@ def tilted(angle, turn):
 @given(seed=st.integers(0, 10**6))
 def test_nothing_inside_is_worse(seed):
     rng = np.random.default_rng(seed)
-    tolerance = Tolerance(
+    tolerance = Uncertainty(
         tilt=rng.uniform(0, 0.05),
         base_mass=rng.uniform(0, 0.1),
         center_of_mass=rng.uniform(0, 0.06, 3),
@@ -87,7 +87,7 @@ def test_a_push_at_an_uncertain_centre_acts_where_the_centre_is(center, half, st
     feet = [[x, y, 0.0] for x in (-0.3, 0.3) for y in (-0.3, 0.3)]
     contacts = [UnilateralContact(position=place, friction=2.0) for place in feet]
     support = Support(contacts, mass=20.0, center_of_mass=[0.0, 0.0, center])
-    found = scene_within(support, [], Tolerance(center_of_mass=(0.0, 0.0, half), base_push=100.0))
+    found = scene_within(support, [], Uncertainty(center_of_mass=(0.0, 0.0, half), base_push=100.0))
     assert found.stands is stands
     weight, height = 20 * 9.81 * 0.3, center + half
     # about an edge the push acts across the line to the centre of mass
@@ -100,7 +100,7 @@ def test_a_push_at_an_uncertain_centre_acts_where_the_centre_is(center, half, st
 def test_all_corners_at_once_have_no_less_moment_than_the_worst(seed):
     """Every corner of mass and centre, tilts around, the worst push of each: moments by vectors alone."""
     rng = np.random.default_rng(seed)
-    tolerance = Tolerance(
+    tolerance = Uncertainty(
         tilt=rng.uniform(0, 0.05),
         base_mass=rng.uniform(0, 0.3),
         center_of_mass=rng.uniform(0, 0.1, 3),
@@ -124,7 +124,7 @@ def test_all_corners_at_once_have_no_less_moment_than_the_worst(seed):
 
 
 def test_the_worst_is_attained():
-    tolerance = Tolerance(tilt=0.03, base_mass=0.08, center_of_mass=(0.01, 0.0, 0.0), friction=0.1)
+    tolerance = Uncertainty(tilt=0.03, base_mass=0.08, center_of_mass=(0.01, 0.0, 0.0), friction=0.1)
     support, loads = support_of(), [HANGING, PULL]
     moment = TipOver(support).reference_moment
     found = scene_within(support, loads, tolerance)
@@ -156,7 +156,7 @@ def test_tilts_at_rest_are_those_of_statics_by_hand(case, degrees):
         sideways = turned.loads(q[None], 0 * q[None], 0 * q[None])[1][0] - turned.support.weight
         arm[2] = sideways[4] / sideways[0]
         load = Load(force=wrench[:3], point=robot.support.center_of_mass + arm)
-        found = scene_within(robot.support, [load], Tolerance(tilt=np.radians(12.0)))
+        found = scene_within(robot.support, [load], Uncertainty(tilt=np.radians(12.0)))
         assert not found.stands
         least = min(least, float(found.reason.rsplit("floor tilt ", 1)[1].split()[0]))
     assert least == pytest.approx(degrees, abs=0.06 if degrees > 3 else 0.012)
@@ -164,14 +164,14 @@ def test_tilts_at_rest_are_those_of_statics_by_hand(case, degrees):
 
 def test_refusals_name_the_quantity_and_how_much_of_it_is_possible():
     support, loads = support_of(), [HANGING, PULL]
-    found = scene_within(support, loads, Tolerance(base_push=200.0, base_mass=0.05))
+    found = scene_within(support, loads, Uncertainty(base_push=200.0, base_mass=0.05))
     assert not found.stands
     assert found.reason.startswith("of push of 200 N at the base alone it can have push of ")
     most = float(found.reason.split("push of ")[2].split()[0])
-    assert scene_within(support, loads, Tolerance(base_push=0.98 * most)).stands
-    assert not scene_within(support, loads, Tolerance(base_push=1.02 * most)).stands
+    assert scene_within(support, loads, Uncertainty(base_push=0.98 * most)).stands
+    assert not scene_within(support, loads, Uncertainty(base_push=1.02 * most)).stands
     assert "push of 200 N at the base towards" in found.GN_worst
-    fallen = scene_within(support, [Load(force=[500.0, 0, 0], point=[0, 0, 1.0])], Tolerance(tilt=0.01))
+    fallen = scene_within(support, [Load(force=[500.0, 0, 0], point=[0, 0, 1.0])], Uncertainty(tilt=0.01))
     assert fallen.reason == "it does not stand as described"
 
 
@@ -193,9 +193,9 @@ def test_scenes_without_tilt_are_refused():
         center_of_mass=[0.0, 0.4],
     )
     with pytest.raises(InputError, match="spatial scenes only"):
-        scene_within(planar, [], Tolerance(tilt=0.01))
+        scene_within(planar, [], Uncertainty(tilt=0.01))
     with pytest.raises(InputError, match="without gravity"):
-        scene_within(support_of(gravity=(0.0, 0.0, 0.0)), [], Tolerance(tilt=0.01), 10.0)
+        scene_within(support_of(gravity=(0.0, 0.0, 0.0)), [], Uncertainty(tilt=0.01), 10.0)
 
 
 SCENE = """

@@ -14,7 +14,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import NONE, SITE, Tolerance
+from ocptip.standing.tolerance import NONE, SITE, Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.trajectories.trajectory import Trajectory
@@ -67,7 +67,7 @@ def test_they_are_those_of_the_independent_checker(robot, tolerance):
 def test_pinocchio_reaches_the_reported_worst_with_other_inertias():
     task = experiment_task("B")
     robot = task.robot.varied(arm=task.robot.arm.with_payload(HELD))
-    tolerance = Tolerance(arm_mass=0.1, payload_mass=0.2, extra_mass=0.5, speed=0.05)
+    tolerance = Uncertainty(arm_mass=0.1, payload_mass=0.2, extra_mass=0.5, speed=0.05)
     motion = Trajectory.ending_together(
         task.start, task.goal, [None] * robot.n, robot.limits.speed / 2, robot.limits.acceleration / 4
     )

@@ -12,7 +12,7 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from studies.baselines.penalty import MotionPenalty, _piecewise_maxima, _spline_maxima
@@ -95,7 +95,7 @@ def test_energy_and_limits_at_nodes_and_sides_are_the_robots(task, penalty, rand
 
 
 def test_limits_of_the_task_count(task, random_points):
-    tight = replace(task, limits=MotionLimits(GN=0.95, GT=0.8, torque_ratio=0.5, clearance=0.01))
+    tight = replace(task, limits=Limits(GN=0.95, GT=0.8, torque_ratio=0.5, clearance=0.01))
     normal, tighter = (MotionPenalty(t, between="sides").evaluate(random_points[0]) for t in (task, tight))
     count = len(task.robot.collision.labels)
     torque = 0.5 * np.tile(task.robot.arm.limits.torque, 2)
@@ -175,4 +175,4 @@ def test_refusals(task, penalty):
     with pytest.raises(InputError, match="joint 1 has 1 commands, must be 3"):
         penalty.parameters(one)
     with pytest.raises(InputError, match="cannot be planned"):
-        MotionPenalty(replace(task, limits=MotionLimits(GN=0.01)))
+        MotionPenalty(replace(task, limits=Limits(GN=0.01)))

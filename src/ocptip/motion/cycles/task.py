@@ -16,7 +16,7 @@ from ocptip.motion.task import MotionTask, Segment, refusals
 from ocptip.numerics.vectors import wrapped
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 SAME = 1e-6
@@ -69,7 +69,7 @@ class CycleTask:
         return self.starts[0]
 
     @property
-    def limits(self) -> MotionLimits:
+    def limits(self) -> Limits:
         """Those of the first segment."""
         return self.segments[0].task.limits
 

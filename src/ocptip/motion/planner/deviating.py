@@ -18,7 +18,7 @@ import numpy as np
 from ocptip.motion.planner.event_order import EventOrder, unit_row
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.standing.limit_kinds.limit import DEVIATING
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.late_joints import combinations, doings
 
 Steps = tuple[tuple[int, int, float], ...]
@@ -56,7 +56,7 @@ MEET = 1e-6  # s: events nearer to each other than this have met
 KEPT = 1e-3  # by how much the use of a limit may exceed 1 after a solve
 
 
-def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> list[Deviating]:
+def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Uncertainty) -> list[Deviating]:
     """All nodes at which joints may deviate from a motion with variables x.
 
     Args:

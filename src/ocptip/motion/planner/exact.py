@@ -23,7 +23,7 @@ from ocptip.motion.planner.event_order import EventOrder, order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.numerics.ipopt import SOLVED, Solution
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.trajectory import Trajectory
 
 SHARES = np.linspace(0.0, 1.0, 17)  # where intervals are looked at between nodes
@@ -65,7 +65,7 @@ class Refiner:
         limits: tightened as the caller likes.
     """
 
-    def __init__(self, formulation: Formulation, limits: MotionLimits) -> None:
+    def __init__(self, formulation: Formulation, limits: Limits) -> None:
         self.formulation, self.limits = formulation, limits
         self.iterations, self.solves = 0, 0
 

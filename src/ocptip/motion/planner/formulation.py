@@ -24,7 +24,7 @@ from ocptip.motion.task import LONGEST
 from ocptip.numerics.quadrature import unit_gauss_legendre
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import DEVIATING, JUMP, ORDINARY
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.ramps import RampCommand, phases_to_commands, without_idle_ramps
 from ocptip.trajectories.trajectory import Trajectory
@@ -194,7 +194,7 @@ class Formulation:
 
     # --- programs ------------------------------------------------------------------------------------------
 
-    def coarse_program(self, limits: MotionLimits, end: float, nodes: int | None = None) -> MotionProgram:
+    def coarse_program(self, limits: Limits, end: float, nodes: int | None = None) -> MotionProgram:
         """The smooth program with nodes spread evenly, for ramps that end after about `end` seconds."""
         layout, nodes = self.layout, nodes or int(np.clip(end / SPACING, *SMOOTH_NODES))
         spacing = (end + self.rise) / nodes
@@ -203,7 +203,7 @@ class Formulation:
         weights = np.tile(1.0 / nodes * last, (nodes, 1))
         return self._smooth_program(limits, COARSE, spacing, times, weights)
 
-    def fine_program(self, limits: MotionLimits, smoothing: Smoothing, x: np.ndarray) -> MotionProgram:
+    def fine_program(self, limits: Limits, smoothing: Smoothing, x: np.ndarray) -> MotionProgram:
         """The smooth program with nodes that follow the events of a motion near x.
 
         The integrand is one smooth function of time, so that the sum over pieces from event to event is the
@@ -239,7 +239,7 @@ class Formulation:
         return self._smooth_program(limits, smoothing, width, np.array(times), np.array(weights))
 
     def _smooth_program(
-        self, limits: MotionLimits, smoothing: Smoothing, width: float, times: np.ndarray, weights: np.ndarray
+        self, limits: Limits, smoothing: Smoothing, width: float, times: np.ndarray, weights: np.ndarray
     ) -> MotionProgram:
         layout = self.layout
         if self.ends:  # what is free must stand, too, at rest: nodes before and after the motion
@@ -256,7 +256,7 @@ class Formulation:
         return MotionProgram(physics, kept, layout, nodes, weights, speeds, structure, objective)
 
     def ordered_program(
-        self, limits: MotionLimits, order: EventOrder, x: np.ndarray, extra: list[Place]
+        self, limits: Limits, order: EventOrder, x: np.ndarray, extra: list[Place]
     ) -> MotionProgram:
         """The exact program with the events in the given order.
 

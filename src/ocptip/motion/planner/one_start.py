@@ -21,7 +21,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limit_kinds.worst_case import as_described
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.trajectories.trajectory import Trajectory
 
 WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
@@ -268,14 +268,14 @@ class Search:
             clock.count(refiner)
 
     @staticmethod
-    def _at_first(limits: MotionLimits, number: int) -> MotionLimits:
+    def _at_first(limits: Limits, number: int) -> Limits:
         """Without stops, which narrow a motion that is good without, but for brakes in every other start.
 
         Where these break much without, other joints have to turn together from the beginning.
         """
         return replace(limits.without_stops, brakes=limits.brakes if number % 2 else None)
 
-    def _coarse(self, x: np.ndarray, limits: MotionLimits, clock: Clock) -> tuple[np.ndarray, float]:
+    def _coarse(self, x: np.ndarray, limits: Limits, clock: Clock) -> tuple[np.ndarray, float]:
         """As `_fine`, of the coarse programs: anew while the motion becomes much shorter than the grid."""
         formulation, x, cost = self.formulation, x.copy(), np.inf
         at_end = formulation.layout.end

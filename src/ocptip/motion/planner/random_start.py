@@ -12,7 +12,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.brakes import BrakeLimit
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import Limit
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -33,7 +33,7 @@ def random_start(
     goal: np.ndarray,
     joints: tuple[int, ...],
     commands: int,
-    limits: MotionLimits,
+    limits: Limits,
     rng: np.random.Generator,
     objective: Objective = ENERGY,
 ) -> Trajectory:

@@ -21,7 +21,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import WHOLE, Sampled, StateLimit, TableLimit, Worst
 from ocptip.standing.limit_kinds.nominal import ContactLimit
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, closing_of, stops_of_motion
 
@@ -45,7 +45,7 @@ class BrakeLimit(StateLimit, TableLimit, ContactLimit):
     _fixed: np.ndarray | None = None  # (N, width, n) torques at the nodes of a program
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.brakes is not None and isinstance(robot, Robot)
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:

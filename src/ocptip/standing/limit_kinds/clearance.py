@@ -13,7 +13,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import LATE, AskedLimit, Look, StateLimit, Worst
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limit_kinds.worst_case import WithinLimit
-from ocptip.standing.limits import CLEARANCE_WITHIN, MotionLimits
+from ocptip.standing.limits import CLEARANCE_WITHIN, Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WithinTolerance
 
@@ -32,14 +32,14 @@ class ClearanceLimit(AskedLimit):
     least = of_place = True
     largest_step = 1e-3  # m
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.width = len(robot.collision.labels)
 
-    def inner(self, asked: MotionLimits) -> MotionLimits:
+    def inner(self, asked: Limits) -> Limits:
         return replace(asked, **{self.setting: self.number + 1e-5})
 
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+    def tightened(self, asked: Limits, excess: float) -> Limits:
         return replace(asked, **{self.setting: getattr(asked, self.setting) + min(excess, self.largest_step)})
 
     def measure(self, at: Instants) -> np.ndarray:
@@ -141,14 +141,14 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
     result, setting = f"{CLEARANCE_WITHIN}_m", CLEARANCE_WITHIN
     of_place, rows_first = False, True
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         late = asked.tolerance.late
         self._steps = np.array([0.0, -late, 0.5 * late**2])
         self._is_late: np.ndarray | None = None  # (N, width, n) of the nodes of a program
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.tolerance.late > 0 and bool(robot.collision.labels)
 
     def measure(self, at: Instants) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from ocptip.standing.elastic.drives import on_its_drives
 from ocptip.standing.limit_kinds.limit import Sampled, WholeMotionLimit, Worst
 from ocptip.standing.limit_kinds.nominal import ContactLimit
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 _TIGHTER = 0.05  # by how much, at most, they are tightened at once
@@ -31,7 +31,7 @@ class RingingLimit(WholeMotionLimit, ContactLimit):
         return 0  # programs know nothing of it
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return robot.chain is not None and not robot.swings
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
@@ -41,7 +41,7 @@ class RingingLimit(WholeMotionLimit, ContactLimit):
         worst = getattr(found, self.quantity.symbol)
         return [self.found(worst.value, worst.time, "after the end" if worst.time > at.motion.end else "")]
 
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+    def tightened(self, asked: Limits, excess: float) -> Limits:
         name = self.setting if asked.overshoot > 0 else self.quantity.symbol
         number = getattr(asked, name)
         return replace(asked, **{name: max(number - min(max(excess, 0.01), _TIGHTER), number / 2)})

@@ -11,7 +11,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.jumps import AtJumps, Jumps
 from ocptip.standing.limit_kinds.limit import AskedLimit, Look, Sampled, WholeMotionLimit, Worst, WrenchLimit
 from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 _TOUCH = 1e-6  # m: as what a foot counts that lets go and comes down at once
@@ -28,10 +28,10 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     of_contacts = least = affine = True
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return robot.support.elastic is not None
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         elastic = robot.support.elastic
         assert elastic is not None  # it was wanted
@@ -75,13 +75,13 @@ class FootForceLimit(WrenchLimit, AskedLimit):
         forces = at.y[:, at.columns.wrench] @ self._map.T
         return NodeRows(at, i, k, forces[i, k] / self.unit, self._map[k])
 
-    def inner(self, asked: MotionLimits) -> MotionLimits:
+    def inner(self, asked: Limits) -> Limits:
         return self._raised(asked, 1e-4)
 
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+    def tightened(self, asked: Limits, excess: float) -> Limits:
         return self._raised(asked, min(excess / self.unit, _TIGHTER))
 
-    def _raised(self, asked: MotionLimits, share: float) -> MotionLimits:
+    def _raised(self, asked: Limits, share: float) -> Limits:
         return replace(asked, **{self.setting: getattr(asked, self.setting) + share * self.unit})
 
 
@@ -91,7 +91,7 @@ class JumpFootForceLimit(AtJumps, FootForceLimit):
     name, result, setting = "foot force at jumps", "jump_foot_force_N", "jump_foot_force"
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.overshoot > 0 and robot.support.elastic is not None
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
@@ -113,7 +113,7 @@ class FootLiftLimit(WholeMotionLimit):
     name, result, setting = "foot lift", "foot_lift_m", "foot_lift"
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return robot.swings
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
@@ -128,6 +128,6 @@ class FootLiftLimit(WholeMotionLimit):
             excess = max(excess, _TOUCH)
         return [Worst(self.result, found.lift, time, self.number, detail, excess)]
 
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+    def tightened(self, asked: Limits, excess: float) -> Limits:
         kind = JumpFootForceLimit if asked.overshoot > 0 else FootForceLimit
         return kind(self.robot, asked, tuple(self.joints)).tightened(asked, np.inf)

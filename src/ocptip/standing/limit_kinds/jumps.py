@@ -21,7 +21,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import JUMP, WHOLE, AskedLimit, Limit, Sampled, Worst
 from ocptip.standing.limit_kinds.nominal import NominalLimit
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
@@ -91,7 +91,7 @@ class AtJumps(AskedLimit):
     scenario = WHOLE
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         within = asked.tolerance.overshoot if isinstance(robot, Robot) else 0.0
         return asked.overshoot > within  # else jumps count within the tolerance, with all else that is off
 

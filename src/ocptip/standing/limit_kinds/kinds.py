@@ -1,6 +1,6 @@
 """The kinds of limits of a standing mechanism. A new kind is one class here and one line in `KINDS`.
 
-A kind that needs a number of its own adds a field to `standing.limits.MotionLimits`, as `AskedLimit` says.
+A kind that needs a number of its own adds a field to `standing.limits.Limits`, as `AskedLimit` says.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ocptip.standing.limit_kinds.worst_case import (
     WorstTipOverLimit,
     WorstTorqueLimit,
 )
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
@@ -44,7 +44,7 @@ class TorqueLimit(QuantityLimit, AskedLimit):
     name, result, setting = "torque", "torque_ratio", "torque_ratio"
     affine = True
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.units, self.width = robot.limits.torque, robot.n
 
@@ -127,7 +127,7 @@ class AngleLimit(Limit):
     scenario = WHOLE
     of_place = True
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.width = robot.n
         self._units = np.array(robot.units)
@@ -186,7 +186,7 @@ class FurtherLimit(QuantityLimit):
 
     name = "further"
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self._own = own = robot.further_limits
         self.units, self.width = own.units, own.count
@@ -263,7 +263,7 @@ UNCERTAIN: tuple[type[WithinLimit], ...] = (
 
 
 def limits_of(
-    robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...] | None = None
+    robot: StandingMechanism, asked: Limits, joints: tuple[int, ...] | None = None
 ) -> tuple[Limit, ...]:
     """All limits of each kind that is asked for.
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -127,16 +127,16 @@ class Limit:
     of_place = affine = False
     width = 0
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         self.robot, self.asked, self.joints = robot, asked, list(joints)
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         """Whether the robot and the task's numbers ask for this kind at all."""
         return True
 
     @classmethod
-    def of(cls, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> tuple[Limit, ...]:
+    def of(cls, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> tuple[Limit, ...]:
         """All limits of this kind."""
         return (cls(robot, asked, joints),)
 
@@ -261,11 +261,11 @@ class StateLimit(Limit):
 
 
 class AskedLimit(Limit):
-    """One quantity that must not exceed, or fall below, one number of `MotionLimits`.
+    """One quantity that must not exceed, or fall below, one number of `Limits`.
 
     Attributes:
         result: its name in results.
-        setting: the field of `MotionLimits`.
+        setting: the field of `Limits`.
         least: the number is the least value.
         rows_first: not tightened at once where it is broken by more than a step: then rows were missing.
         smallest_step, largest_step: by how much the number is tightened at once, at least and at most.
@@ -299,11 +299,11 @@ class AskedLimit(Limit):
         values = self.measure(at)
         return bool(np.all(-values >= self.number if self.least else values <= self.number))
 
-    def inner(self, asked: MotionLimits) -> MotionLimits:
+    def inner(self, asked: Limits) -> Limits:
         """The same numbers, this one a little tighter."""
         return replace(asked, **{self.setting: getattr(asked, self.setting) * (1 - INNER)})
 
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+    def tightened(self, asked: Limits, excess: float) -> Limits:
         """The same numbers, this one tighter where it was broken by `excess`; never by more than half."""
         value = getattr(asked, self.setting)
         step = min(max(excess, self.smallest_step), self.largest_step)
@@ -318,15 +318,15 @@ class WholeMotionLimit(AskedLimit):
     def kept(self, at: Instants) -> bool:
         return True
 
-    def inner(self, asked: MotionLimits) -> MotionLimits:
+    def inner(self, asked: Limits) -> Limits:
         return asked
 
 
 class TableLimit(AskedLimit):
-    """A number of a table of `MotionLimits`, such as `stops`.
+    """A number of a table of `Limits`, such as `stops`.
 
     Attributes:
-        table: the field of `MotionLimits`.
+        table: the field of `Limits`.
         inner_share: by so much tighter are programs.
     """
 
@@ -337,16 +337,16 @@ class TableLimit(AskedLimit):
     def number(self) -> float:
         return self._own(self.asked)
 
-    def inner(self, asked: MotionLimits) -> MotionLimits:
+    def inner(self, asked: Limits) -> Limits:
         return self._changed(asked, self._own(asked) * (1 - self.inner_share))
 
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+    def tightened(self, asked: Limits, excess: float) -> Limits:
         value = self._own(asked)
         return self._changed(asked, max(value - min(excess, self.largest_step), value / 2))
 
-    def _own(self, asked: MotionLimits) -> float:
+    def _own(self, asked: Limits) -> float:
         return getattr(getattr(asked, self.table), self.setting)
 
-    def _changed(self, asked: MotionLimits, value: float) -> MotionLimits:
+    def _changed(self, asked: Limits, value: float) -> Limits:
         own = replace(getattr(asked, self.table), **{self.setting: value})
         return replace(asked, **{self.table: own})

@@ -8,7 +8,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import AskedLimit, Look, WrenchLimit
 from ocptip.standing.limit_kinds.quantities import ContactQuantity, SlipQuantity, TipOverQuantity
 from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 
@@ -31,7 +31,7 @@ class ContactLimit(AskedLimit):
     def __init__(
         self,
         robot: StandingMechanism,
-        asked: MotionLimits,
+        asked: Limits,
         joints: tuple[int, ...],
         quantity: type[ContactQuantity],
     ) -> None:
@@ -45,9 +45,7 @@ class ContactLimit(AskedLimit):
         return self.quantity.width
 
     @classmethod
-    def of(
-        cls, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]
-    ) -> tuple[ContactLimit, ...]:
+    def of(cls, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> tuple[ContactLimit, ...]:
         return tuple(cls(robot, asked, joints, quantity) for quantity in (TipOverQuantity, SlipQuantity))
 
 

@@ -15,7 +15,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import Look, StateLimit, TableLimit
 from ocptip.standing.limit_kinds.nominal import ContactLimit
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_slopes
 
@@ -43,7 +43,7 @@ class StopLimit(StateLimit, TableLimit, ContactLimit):
         return self.asked.stops.time
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.stops is not None
 
     # --- what happens -------------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ class ContactQuantity(ABC):
 
     Attributes:
         name, symbol: in words, and in results.
-        at_steps: field of `MotionLimits` for the loads after acceleration steps.
+        at_steps: field of `Limits` for the loads after acceleration steps.
         width: number of rows at a node.
         unit: of rows.
         affine: rows are affine in the wrench.

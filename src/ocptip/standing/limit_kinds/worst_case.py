@@ -23,9 +23,9 @@ from ocptip.standing.limit_kinds.limit import (
     Worst,
 )
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
-from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, MotionLimits
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import WithinTolerance, WorstInstant, worst_of_sampled
 from ocptip.standing.within.tolerable import AT_REST, why_not
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
@@ -54,7 +54,7 @@ class WithinLimit(AskedLimit):
     scenario = WITHIN
 
     @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return bool(asked.tolerance.given)
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
@@ -77,7 +77,7 @@ class WorstCaseLimit(StateLimit, WithinLimit):
     rows_first = True
     unit = 1.0
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.cases = worst_case_of(robot, asked.tolerance)
         self._theta: np.ndarray | None = None  # (N, width, size) of the nodes of a program
@@ -140,10 +140,10 @@ class WorstTorqueLimit(WithinLimit):
         worst = found.torque
         return [self.found(worst.value, worst.time, f"joint {worst.joint}")]
 
-    def inner(self, asked: MotionLimits) -> MotionLimits:
+    def inner(self, asked: Limits) -> Limits:
         return asked
 
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+    def tightened(self, asked: Limits, excess: float) -> Limits:
         step = min(max(excess, self.smallest_step), self.largest_step)
         return replace(asked, torque_ratio=max(asked.torque_ratio - step, asked.torque_ratio / 2))
 
@@ -153,7 +153,7 @@ class WorstTipOverLimit(WorstCaseLimit):
 
     name, result, setting = "tip-over within tolerance", TIP_WITHIN, TIP_WITHIN
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.width = self.cases.axes
         self.unit = 2 * (self.cases.reference or 1.0)
@@ -209,7 +209,7 @@ class WorstSlipLimit(WorstCaseLimit):
     name, result, setting = "slip within tolerance", SLIP_WITHIN, SLIP_WITHIN
     width = 1
 
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self._smooth, self._most = self.cases.smooth(self.number)
 
@@ -248,19 +248,17 @@ class WorstSlipLimit(WorstCaseLimit):
         return self._rows(at, i, k, self._smooth.slip(at.s[i], theta=theta))
 
 
-def left_at_rest(robot: StandingMechanism, tolerance: Tolerance, rest: np.ndarray) -> float:
+def left_at_rest(robot: StandingMechanism, tolerance: Uncertainty, rest: np.ndarray) -> float:
     """Share of the least moment about a tipping axis that a tolerance leaves in postures (k, n) at rest."""
     cases = worst_case_of(robot, tolerance)
     if not cases.axes:
         return 1.0
     s = _at_rest(robot, rest)
-    least, plain = (float(own.all_moments(s).min()) for own in (cases, cases.within(Tolerance())))
+    least, plain = (float(own.all_moments(s).min()) for own in (cases, cases.within(Uncertainty())))
     return least / plain
 
 
-def as_described(
-    robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray, jumps: bool = True
-) -> MotionLimits:
+def as_described(robot: StandingMechanism, asked: Limits, rest: np.ndarray, jumps: bool = True) -> Limits:
     """Limits without a tolerance, tighter, so that motions of the world as described have about its room.
 
     What a tolerance costs is taken as at rest where it is worst. A jump from a moment M
@@ -279,13 +277,13 @@ def as_described(
     s = _at_rest(robot, rest)
     GN, GT = asked.GN, asked.GT
     if cases.axes and cases.reference:
-        worst, plain = cases.all_moments(s), cases.within(Tolerance()).all_moments(s)
+        worst, plain = cases.all_moments(s), cases.within(Uncertainty()).all_moments(s)
         where = np.unravel_index(np.argmin(worst), worst.shape)
         least = float(plain[where] - worst[where]) + more / (1 + more) * max(float(worst[where]), 0.0)
         GN = min(GN, float(cases.tip_ratio(np.array(least))))
     if asked.tolerance.friction:
         GT = min(GT, 1 - asked.tolerance.friction - MOVING)
-    return replace(asked, tolerance=Tolerance(), GN=GN, GT=GT)
+    return replace(asked, tolerance=Uncertainty(), GN=GN, GT=GT)
 
 
 def _at_rest(robot: StandingMechanism, rest: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 
 _NOTHING = 1e-12  # relative to the largest: slopes below this choose nothing
 
@@ -36,7 +36,7 @@ class Deviations:
         places: slices of theta by name.
     """
 
-    def __init__(self, robot: Robot, tolerance: Tolerance) -> None:
+    def __init__(self, robot: Robot, tolerance: Uncertainty) -> None:
         self.robot = robot
         self.places: dict[str, slice] = {}
         for name, (least, _) in self._ends(tolerance).items():
@@ -48,13 +48,13 @@ class Deviations:
         """Number of deviations."""
         return max((at.stop for at in self.places.values()), default=0)
 
-    def within(self, tolerance: Tolerance) -> Deviations:
+    def within(self, tolerance: Uncertainty) -> Deviations:
         """The same with another tolerance, of these quantities at most; nothing is built anew."""
         other = copy(self)
         other._set(tolerance)
         return other
 
-    def _set(self, tolerance: Tolerance) -> None:
+    def _set(self, tolerance: Uncertainty) -> None:
         self.tolerance, ends = tolerance.of(self.robot.payload), self._ends(tolerance)
         self.low, self.high = np.zeros(self.size), np.zeros(self.size)
         for name, at in self.places.items():
@@ -63,7 +63,7 @@ class Deviations:
         intervals = [at for name, at in self.places.items() if name not in _FREE]
         self._intervals = np.array([i for at in intervals for i in range(at.start, at.stop)], dtype=int)
 
-    def _ends(self, own: Tolerance) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def _ends(self, own: Uncertainty) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Ends of the intervals of what is uncertain; zeros for tilts and pushes."""
         robot, payload = self.robot, self.robot.payload
         mass = np.array(own.masses(robot.support.mass)) / robot.support.mass - 1
@@ -290,6 +290,6 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def deviations_of(robot: Robot, tolerance: Tolerance) -> Deviations:
+def deviations_of(robot: Robot, tolerance: Uncertainty) -> Deviations:
     """Those of a robot, made once."""
     return Deviations(robot, tolerance)

@@ -19,7 +19,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.late_joints import Looked, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
@@ -112,7 +112,7 @@ class WithinTolerance:
         alike: see `ContactMargins.alike`, up to products of deviations.
     """
 
-    tolerance: Tolerance
+    tolerance: Uncertainty
     tip: WorstInstant | None
     slip: WorstInstant
     torque: WorstTorque
@@ -131,7 +131,7 @@ class WithinTolerance:
 
 
 def worst_within(
-    robot: StandingMechanism, motion: Trajectory, tolerance: Tolerance, times: np.ndarray
+    robot: StandingMechanism, motion: Trajectory, tolerance: Uncertainty, times: np.ndarray
 ) -> WithinTolerance:
     """The worst of contacts and drives in a motion, everything off at once as far as the tolerance goes.
 
@@ -147,7 +147,7 @@ def worst_within(
     return worst_of_cases(worst_case_of(robot, tolerance), motion, times)
 
 
-def worst_of_sampled(at: Sampled, tolerance: Tolerance) -> WithinTolerance:
+def worst_of_sampled(at: Sampled, tolerance: Uncertainty) -> WithinTolerance:
     """The same of a motion that is checked, once for all limits."""
     if tolerance not in at.memo:
         at.memo[tolerance] = worst_within(at.robot, at.motion, tolerance, at.times)
@@ -186,7 +186,7 @@ def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
 
 
 def _smallest_gap(
-    robot: Robot, motion: Trajectory, tolerance: Tolerance, times: np.ndarray
+    robot: Robot, motion: Trajectory, tolerance: Uncertainty, times: np.ndarray
 ) -> WorstGap | None:
     """With every joint where it is to be at some time in the delay before, by slopes: what is found is
     attained."""
@@ -244,7 +244,7 @@ def _some(times: np.ndarray, events: np.ndarray) -> np.ndarray:
     return times[chosen]
 
 
-def _worst_torque(robot: Robot, motion: Trajectory, tolerance: Tolerance, times: np.ndarray) -> WorstTorque:
+def _worst_torque(robot: Robot, motion: Trajectory, tolerance: Uncertainty, times: np.ndarray) -> WorstTorque:
     found = WorstTorque(0.0, 0.0, 1)
     every = times = _some(np.unique(times), motion.event_times)
     for _ in range(1 + NEARER):

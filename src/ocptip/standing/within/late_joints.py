@@ -25,7 +25,7 @@ import numpy as np
 
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.jumps import SMALLEST
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
@@ -100,7 +100,7 @@ class Looked:
 class _Events:
     """Events of a motion, and what joints do on both sides of them."""
 
-    def __init__(self, motion: Trajectory, tolerance: Tolerance) -> None:
+    def __init__(self, motion: Trajectory, tolerance: Uncertainty) -> None:
         self.motion, self.times = motion, motion.event_times
         self.delay, self.more = tolerance.late, tolerance.overshoot
         self.q, self.qd, self.before = motion.states(self.times - INSIDE)
@@ -159,7 +159,7 @@ class _Events:
 
 
 def on_time(
-    motion: Trajectory, tolerance: Tolerance, times: np.ndarray, robot: Robot | None = None
+    motion: Trajectory, tolerance: Uncertainty, times: np.ndarray, robot: Robot | None = None
 ) -> Looked:
     """States at instants, where joints are late only as far as their accelerations did not jump.
 
@@ -172,7 +172,7 @@ def on_time(
 
 def jump_states(
     motion: Trajectory,
-    tolerance: Tolerance,
+    tolerance: Uncertainty,
     cases: WorstCase | None = None,
     robot: Robot | None = None,
 ) -> Looked:

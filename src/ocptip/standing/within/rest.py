@@ -27,7 +27,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap, TipOver
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import towards
 from ocptip.standing.within.tolerable import why_not
 
@@ -108,7 +108,7 @@ class WithinAtRest:
         ignored: quantities given that a scene cannot have.
     """
 
-    tolerance: Tolerance
+    tolerance: Uncertainty
     GN: float
     GT: float
     GN_worst: str
@@ -139,7 +139,7 @@ class WithinAtRest:
 
 
 def scene_within(
-    support: Support, loads: Sequence[Load], tolerance: Tolerance, reference_moment: float | None = None
+    support: Support, loads: Sequence[Load], tolerance: Uncertainty, reference_moment: float | None = None
 ) -> WithinAtRest:
     """The worst of a scene. Loads along gravity count as weights, which turn with gravity; others do not.
 
@@ -160,7 +160,7 @@ def scene_within(
     moment = reference_moment or TipOver(support).reference_moment
     fixed, hanging = _fixed_and_hanging(support, loads)
 
-    def within(some: Tolerance) -> RestCase:
+    def within(some: Uncertainty) -> RestCase:
         weights = [base_weight(support, some), *hanging]
         return RestCase(support, weights, fixed, some, base_pushes(some), moment)
 
@@ -168,14 +168,14 @@ def scene_within(
     return found_within([within], own, LOOKED_AT, ignored)
 
 
-def base_weight(support: Support, tolerance: Tolerance) -> Weight:
+def base_weight(support: Support, tolerance: Uncertainty) -> Weight:
     """The base as far as it is known."""
     low, high = np.array(tolerance.masses(support.mass))[[0, -1]] - support.mass
     half = np.asarray(tolerance.center_of_mass, dtype=float)
     return Weight("base mass", support.mass, np.zeros(3), float(low), float(high), half)
 
 
-def base_pushes(tolerance: Tolerance) -> list[Push]:
+def base_pushes(tolerance: Uncertainty) -> list[Push]:
     """The push at the base's centre of mass, wherever that is; the base is the first of the weights."""
     return [Push("base", tolerance.base_push, np.zeros(3), weight=0)] if tolerance.base_push else []
 
@@ -198,8 +198,8 @@ def _fixed_and_hanging(support: Support, loads: Sequence[Load]) -> tuple[np.ndar
 
 
 def found_within(
-    cases: Sequence[Callable[[Tolerance], RestCase]],
-    tolerance: Tolerance,
+    cases: Sequence[Callable[[Uncertainty], RestCase]],
+    tolerance: Uncertainty,
     looked_at: Sequence[str],
     ignored: tuple[str, ...] = (),
 ) -> WithinAtRest:
@@ -218,7 +218,7 @@ def found_within(
     )
     stands = GN < _LOST and GT < _LOST
 
-    def kept(within: Tolerance) -> bool:
+    def kept(within: Uncertainty) -> bool:
         made = (case(within) for case in cases)
         return all(case.tip()[0] < _LOST and case.slip()[0] < _LOST for case in made)
 
@@ -244,7 +244,7 @@ class RestCase:
         support: Support,
         weights: Sequence[Weight],
         fixed: np.ndarray,
-        tolerance: Tolerance,
+        tolerance: Uncertainty,
         pushes: Sequence[Push] = (),
         moment: float | None = None,
         name: str = "",

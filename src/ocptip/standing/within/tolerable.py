@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 
 CLOSE = 1e-3  # of a tolerance: how near the bisection gets
 AT_REST = (
@@ -23,7 +23,7 @@ UNDESCRIBED = "it does not stand as described"
 IN_MOTION = (*AT_REST, "speed", "delay", "damping")
 
 
-def why_not(tolerance: Tolerance, names: Sequence[str], kept: Callable[[Tolerance], bool]) -> str:
+def why_not(tolerance: Uncertainty, names: Sequence[str], kept: Callable[[Uncertainty], bool]) -> str:
     """Which quantity alone is too much, and how much of it is not; else how much of everything together.
 
     Args:
@@ -31,10 +31,10 @@ def why_not(tolerance: Tolerance, names: Sequence[str], kept: Callable[[Toleranc
         names: of the quantities that count, likely culprits first.
         kept: whether nothing is lost within a tolerance.
     """
-    return culprit_words(*culprit(tolerance, names, kept)) if kept(Tolerance()) else UNDESCRIBED
+    return culprit_words(*culprit(tolerance, names, kept)) if kept(Uncertainty()) else UNDESCRIBED
 
 
-def culprit_words(too_much: Tolerance, factor: float) -> str:
+def culprit_words(too_much: Uncertainty, factor: float) -> str:
     """What `culprit` found, in words."""
     if len(too_much.given) > 1:
         return f"each alone it can have, together {100 * factor:.0f} % of everything"
@@ -42,8 +42,8 @@ def culprit_words(too_much: Tolerance, factor: float) -> str:
 
 
 def culprit(
-    tolerance: Tolerance, names: Sequence[str], kept: Callable[[Tolerance], bool]
-) -> tuple[Tolerance, float]:
+    tolerance: Uncertainty, names: Sequence[str], kept: Callable[[Uncertainty], bool]
+) -> tuple[Uncertainty, float]:
     """The first quantity that alone is too much, else everything, and which factor of it is not."""
     for name in names:
         if name in tolerance.given and not kept(alone := tolerance.only(name)):
@@ -52,7 +52,7 @@ def culprit(
     return counting, largest(counting, kept)
 
 
-def largest(tolerance: Tolerance, kept: Callable[[Tolerance], bool], close: float = CLOSE) -> float:
+def largest(tolerance: Uncertainty, kept: Callable[[Uncertainty], bool], close: float = CLOSE) -> float:
     """The largest factor of a tolerance, 0 to 1, with which nothing is lost, by bisection."""
     if kept(tolerance):
         return 1.0

@@ -18,12 +18,12 @@ from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 
 
 def maximum_torques(
     robot: Robot,
-    tolerance: Tolerance,
+    tolerance: Uncertainty,
     q: np.ndarray,
     qd: np.ndarray,
     qdd: np.ndarray,
@@ -70,7 +70,7 @@ def maximum_torques(
     return found
 
 
-def _weights(arm: ArmModel, own: Tolerance) -> tuple[np.ndarray, np.ndarray]:
+def _weights(arm: ArmModel, own: Uncertainty) -> tuple[np.ndarray, np.ndarray]:
     """Minimum and maximum of the weights of `_parts`."""
     links = np.full(len(arm.masses), own.arm_mass)
     held, box = own.payload_mass, (1 + own.payload_mass) * np.asarray(own.payload_center)

@@ -22,7 +22,7 @@ from ocptip.reserves.tipping import TipMap
 from ocptip.reserves.wrench_cone import ConeMap
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import Deviations, deviations_of
 
 ROUNDS = 2  # how often the worst deviations are chosen
@@ -73,7 +73,7 @@ class WorstCase:
         InputError: the tolerance does not fit the robot, or the robot is no arm.
     """
 
-    def __init__(self, robot: StandingMechanism, tolerance: Tolerance) -> None:
+    def __init__(self, robot: StandingMechanism, tolerance: Uncertainty) -> None:
         if not isinstance(robot, Robot):
             raise InputError(
                 "tolerance: of parallel robots only damping is looked at, in [tolerance] (--tolerance none)"
@@ -85,7 +85,7 @@ class WorstCase:
         self._slip_map: ConeMap | SlipMap | None = None
         self.axes = self._map.count
 
-    def within(self, tolerance: Tolerance) -> WorstCase:
+    def within(self, tolerance: Uncertainty) -> WorstCase:
         """The same within another tolerance, of these quantities at most; little is built anew."""
         other = copy(self)
         other.deviations = self.deviations.within(tolerance)
@@ -320,7 +320,7 @@ class WorstCase:
         return self.robot.tip_over.ratio(moments)
 
 
-def _weakest(robot: Robot, tolerance: Tolerance) -> Robot:
+def _weakest(robot: Robot, tolerance: Uncertainty) -> Robot:
     """The robot on contacts with the least friction."""
     if not tolerance.friction:
         return robot
@@ -330,6 +330,6 @@ def _weakest(robot: Robot, tolerance: Tolerance) -> Robot:
 
 
 @lru_cache(maxsize=8)
-def worst_case_of(robot: StandingMechanism, tolerance: Tolerance) -> WorstCase:
+def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty) -> WorstCase:
     """That of a robot, made once."""
     return WorstCase(robot, tolerance)
