@@ -62,7 +62,8 @@ FILES = sorted({
 def folder(tmp_path, monkeypatch):
     """A folder with the examples as `ocptip examples ex` copies them."""
     (tmp_path / "src").symlink_to(ROOT / "src")
-    (tmp_path / "ex").symlink_to(EXAMPLES)
+    for name in ("ex", "examples"):
+        (tmp_path / name).symlink_to(EXAMPLES)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -220,7 +220,7 @@ class MotionPenalty:
             worst, high, low = columns.max(axis=0), torques.max(axis=0), torques.min(axis=0)
         allowed = bound.torque_ratio * robot.limits.torque
         joints = list(self.task.optimised)
-        least, greatest = np.array([motion.joints[joint].angle_range for joint in joints]).T
+        least, greatest = np.array([motion.joints[joint].pieces.angle_ranges[0] for joint in joints]).T
         limits = np.concatenate(
             [
                 worst - np.array([bound.GN, bound.GT, *[-bound.clearance] * gaps.shape[1]]),

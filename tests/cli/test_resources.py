@@ -47,7 +47,7 @@ def test_a_full_disk_behind_stdout(arguments):
 def test_a_full_disk_behind_stderr():
     with open("/dev/full", "w") as full:
         code, out, _ = ocptip("stand", SCENE, stderr=full)
-        assert (code, "STANDS" in out) == (0, True)
+        assert (code, "STABLE" in out) == (0, True)
         assert ocptip("stand", "no.toml", stderr=full)[0] == BAD_INPUT
 
 

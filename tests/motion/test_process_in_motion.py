@@ -28,13 +28,12 @@ from ocptip.placement.terrain import plane
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import AXES, ProcessWrench
-from ocptip.standing.limit_kinds.brakes import Closing
 from ocptip.standing.limits import Limits
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, compared
 from ocptip.standing.simulation.urdf import to_urdf
-from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes
+from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, Closing
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.cycle import load_cycle

@@ -69,12 +69,19 @@ def test_a_grid_is_met_at_its_points_and_reproduces_cubics():
         (lambda: Wave(0.1, -1), "length: must be > 0"),
         (lambda: HeightField(0.3), "expected Bump, Wave, HeightGrid or a CasADi function, got 0.3"),
         (lambda: HeightField(cs.Function("f", [cs.SX.sym("x", 2)], [1.0])), "expected a function of x and y"),
-        (lambda: HeightField(rooted()), "not out of elementary operations"),
     ],
 )
 def test_what_is_no_height_field_is_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+def test_a_height_may_be_a_root():
+    points = np.array([[0.3, 0.7], [-0.2, -1.5]])
+    slopes = HeightField(rooted()).slopes(points)
+    for (_, y), (height, by_x, by_y) in zip(points, slopes, strict=True):
+        assert height**3 + height == pytest.approx(y, abs=1e-9)
+        assert (by_x, by_y) == (pytest.approx(0, abs=1e-9), pytest.approx(1 / (3 * height**2 + 1), rel=1e-6))
 
 
 def rooted():

@@ -10,6 +10,8 @@ from ocptip.published.arms import load_arm, modular_motors
 from ocptip.published.cases import motion_case, motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
 from ocptip.standing.arm import Robot
+from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.velocity_profiles import VelocityProfiles
 
 
 def reference(name, base="printed"):
@@ -95,6 +97,6 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match=r"base: there is no 'steel'; there are printed, effective"):
         experiment_robot(motion_case("A"), "steel")
     robot, motion = reference("A")
-    short = type(motion)(motion.joints[:5])
+    short = Trajectory(profiles=VelocityProfiles(motion.joints[:5]))
     with pytest.raises(InputError, match="5 joints, the arm has 6"):
         robot.samples(short, np.zeros(1))

@@ -136,8 +136,8 @@ class CheckReport(Report):
             tables = [table(worst_rows(checked), left=(0, 4, 5))]
             tables += [_scale_table(found.time_scale)] if found.time_scale else []
         head = [f"{found.name} on {found.task.name}   {self._verdict}", motion_line(checked)]
-        more = {"scaled": found.time_scale, "more": self._notes(), "details": details, "tables": tables}
-        return motion_text(found, head, **more)
+        more = {"scaled": found.time_scale, "more": self._notes(), "assumed": found.assumed}
+        return motion_text(found, head, **more, details=details, tables=tables)
 
     @property
     def _verdict(self) -> str:

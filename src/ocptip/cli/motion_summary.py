@@ -65,6 +65,7 @@ def motion_text(
     *,
     scaled: Iterable[tuple[float, MotionCheck]] = (),
     more: Sequence[str] = (),
+    assumed: Sequence[str] = (),
     details: Sequence[tuple[str, str]] = (),
     tables: Sequence[Sequence[str]] = (),
     written: Sequence[Path] = (),
@@ -76,6 +77,7 @@ def motion_text(
         head: lines of the verdict and of the motion.
         scaled: checks of the motion with all times multiplied by a factor.
         more: notes.
+        assumed: what the file does not say of the motion.
         details: names and texts, of `-v`.
         tables: the same, each of some lines.
         written: files; an answer that is printed before they are written has none and is the beginning.
@@ -92,7 +94,10 @@ def motion_text(
         [line for factor, own in scaled for line in _scaled(factor, own)],
         [
             *wrapped("Note", [*notes(checked), *more]),
-            *wrapped("Assumed", [*robot.notes, *(text for s in found.stops.values() for text in s.assumed)]),
+            *wrapped(
+                "Assumed",
+                [*robot.notes, *assumed, *(text for s in found.stops.values() for text in s.assumed)],
+            ),
         ],
         *tables,
         named(details) if details else [],

@@ -73,7 +73,7 @@ def test_least_foot_forces_of_eight_plans(name):
 
 def test_events_close_together_are_keyframes_of_their_own():
     robot, motion = plan_of("D-printed")
-    assert np.diff(motion.event_times).min() < 1e-6
+    assert np.diff(motion.event_times).min() < 2e-4
     assert to_mjcf(robot, motion).count("<key ") == to_mjcf(robot, motion).count('name="key ') + 1
     Simulator((Part(robot, motion.time_scaled(0.01)),)).run()  # MuJoCo takes it
 
