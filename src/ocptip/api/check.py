@@ -22,7 +22,7 @@ from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.objective import TIME
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
-from ocptip.motion.summary import margin_table, motion_line, robustness_lines
+from ocptip.motion.summary import brief
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
 from ocptip.retiming.retime import OF_PATH, least_cost
@@ -98,16 +98,7 @@ class Check:
 
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""
-        verdict = self.check.headline if self.verified or not self.check.verified else "LIMITS BROKEN"
-        broken = [*self.check.violations, *(v for one in self.stops.values() for v in one.violations)]
-        rows = [
-            f"{self.name} on {self.task.name}   {verdict}",
-            motion_line(self.check),
-            *(f"Broken  {text}" for text in broken),
-            "",
-        ]
-        rows += margin_table(self.task.robot, self.check)
-        return "\n".join([*rows, "", *robustness_lines(self.robustness)])
+        return brief(f"{self.name} on {self.task.name}", self)
 
     def to_dict(self) -> dict[str, Any]:
         """Verdict, worst values with their times, limits: plain data for JSON."""

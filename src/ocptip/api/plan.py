@@ -25,7 +25,7 @@ from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
-from ocptip.motion.summary import margin_table, motion_line, robustness_lines
+from ocptip.motion.summary import brief
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
 from ocptip.pictures.cycle import seen_plan
@@ -154,16 +154,7 @@ class Plan:
 
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""
-        verdict = self.check.headline if self.verified or not self.check.verified else "LIMITS BROKEN"
-        broken = [*self.check.violations, *(v for one in self.stops.values() for v in one.violations)]
-        rows = [
-            f"{self.task.name}   {verdict}",
-            motion_line(self.check),
-            *(f"Broken  {text}" for text in broken),
-            "",
-        ]
-        rows += margin_table(self.task.robot, self.check)
-        return "\n".join([*rows, "", *robustness_lines(self.robustness)])
+        return brief(self.task.name, self)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json, plain data for strict JSON."""

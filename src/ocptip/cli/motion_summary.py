@@ -6,7 +6,6 @@ import os
 import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,13 +13,9 @@ from ocptip.basics.text import percent, some
 from ocptip.cli.layout import named, segment_table, stop_table, under
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
-from ocptip.motion.summary import WIDTH, margin_table, rises, robustness_lines
+from ocptip.motion.summary import WIDTH, Answer, margin_table, rises, robustness_lines
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
-
-if TYPE_CHECKING:  # only names of types
-    from ocptip.api.check import Check
-    from ocptip.api.plan import Plan
 
 _NAMED = 3  # names of files in the last lines
 
@@ -60,7 +55,7 @@ def wrapped(name: str, texts: Iterable[str]) -> list[str]:
 
 
 def motion_text(
-    found: Plan | Check,
+    found: Answer,
     head: Sequence[str],
     *,
     scaled: Iterable[tuple[float, MotionCheck]] = (),

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 from ocptip.basics.text import quantity, table
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.cycles.check import CycleCheck
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
+from ocptip.motion.stops import Stops
 from ocptip.motion.tolerated import Tolerated
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.trajectory import Trajectory
 
 WIDTH = 80
@@ -23,6 +28,35 @@ _TITLES = {
 _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N"}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
+
+
+class Answer(Protocol):
+    """What is known about a motion: a plan, or the check of one."""
+
+    @property
+    def task(self) -> Task: ...
+    @property
+    def check(self) -> MotionCheck: ...
+    @property
+    def checked(self) -> CycleCheck: ...
+    @property
+    def verified(self) -> bool: ...
+    @property
+    def stops(self) -> Mapping[str, Stops]: ...
+    @property
+    def robustness(self) -> Sequence[Tolerated]: ...
+    @property
+    def sensitivities(self) -> Sequence[Sensitivity]: ...
+
+
+def brief(title: str, found: Answer) -> str:
+    """Verdict, duration and energy, broken limits, margins, robustness."""
+    checked = found.check
+    verdict = checked.headline if found.verified or not checked.verified else "LIMITS BROKEN"
+    broken = [*checked.violations, *(text for stops in found.stops.values() for text in stops.violations)]
+    rows = [f"{title}   {verdict}", motion_line(checked), *(f"Broken  {text}" for text in broken), ""]
+    rows += margin_table(found.task.robot, checked)
+    return "\n".join([*rows, "", *robustness_lines(found.robustness)])
 
 
 def margin_table(robot: StandingMechanism, checked: MotionCheck) -> list[str]:
