@@ -1,7 +1,7 @@
-"""Gears that give: vibration of the gripper and the wrench on the base, computed and simulated.
+"""Elastic joints: vibration of the gripper and the wrench on the base, computed and simulated.
 
 Motions of the modular arm and of a UR5, with gears of two stiffnesses (5 % damping of each joint alone),
-bolted down and on feet that give, by `ocptip.standing.elastic.drives` and by MuJoCo's rigid bodies with a
+bolted down and on compliant feet, by `ocptip.standing.elastic.drives` and by MuJoCo's rigid bodies with a
 spring at every joint, integrated by Runge-Kutta steps: nothing is linearised there. Vibration is where the
 gripper is less where it sags to at rest in the same posture, which MuJoCo finds for itself. And what rise
 times of one period of a mode do.
@@ -58,7 +58,7 @@ class Simulated:
 
 
 def simulated(robot: Robot, motion: Trajectory, step: float, after: float) -> Simulated:
-    """MuJoCo's motion of a robot with gears that give, on its feet if these give, else bolted down."""
+    """MuJoCo's motion of a robot with elastic joints, on its feet if these give, else bolted down."""
     gears, elastic = robot.arm.gears, robot.support.elastic
     assert gears is not None
     ride, feet = Ride(robot, motion), {}
@@ -187,11 +187,11 @@ def markdown(result: dict[str, Any]) -> str:
             rises.append([*head, *times, before[0], *now[:2], before[1], *now[2:]])
     worst = max(abs(row["peak_m"] / row["simulated_peak_m"] - 1) for row in result["rows"])
     lines = [
-        "# Gears that give",
+        "# Elastic joints",
         "",
         f"{software(result['versions'])}. Effective bases; stiffness of the gears of joints 1 and 2, half of "
         "it in joint 3, a tenth in joints 4 and 5, joint 6 does not give; 5 % damping of each joint alone. "
-        f"Feet that give have {100 * FEET_DAMPING:.0f} % damping of their lowest mode. Simulation: MuJoCo's "
+        f"Compliant feet have {100 * FEET_DAMPING:.0f} % damping of their lowest mode. Simulation: MuJoCo's "
         f"rigid bodies, nothing linearised, Runge-Kutta steps of {1e3 * STEP:g} ms.",
         "",
         f"Vibration of the gripper; the greatest difference of a peak is {percent(worst, 1)}. Last but one: "

@@ -1,4 +1,4 @@
-"""What ramps do to feet that give, what keeps the feet on the ground, and what that costs.
+"""What ramps do to compliant feet, what keeps the feet on the ground, and what that costs.
 
 Three plans of every published case without clamps: as it is (GN and GT at most 0.9), with jumps counted with
 their overshoot at 5 % damping, and on feet of 1e6 N/m with that damping, all of which have to stay pressed
@@ -40,7 +40,7 @@ STEPS = {1e5: 1e-3, 1e6: 5e-4, 1e7: 2e-4}
 
 
 def softened(robot: Robot, stiffness: float, damping: float = DAMPING) -> Robot:
-    """The same robot on feet that give."""
+    """The same robot on compliant feet."""
     own = robot.support
     feet = [
         replace(c, stiffness=stiffness, damping_ratio=damping)
@@ -151,7 +151,7 @@ def markdown(result: dict[str, Any]) -> str:
     ]
     options = result["options"]
     lines = [
-        "# Feet that give",
+        "# Compliant feet",
         "",
         f"{software(result['versions'])}; {options['starts']} starts, seed {options['seed']}; effective "
         f"base; {100 * DAMPING:.0f} % damping of the lowest mode.",

@@ -6,7 +6,7 @@ Goes on: rows that are there stay.
 
 Each recording is of one of six plans, of a machine that is bolted down (one kind: that stands on MuJoCo's
 feet, which give a little), with noise and a clock of its own. Faults are drawn by the number of
-the recording: one of each kind alone, and all of elastic joints, a joint late by 4 ms, a link 5 % too heavy
+the recording: one of each alone, and all of elastic joints, a joint delayed by 4 ms, a link 5 % too heavy
 and dry friction together. A fault counts as named if it is a finding; rivals of findings are counted by
 themselves.
 """

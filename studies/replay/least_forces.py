@@ -1,4 +1,4 @@
-"""Least foot forces of plans, replayed in MuJoCo from their exported models, beside the library's.
+"""Minimum foot forces of plans, replayed in MuJoCo from their exported models, beside the library's.
 
 Stored nominal plans of six cases with the effective and two with the printed base, which are ramps, and
 plans of the same tasks within `workshop`, made here, which may be S-curves. Rigid feet, three of them, so
@@ -98,11 +98,11 @@ def markdown(rows: Sequence[dict[str, Any]], notes: Sequence[str]) -> str:
     ]
     head = ("plan", "within", "form", "least force [N]", "in MuJoCo [N]", "rms of the least [N]")
     head += ("rms of all [N]", "lift [mm]", "slide [mm]", "stands")
-    text = ["# Least foot forces in MuJoCo", "", *notes, "", *table(head, lines, left=3), ""]
+    text = ["# Minimum foot forces in MuJoCo", "", *notes, "", *table(head, lines, left=3), ""]
     seen = [row for row in rows if "refused" not in row]
     if seen:
         most = max(row["rms_least_N"] for row in seen)
-        text.append(f"- At most {most:.2f} N rms between the least foot forces of {len(seen)} plans.")
+        text.append(f"- At most {most:.2f} N rms between the minimum foot forces of {len(seen)} plans.")
     text += [
         f"- {row['plan']}, {row['kind']}: no plan ({row['refused']})" for row in rows if "refused" in row
     ]

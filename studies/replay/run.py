@@ -84,7 +84,7 @@ def beyond(robot: Robot, motion: Trajectory, tolerance: Uncertainty) -> dict[str
 
 
 def least_force(replay: Replay) -> float:
-    """Least normal force, N, outside of steps with an event, from the start of the motion to its end."""
+    """Minimum normal force, N, outside of steps with an event, from the start of the motion to its end."""
     inside = (replay.times > 0) & (replay.times < replay.end) & replay.quiet
     return float(replay.forces[inside].min())
 

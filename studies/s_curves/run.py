@@ -72,7 +72,7 @@ def task_of(case: str, variant: str) -> MotionTask:
 
 
 def on_feet(robot: StandingMechanism, stiffness: float) -> StandingMechanism | None:
-    """The same robot on feet that give; None if it stands on other contacts, too."""
+    """The same robot on compliant feet; None if it stands on other contacts, too."""
     own = robot.support
     if not all(isinstance(contact, UnilateralContact) for contact in own.contacts):
         return None
@@ -82,7 +82,7 @@ def on_feet(robot: StandingMechanism, stiffness: float) -> StandingMechanism | N
 
 
 def feet_of(robot: StandingMechanism, motion: Trajectory) -> list[dict]:
-    """Least normal force and lift on all stiffnesses, as far as they are known."""
+    """Minimum normal force and lift on all stiffnesses, as far as they are known."""
     found = []
     for stiffness in STIFFNESSES:
         soft = on_feet(robot, stiffness)
@@ -167,7 +167,7 @@ def markdown(rows: Sequence[dict], options: dict, state: str) -> str:
     )
     lines += [
         "",
-        f"Least normal force of any foot, N, on feet that give, {100 * DAMPING:g} % damping; lift in mm:",
+        f"Minimum normal force of any foot, N, on compliant feet, {100 * DAMPING:g} % damping; lift in mm:",
         "",
     ]
     for stiffness in STIFFNESSES:

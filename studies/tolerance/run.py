@@ -211,7 +211,7 @@ def _felt(by: dict[tuple[str, str], dict[str, Any]], names: Sequence[str]) -> li
             lines.append([name, *(_lift(own, stiffness) for stiffness in STIFFNESSES for own in found)])
     if not lines:
         return []
-    text = ["", "Lift of a foot on feet that give, 5 % damping, mm (plans within the tolerance):", ""]
+    text = ["", "Lift of a foot on compliant feet, 5 % damping, mm (plans within the tolerance):", ""]
     head = [f"{stiffness:.0e} N/m{what}" for stiffness in STIFFNESSES for what in ("", ", ramps")]
     return text + table(["task", *head], lines)
 

@@ -36,7 +36,7 @@ def test_a_replay_of_a_folder_and_of_what_was_read_from_it(folder, tmp_path):
     ("options", "message"),
     [
         ({"stiffness": 1.0}, r"stiffness: 1e3 to 1e8 N/m, got 1"),
-        ({"damping": 0.1}, "damping: of feet that give; give stiffness, too"),
+        ({"damping": 0.1}, "damping: of compliant feet; give stiffness, too"),
         ({"tilt": 2.0}, r"tilt: 0 to 1\.047 rad, got 2\.0"),
         ({"friction": 1e3}, "friction: a factor of 0"),
         ({"payload": -1.0}, "payload: must be >= 0"),

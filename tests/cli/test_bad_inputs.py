@@ -102,7 +102,7 @@ PLAN = [  # what becomes of ur5_cart.toml: old, new, message after the file's na
     (
         "clearance = 0.01",
         "foot_force = 5",
-        "limits.foot_force: is about feet that give; these have no stiffness",
+        "limits.foot_force: is about compliant feet; these have no stiffness",
     ),
     ("[limits]", "[limits", "broken TOML"),
 ]
@@ -211,7 +211,7 @@ MOTIONS = [  # for check: name and content of the file, message after the name
     ("t.json", trajectory(POINT, LATER | {"positions": [1e300] * 6}), "positions: magnitudes above"),
     ("t.yaml", "joint_names: [a\n", "broken YAML"),
     ("t.yaml", "- 1\n", ""),
-    ("m.csv", "", "is empty; expected ramp commands"),
+    ("m.csv", "", "is empty; expected profile commands"),
     ("m.csv", HEAD, "times: at least two samples are needed"),
     ("m.csv", "a,b\n1,2\n", ""),
     ("m.csv", HEAD.replace("q3_deg", "q9_deg") + "\n0,0,0,0,0,0,0\n", ""),

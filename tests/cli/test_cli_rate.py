@@ -61,7 +61,7 @@ def test_table_says_the_same(capsys):
         assert shown == ("-" if entry["value"] is None else f"{entry['value']:.4g}")
         assert entry["meaning"].split()[0] in row
     assert max(map(len, lines)) <= 110
-    assert any(line.startswith("shortest way") for line in lines)
+    assert any(line.startswith("shortest path") for line in lines)
     assert not any(line.startswith("sigma") for line in lines)
 
 
@@ -69,7 +69,7 @@ def test_singular_pose_has_its_own_exit_code(capsys):
     assert main(["rate", "IRB2000", *"000000"]) == 1
     text = capsys.readouterr().out
     assert text.startswith("IRB2000: SINGULAR pose.")
-    assert "\nshortest way" not in text
+    assert "\nshortest path" not in text
 
 
 def test_pose_outside_of_the_joint_limits_is_noted(capsys):

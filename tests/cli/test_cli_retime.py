@@ -192,7 +192,7 @@ def test_timings_are_within_a_workshop_unless_something_else_is_asked_for(
     """The folder holds the tolerance, and `check` finds the same worst case."""
     out = str(tmp_path / "out")
     assert main(["retime", SWEEP, "--task", TASK, "--no-figures", "--out", out]) == 0
-    assert "jumps overshoot at 5 % damping" in capsys.readouterr().out
+    assert "acceleration steps overshoot at 5 % damping" in capsys.readouterr().out
     plan = json.loads(Path(out, "plan.json").read_text(encoding="utf-8"))
     worst = plan["controller"]["worst"]["GN_worst_case"]
     assert 0.8 < worst["value"] <= 0.999

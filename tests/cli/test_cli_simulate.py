@@ -97,7 +97,7 @@ def test_simulate_says_no(written, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--damping", "0.1"], "--damping: of feet that give; give --stiffness, too"),
+        (["--damping", "0.1"], "--damping: of compliant feet; give --stiffness, too"),
         (["--stiffness", "10"], "--stiffness: 1e3 to 1e8 N/m, got 10"),
         (["--tilt", "90"], "--tilt: 0 to 60 degrees"),
         (["--speed", "0"], "--speed: must be > 0"),

@@ -1,4 +1,4 @@
-"""Feet that give: normal forces of least elastic energy, and those of a simulation with soft contacts."""
+"""Compliant feet: normal forces of least elastic energy, and those of a simulation with soft contacts."""
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ CART = np.array([[0.3, 0.25, 0], [0.3, -0.25, 0], [-0.3, -0.25, 0], [-0.3, 0.25,
 
 
 def standing(places, stiffness, center=(0.0, 0.0, 0.4), mass=40.0, friction=0.7, **options):
-    """A base on feet that give; stiffness for all, or one each."""
+    """A base on compliant feet; stiffness for all, or one each."""
     each = np.broadcast_to(stiffness, len(places))
     feet = [
         UnilateralContact(position=p, friction=friction, stiffness=k, **options)

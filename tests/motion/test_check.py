@@ -105,7 +105,7 @@ def test_an_upper_bound_of_the_slip_optimum_keeps_a_limit_and_is_named_where_it_
     checked = check_motion(robot, motion, Limits(GT=0.99 * GT))
     assert not checked.verified
     assert not any("no verified contact state" in violation for violation in checked.violations)
-    assert any("the slip optimum is not certified at" in violation for violation in checked.violations)
+    assert any("the slip optimum is not proved at" in violation for violation in checked.violations)
     start, slope = motion.start, robot.support.varied(gravity=[0.3, 0.0, -9.81])
     robot = robot.varied(support=slope)
     assert posture_refusals(robot, Limits(GT=0.9), start) == []

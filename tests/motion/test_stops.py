@@ -228,7 +228,7 @@ def test_the_command_says_what_was_looked_at(capsys, motion_file):
     assert main(["check", str(motion_file), "-v", "--stops", "path"]) == 0
     text = capsys.readouterr().out
     assert "GN in stops on the path" in text
-    assert "category 0 (brakes) not looked at" in " ".join(text.split())
+    assert "category 0 (brakes) not checked" in " ".join(text.split())
     assert "largest safe share of the planned speed" in text
     assert main(["check", str(motion_file), "--stops", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)

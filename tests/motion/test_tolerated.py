@@ -185,15 +185,15 @@ def test_stiffness_of_feet_in_words():
 
     lifts = "contact 2 lifts"
     assert words(np.inf, False, lifts) == (
-        "no feet that give (contact 2 lifts on those of 1e7 N/m, 5 % damping, 0.500 s, and on softer ones)"
+        "no compliant feet (contact 2 lifts on those of 1e7 N/m, 5 % damping, 0.500 s, and on softer ones)"
     )
     assert words(np.inf, False, lifts, (2.5e5, 4e6)) == (
-        "feet that give, of 2.5e5 N/m to 4e6 N/m only "
+        "compliant feet, of 2.5e5 N/m to 4e6 N/m only "
         "(contact 2 lifts on those of 1e7 N/m, 5 % damping, 0.500 s)"
     )
-    assert words(1e4, True, "") == "feet that give, of 1e4 N/m and more (5 % damping)"
+    assert words(1e4, True, "") == "compliant feet, of 1e4 N/m and more (5 % damping)"
     assert words(2.5e5, False, lifts) == (
-        "feet that give, of 2.5e5 N/m and more (contact 2 lifts on softer ones, 5 % damping, 0.500 s)"
+        "compliant feet, of 2.5e5 N/m and more (contact 2 lifts on softer ones, 5 % damping, 0.500 s)"
     )
 
 

@@ -123,7 +123,7 @@ def test_least_distances_carry_the_names_of_their_pairs(free):
         assert all(np.isfinite([line.get_ydata() for line in shown]).any(axis=0))
         _, y = curve(figures[figure], "clearance-worst")
         assert y[0] == pytest.approx(1e3 * gaps.min(), rel=1e-3)
-        assert ax.get_title("left").startswith(f"Least distance {y[0]:.3g} mm at ")
+        assert ax.get_title("left").startswith(f"Minimum distance {y[0]:.3g} mm at ")
 
 
 def test_energy_ends_at_that_of_the_check_and_the_reference_is_dashed(clamped):

@@ -103,7 +103,7 @@ def test_nearest_tipping_axis_is_highlighted_with_its_moment(scenes):
 
 
 def test_line_of_action_on_the_ground_agrees_with_the_moment_reserve(scenes):
-    """On a plane, moment reserve = total normal force times distance of the resultant from the axis."""
+    """On a plane, moment margin = total normal force times distance of the resultant from the axis."""
     scene = read_scene(scenes / "tripod_with_arm.toml")
     states, tip, slip = evaluate(scene)
     figure = draw_scene(scene, states, tip, slip)

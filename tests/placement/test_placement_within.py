@@ -63,9 +63,9 @@ def test_nothing_inside_is_worse(placement):
 def test_what_needs_a_motion_is_left_out_and_the_rest_is_named(placement):
     found = placement_within(placement, WORKSHOP)
     assert found.ignored == (
-        "joints up to 10 ms late",
+        "joints delayed by up to 10 ms",
         "3 % faster or slower",
-        "jumps overshoot at 5 % damping",
+        "acceleration steps overshoot at 5 % damping",
     )
     assert found.GN_worst.startswith(tuple(case.name for case in placement.problem.cases))
     assert "tilt 0.5 deg" in found.GN_worst

@@ -15,7 +15,7 @@ COLUMNS = {"FP1W2F": "ABC", "FSFS": "DEF", "W1P1P2W2": "GH"}
 def ramp(
     t: float, angle: float, speed: float, target: float, v: float, a: float
 ) -> tuple[list[float], float, float]:
-    """Times (t', t'', t_e) of one ramp command and the state (angle, speed) at t''; degrees and seconds."""
+    """Times (t', t'', t_e) of one profile command and state (angle, speed) at t''; degrees and seconds."""
     way = target - angle
     forth = 0.5 * (speed + v) * abs(v - speed) / a + 0.5 * v**2 / a
     back = 0.5 * (speed - v) * abs(v + speed) / a - 0.5 * v**2 / a

@@ -148,7 +148,7 @@ def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_
     assert of(lifts).force.value == 0
     standing = of(~lifts)
     rows = np.flatnonzero(~lifts & solve_many(support, wrenches).persistent)
-    assert standing.lines()[0].startswith("least normal force")
+    assert standing.lines()[0].startswith("minimum normal force")
     assert "of equally compliant feet" in standing.lines()[0]
     assert standing.force.value == pytest.approx(shared.forces[rows, :, 0].min())
     standing = of(rows)

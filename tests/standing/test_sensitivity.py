@@ -116,7 +116,7 @@ def test_what_is_said(case):
     robot, states = case
     found = motion_sensitivities(robot, *states)
     assert str(found[0]).startswith("1 kg more base mass: GN ")
-    assert "least foot force" in str(found[0])
+    assert "minimum foot force" in str(found[0])
     data = found[0].to_dict()
     assert data["quantity"] == "base_mass"
     assert data["exact"] is True

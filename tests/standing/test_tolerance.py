@@ -16,7 +16,8 @@ def test_presets_are_those_of_the_documentation():
     assert NONE.overshoot == 0
     assert f"{WORKSHOP}" == (
         "base mass +-5 %, friction -20 %, floor tilt 0.5 deg, arm masses +-5 %, payload +-5 %, 0.1 kg more "
-        "at the gripper, joints up to 10 ms late, 3 % faster or slower, jumps overshoot at 5 % damping"
+        "at the gripper, joints delayed by up to 10 ms, 3 % faster or slower, "
+        "acceleration steps overshoot at 5 % damping"
     )
     assert SITE.push == SITE.base_push == 20
     assert np.degrees(SITE.tilt) == pytest.approx(1.5)
@@ -35,7 +36,7 @@ def test_overshoot_is_that_of_a_damped_oscillation():
 
 def test_only_and_require_only():
     assert WORKSHOP.only("friction", "tilt").given == ("friction", "tilt")
-    with pytest.raises(InputError, match=r"^tolerance\.tilt: not looked at here; there are friction$"):
+    with pytest.raises(InputError, match=r"^tolerance\.tilt: not checked here; there are friction$"):
         Uncertainty(friction=0.1, tilt=0.1).require_only("friction", where="here")
 
 

@@ -1,4 +1,4 @@
-"""Tasks on feet that give: what a file says of them, and a plan that keeps them on the ground."""
+"""Tasks on compliant feet: what a file says of them, and a plan that keeps them on the ground."""
 
 import dataclasses
 import json
@@ -78,7 +78,7 @@ def test_check_says_how_the_base_swings(capsys, tmp_path):
     main(["check", str(motion), "--task", str(tmp_path / "task.toml"), "--stops", "brakes"])
     text = " ".join(capsys.readouterr().out.split())
     assert "compliant feet are checked in the nominal model only" in text
-    assert "feet that give: their forces and lifts during stops are not looked at" in text
+    assert "compliant feet: their forces and lifts during stops are not checked" in text
 
 
 @pytest.mark.slow

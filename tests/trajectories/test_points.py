@@ -186,7 +186,7 @@ def test_json_of_commands(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"m\.csv: is empty; expected ramp commands"),
+        ("", r"m\.csv: is empty; expected profile commands"),
         ("when,q1_deg\n0,1\n", "header: expected one column time_s, got when, q1_deg"),
         ("time_s,qd1_deg_s\n0,1\n", "header: q1_deg is missing"),
         ("time_s\n0\n", "header: q1_deg is missing"),

@@ -95,7 +95,7 @@ def certify(
     Args:
         task, motion: as for :func:`ocptip.check`.
         base: of a case, if it is not that of the file.
-        rise_time: s, of ramp commands; default: that of the file, or of the task.
+        rise_time: s, of profile commands; default: that of the file, or of the task.
         unit, rate, columns: of files, see `ocptip.trajectories.read.load_motion`.
 
     Raises:

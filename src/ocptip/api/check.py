@@ -156,14 +156,14 @@ def check(
     Args:
         task: robot and limits, what :func:`ocptip.load_task` takes; or, alone, the folder of a plan or a file
             that names its case.
-        motion: a motion, such as `plan.motion`, or the path of a file: ramp commands, a joint trajectory
+        motion: a motion, such as `plan.motion`, or the path of a file: profile commands, a joint trajectory
             (JSON, YAML), samples (CSV). None: that of `task`.
         base: of a case, if it is not that of the file.
         step: s, first distance of the instants.
         time_scale: factors; the same with all times multiplied by each is checked, too.
         stops: what if the motion is stopped at any instant: along the path, by brakes, or both.
         sensitivities: say what changes of masses and contacts would do.
-        rise_time: s, of ramp commands; default: that of the file, or of the task.
+        rise_time: s, of profile commands; default: that of the file, or of the task.
         unit, rate, columns: of files, see `ocptip.trajectories.read.load_motion`.
         stage: called with what is done next.
         progress: called with the numbers of instants that are checked and that are to be checked.

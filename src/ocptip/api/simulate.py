@@ -82,7 +82,7 @@ def _changes(
             raise InputError(f"stiffness: 1e3 to 1e8 N/m, got {stiffness:g}; without it feet are stiff")
     if damping is not None:
         if stiffness is None:
-            raise InputError("damping: of feet that give; give stiffness, too")
+            raise InputError("damping: of compliant feet; give stiffness, too")
         changes["damping"] = share_of_one("damping", damping)
     if tilt is not None:
         if not 0 <= tilt <= np.radians(STEEPEST):

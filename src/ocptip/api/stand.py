@@ -213,7 +213,7 @@ class Standing:
 
     @cached_property
     def feet(self) -> Shared | None:
-        """How feet that give share the load; None for rigid ones, or where the base does not rest."""
+        """How compliant feet share the load; None for rigid ones, or where the base does not rest."""
         elastic = self.scene.support.elastic
         shared = elastic.share(self.states.wrenches) if elastic and self.state.persistent else None
         return shared if shared and shared.found[0] else None
@@ -315,7 +315,7 @@ class Standing:
 
     @property
     def nearest_axis(self) -> dict[str, Any] | None:
-        """The tipping axis with the least moment reserve, N m; contacts from 1; None without one."""
+        """The tipping axis with the least moment margin, N m; contacts from 1; None without one."""
         index, axes = int(self.tip.nearest_axis[0]), self.tip.tip_over.axes
         if not 0 <= index < len(axes):
             return None

@@ -76,7 +76,7 @@ def tolerated_lines(found: Sequence[Tolerated]) -> list[str]:
 
 
 def gear_rows(segments: CycleCheck) -> list[tuple[str, str]]:
-    """How the segments of a cycle ring with gears that give, each from rest."""
+    """How the segments of a cycle ring with elastic joints, each from rest."""
     pairs = zip(segments.names, segments.segments, strict=True)
     return under("elastic joints", [f"{name}: {line}" for name, own in pairs for line in own.drive_lines])
 

@@ -294,7 +294,7 @@ def find_workspace(description: RobotDescription, options: Namespace) -> Workspa
         if len(options.at) != len(names):
             raise InputError(f"--at: expected {', '.join(names)}, got {len(options.at)} numbers")
         at = np.where([name.startswith("phi") for name in names], np.radians(options.at), options.at)
-    with Progress(sys.stderr, "looking at the poses ...", what="poses") as progress:
+    with Progress(sys.stderr, "computing the poses ...", what="poses") as progress:
         return workspace(robot, ranges, at=at, cells=options.cells, progress=progress)
 
 

@@ -64,7 +64,9 @@ def placed(one: Asked, options: Namespace, _: Executor | None = None) -> Report:
 def progress_bar(stream: TextIO) -> Progress:
     """Bar that shows the least total so far."""
 
-    return Progress(stream, "looking for places to start from ...", "no placement yet", "least total {:.4f}")
+    return Progress(
+        stream, "searching for placements to start from ...", "no placement yet", "least total {:.4f}"
+    )
 
 
 @dataclass

@@ -106,7 +106,7 @@ def _lines(rating: Rating) -> list[tuple[str, str]]:
     lines = [("worst rates", f"{worst}  (joint rates that move the tool least)")]
     if own.distance is not None and own["dm_2"].status == "ok":
         step = _numbers(np.degrees(own.distance.step_2), 1)
-        lines.append(("shortest way", f"{step}  deg of joints 2 to 5 to the singularity (linearised)"))
+        lines.append(("shortest path", f"{step}  deg of joints 2 to 5 to the singularity (linearised)"))
     half_axes, center = own.ellipsoid.half_axes, own.ellipsoid.center
     lines.append(
         ("ellipsoid", f"half-axes {_numbers(half_axes, 4)} m, centre {_numbers(center, 4)} m, gripper frame")

@@ -89,7 +89,7 @@ def workspace_report(
     if options.plot:
         with naming("--plot"):
             figure = file_target(options.plot, (".png", ".pdf", ".svg"))
-    with Progress(sys.stderr, "looking at the poses ...", what="poses") as progress:
+    with Progress(sys.stderr, "computing the poses ...", what="poses") as progress:
         found = rate_workspace(
             robot,
             grid_ranges(options.workspace),

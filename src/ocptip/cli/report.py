@@ -32,18 +32,21 @@ from ocptip.reserves.equal_compliance import equal_normal_map
 
 ENDINGS = (".html", ".pdf")
 OVERVIEW = "plan.png"
-_TITLES = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "least force", "worst direction")
+_TITLES = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "minimum force", "worst direction")
 _NOT = (
     "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
     "and no test of the real machine is replaced by it."
 )
 _TESTS = (
-    ("tilt table (how far may the floor be tilted)", "Tilt by direction; Load cases; Tolerated alone"),
-    ("push or pull test at the gripper", "Load cases; Tolerated alone"),
-    ("overload test", "Load cases; Largest payload; Tolerated alone"),
+    (
+        "tilt table (how far may the floor be tilted)",
+        "Tilt by direction; Load cases; Robustness, one at a time",
+    ),
+    ("push or pull test at the gripper", "Load cases; Robustness, one at a time"),
+    ("overload test", "Load cases; Largest payload; Robustness, one at a time"),
     ("stop test (controlled stop at any instant)", "Stops"),
-    ("test run at higher speed", "Tolerated alone"),
-    ("slope and friction of the floor", "Tilt by direction; Tolerated alone"),
+    ("test run at higher speed", "Robustness, one at a time"),
+    ("slope and friction of the floor", "Tilt by direction; Robustness, one at a time"),
 )
 
 
@@ -135,7 +138,7 @@ class Document:
         if self.about.folder is not None and (image := self.about.folder.path / OVERVIEW).is_file():
             with only_inside(self.about.folder.path):
                 yield html.image(read_bytes(image), "The motion, as planned.")
-        yield html.heading("Tolerated alone")
+        yield html.heading("Robustness, one at a time")
         yield html.paragraph("Each of these, all else as described, loses no contact in the motion:")
         yield html.items(tolerated_lines(self.about.tolerated))
         if any(stage.stops for stage in self.about.stages):
@@ -152,20 +155,20 @@ class Document:
         yield html.heading("Load cases")
         yield html.paragraph(
             "At rest in each pose, with more payload at the gripper, the floor tilted and the gripper pushed "
-            "in the worst directions together. GN: use of the reserve against tipping, GT: of the friction; "
+            "in the worst directions together. GN: use of the margin against tipping, GT: of the friction; "
             "1: lost. Directions in degrees from the base's x axis towards y."
         )
         support = self.about.task.robot.support
         equal = equal_normal_map(support) is not None
         if equal:
             yield html.paragraph(
-                "Least forces are those of equally compliant feet: rigid ground leaves open how so many "
+                "Minimum forces are those of equally compliant feet: rigid ground leaves open how so many "
                 "contacts share a load. GN and GT do not depend on it."
             )
         shared = self.about.task.robot.slip.redistribution == "full" and not equal
         if shared:
             yield html.paragraph(
-                "Least forces are left out: rigid ground leaves open how so many contacts share a load. GN "
+                "Minimum forces are left out: rigid ground leaves open how so many contacts share a load. GN "
                 "and GT do not depend on it."
             )
         rows = [_TITLES, *map(_case_row, self.about.cases)]
@@ -183,7 +186,7 @@ class Document:
             least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
             yield html.paragraph(
                 f"At rest in the postures of the motion, up to the robot's own mass; least: {least}. Drives "
-                "not looked at."
+                "not checked."
             )
             yield html.picture(payload_figure(times, held), "What the gripper may hold, at rest.")
 

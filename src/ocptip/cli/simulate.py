@@ -25,7 +25,7 @@ def run(options: Namespace) -> SimulateReport:
     """Replay the plan in the world that is asked for."""
     given = {name: getattr(options, name) for name in _OF_WORLD}
     if options.damping is not None and options.stiffness is None:
-        raise InputError("--damping: of feet that give; give --stiffness, too")
+        raise InputError("--damping: of compliant feet; give --stiffness, too")
     with naming_options("step", *_OF_WORLD):
         return SimulateReport(simulate(options.plan, step=options.step, **given, **_tilt(options)))
 
@@ -73,7 +73,7 @@ class SimulateReport(Report):
             rows.append(
                 (
                     "library",
-                    f"{stands}; least foot force {own.rms_least:.2g} N rms apart, all {own.rms:.2g} N",
+                    f"{stands}; minimum foot force {own.rms_least:.2g} N rms apart, all {own.rms:.2g} N",
                 )
             )
         else:
@@ -86,7 +86,7 @@ class SimulateReport(Report):
 
     def _table(self) -> list[str]:
         seen, own = self.found.replay, self.found.library
-        rows = [["contact", "least force", "time", "library", "time", "lift", "slide"]]
+        rows = [["contact", "minimum force", "time", "library", "time", "lift", "slide"]]
         for k in range(seen.forces.shape[1]):
             at = int(np.argmin(seen.forces[:, k]))
             theirs = ["-", "-"]

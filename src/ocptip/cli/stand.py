@@ -138,7 +138,7 @@ class StandReport(Report):
             used = (
                 quantity(100 * found.slip.GT[0], "%", 3) if found.slip.GT[0] <= 1 else "more than all of it"
             )
-            rows.append(("Friction used", used + (", shared in the best way" if full else "")))
+            rows.append(("Friction used", used + (", shared optimally" if full else "")))
         if found.equal:
             used = (
                 quantity(100 * found.equal.GT[0], "%", 3) if found.equal.GT[0] <= 1 else "more than all of it"

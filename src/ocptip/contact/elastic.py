@@ -1,4 +1,4 @@
-"""Feet that give: how contacts with springs share the load on a base that rests on them.
+"""Compliant feet: how contacts with springs share the load on a base that rests on them.
 
 The base moves by a small twist xi; a foot that presses is a spring D along the contact's axes, one that the
 motion lifts carries nothing. With W the wrench per contact force, foot motions are W' xi, and

@@ -74,7 +74,7 @@ def solve_many(
 ) -> ContactStates:
     """Solve the contact problem under many wrenches of one support.
 
-    Where the base rests on feet that give, the forces are those of their springs (`contact.elastic`). Modes,
+    Where the base rests on compliant feet, the forces are those of their springs (`contact.elastic`). Modes,
     and whether it rests, are those of rigid contacts.
 
     Args:
@@ -108,7 +108,7 @@ def solve_many(
 
 
 def on_springs(states: ContactStates) -> ContactStates:
-    """The same states, with the forces of the springs where the base rests on feet that give.
+    """The same states, with the forces of the springs where the base rests on compliant feet.
 
     Forces stay what they are where no set of pressing feet carries the load without friction cones, which
     takes normals that differ.

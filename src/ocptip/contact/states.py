@@ -201,7 +201,7 @@ class ContactStates:
 
         (N, n, d, 6) in contact axes: change of force (N) per unit of wrench (N, N m). NaN where not
         solved. Within one basis forces are affine in the wrench; where a basic variable is zero the map
-        is a one-sided derivative. Where the base rests on feet that give: of the springs' forces.
+        is a one-sided derivative. Where the base rests on compliant feet: of the springs' forces.
         """
         maps, elastic = self._shaped_maps(self.support.conditioned.system.force_matrix), self.support.elastic
         without = np.flatnonzero(self.without_basis)

@@ -75,7 +75,7 @@ ARM = {
     "dm_2": _amount(
         "DM_2",
         "rad",
-        "shortest way of joints 2 to 5 to a singularity, root of summed squares (linearised); independent of "
+        "shortest path of joints 2 to 5 to a singularity, root of summed squares (linear); independent of "
         "the tool",
     ),
     "manipulability": _amount(

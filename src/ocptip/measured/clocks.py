@@ -15,7 +15,7 @@ _FINER = 4  # instants per sample
 _ROUNDS = 8
 _TOLD = 0.25  # squared correlation below which no signal follows a motion
 AROUND = 1.5
-"""Samples around an event in which loads are not looked at: they jump there."""
+"""Samples around an event in which loads are not checked: they jump there."""
 
 FOLLOWING = (ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER)
 """Kinds of signals that move with the motion."""

@@ -27,7 +27,7 @@ class Compared:
         rms: of the difference, there.
         span: of the prediction.
         noise: standard deviation of the white part of the difference.
-        left: rms of what the causes that were found do not explain; nan where that was not looked at.
+        left: rms of what the causes that were found do not explain; nan where that was not checked.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Comparison:
     Attributes:
         times: (N,), s, of the motion.
         clock: s of the recording, at which the motion begins.
-        clock_error: half width of its 95 % interval; nan where it was not looked at.
+        clock_error: half width of its 95 % interval; nan where it was not checked.
         signals: each beside its prediction.
         gripper: (N,), m, deviation of the gripper point: of a measured one, or by the joint angles; None
             where neither is recorded.
@@ -134,7 +134,7 @@ def beside(
         times: (N,), s, of the motion.
         lag: see `Compared`.
         still: (N,) True where samples count, unless none does.
-        left: (N,), what findings do not explain; None where that was not looked at.
+        left: (N,), what findings do not explain; None where that was not checked.
     """
     away = one.values - predicted
     good = np.isfinite(away)

@@ -96,7 +96,7 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
             return Excitation(motion, check, search.condition(motion), random, slower, smaller)
     raise PlanningError(
         f"no motion about the start keeps the limits, even {_SLOWER[-1]:g} times as slow and "
-        f"{_SMALLER[-1]:g} as large; choose a start that stands with more reserve"
+        f"{_SMALLER[-1]:g} as large; choose a start that stands with more margin"
     )
 
 

@@ -111,8 +111,8 @@ class MotionCheck:
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.
         stands: no contact is lost at any sampled instant, whatever other limits are broken.
-        feet: how the base swings on feet that give; None where it does not, or where that is not known.
-        drives: how gripper and base vibrate with gears that give; None where they do not.
+        feet: how the base swings on compliant feet; None where it does not, or where that is not known.
+        drives: how gripper and base vibrate with elastic joints; None where they do not.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts at the worst of the tolerance; None where none was given.
@@ -164,12 +164,12 @@ class MotionCheck:
 
     @property
     def feet_lines(self) -> list[str]:
-        """How the base swings on feet that give, in words; empty where they are rigid."""
+        """How the base swings on compliant feet, in words; empty where they are rigid."""
         return self.feet.lines() if self.feet else []
 
     @property
     def drive_lines(self) -> list[str]:
-        """How gripper and base vibrate with gears that give, in words; empty where they do not."""
+        """How gripper and base vibrate with elastic joints, in words; empty where they do not."""
         return self.drives.lines(self.contacts) if self.drives else []
 
     @property
@@ -282,7 +282,7 @@ def check_motion(
         )
     if uncertified:
         violations.append(
-            f"the slip optimum is not certified at {len(uncertified)} instants, first at "
+            f"the slip optimum is not proved at {len(uncertified)} instants, first at "
             f"{uncertified[0]:.4f} s: GT there is an upper bound, beyond the limit"
         )
     if not standing:

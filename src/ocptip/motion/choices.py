@@ -1,4 +1,4 @@
-"""Which postures: a gripper pose leaves several, and the cheapest motion need not have the shortest way.
+"""Which postures: a gripper pose leaves several, and the cheapest motion need not have the shortest path.
 
 Every pair of start and goal postures is judged by the cost of the plainest motion between them: one ramp per
 joint, all ending together, slowed down until the base stands. That orders pairs as the planned motions do,

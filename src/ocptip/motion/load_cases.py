@@ -54,7 +54,7 @@ class LoadCase:
         pose: its name.
         payload, tilt, push: kg, rad, N.
         GN, GT: uses of the reserves; 1 and more, or NaN: a contact is lost.
-        least_force: N, the least normal force of a contact; rigid feet as if equally compliant.
+        least_force: N, the minimum normal force of a contact; rigid feet as if equally compliant.
         stands: no contact is lost in any direction.
         downhill, towards: of the floor and of the push, in base axes, where it is worst; zero without.
     """
@@ -164,7 +164,7 @@ def tilt_by_direction(
 def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
     """(N,) kg: the largest point mass at the gripper beyond what it holds, at rest in postures q (N, n).
 
-    At most the robot's own mass; what the drives can hold is not looked at. Of a process that varies it is
+    At most the robot's own mass; what the drives can hold is not checked. Of a process that varies it is
     said what it is, (N, 6).
     """
     loads, gravity, judge = RestLoads(robot, q, process), robot.support.gravity, _judge(robot)

@@ -42,7 +42,7 @@ class Stops:
             `after_s`, ...
         times: (K,), s: instants of the table.
         path_speeds, brake_speeds: (K,), largest safe share of the planned speed, at most 1, for stops along
-            the path and by brakes begun there; None if not looked at.
+            the path and by brakes begun there; None if not checked.
         path_times, brake_times: (K,), s, that stops from the planned speed take.
         curve: (2, M): times, s, and shares for stops along the path at all places looked at; for figures.
         assumed: what was assumed, one sentence each.
@@ -312,14 +312,14 @@ def _assumed(
 ) -> tuple[str, ...]:
     said = []
     if robot.support.elastic is not None:
-        said.append("feet that give: their forces and lifts during stops are not looked at, only GN and GT")
+        said.append("compliant feet: their forces and lifts during stops are not checked, only GN and GT")
     if kinds != "brakes":
         hardest = "as hard as limits of torque and acceleration allow, and all gentler ones"
         if time > 0:
             hardest = f"from full speed to rest in {time:g} s or more within the drives' limits"
         said.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
     if kinds == "path":
-        return (*said, "category 0 (brakes) not looked at")
+        return (*said, "category 0 (brakes) not checked")
     if not isinstance(robot, Robot):
         return (*said, "category 0: not computed for parallel robots")
     if lacking:

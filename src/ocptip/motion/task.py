@@ -44,7 +44,7 @@ class MotionTask:
         limits: reserves, torques, clearance.
         optimised: joints with ramp parameters, counted from 0, increasing; the others are passive. Default:
             all joints up to the seventh.
-        commands: ramp commands per optimised joint, at most 12.
+        commands: profile commands per optimised joint, at most 12.
         objective: what is least.
         reference: a motion to compare with.
         choices: pairs of start and goal, (n,) each, of which the planner may take any instead.
@@ -95,7 +95,7 @@ class MotionTask:
         if self.robot.support.elastic is None:
             for name in ("foot_lift", "foot_force", "jump_foot_force"):
                 if getattr(self.limits, name):
-                    raise InputError(f"limits.{name}: is about feet that give; these have no stiffness")
+                    raise InputError(f"limits.{name}: is about compliant feet; these have no stiffness")
         if self.rise_times is not None:
             settle(self, rise_times=checked_rise_times(self.rise_times, n))
         if not isinstance(self.objective, Objective):
@@ -173,7 +173,7 @@ def refusals(task: MotionTask, *, at_rest: bool = True) -> tuple[str, ...]:
 
     Start and goal have to keep the joints' limits, the clearance, and at rest the reserves and the torques;
     every joint needs limits of speed and acceleration. Stops by brakes have to keep theirs when the motion
-    has just begun, with all joints moving that have to. Without `at_rest` start and goal are not looked at.
+    has just begun, with all joints moving that have to. Without `at_rest` start and goal are not checked.
     """
     limits, found = task.robot.limits, []
     if task.robot.varying is not None and task.robot.varying.over == PATH:
@@ -244,6 +244,6 @@ def require_plannable(task: MotionTask) -> None:
 
 
 def check_commands(commands: object) -> None:
-    """Raise InputError if this cannot be a number of ramp commands; more than a dozen gain nothing."""
+    """Raise InputError if this cannot be a number of profile commands; more than a dozen gain nothing."""
     if not is_whole(commands) or not 1 <= commands <= MOST_COMMANDS:
         raise InputError(f"commands: must be a whole number >= 1 and <= {MOST_COMMANDS}, got {commands!r}")

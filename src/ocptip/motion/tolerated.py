@@ -118,13 +118,13 @@ class Tolerated:
         if np.isinf(self.value):
             fails = f"{self.how} on those of {value}, {damping}, {self.time:.3f} s"
             if self.between is None:
-                return f"no feet that give ({fails}, and on softer ones)"
+                return f"no compliant feet ({fails}, and on softer ones)"
             least, most = map(_stiffness_text, self.between)
-            return f"feet that give, of {least} to {most} only ({fails})"
+            return f"compliant feet, of {least} to {most} only ({fails})"
         if self.at_most:
-            return f"feet that give, of {value} and more ({damping})"
+            return f"compliant feet, of {value} and more ({damping})"
         how = f"{self.how} on softer ones, {damping}, {self.time:.3f} s"
-        return f"feet that give, of {value} and more ({how})"
+        return f"compliant feet, of {value} and more ({how})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -155,7 +155,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     - push: a force at the gripper in any direction, N;
     - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
     - faster: all times shorter, per cent of speed;
-    - foot_stiffness: the least, N/m, of feet that give, see `ocptip.standing.elastic.feet.softest_feet`;
+    - foot_stiffness: the least, N/m, of compliant feet, see `ocptip.standing.elastic.feet.softest_feet`;
       infinite if a foot lifts on the stiffest, then `between` says on which none does, if on any;
     - delay: any of the joints starts late by so much, ms (up to six joints that move).
 

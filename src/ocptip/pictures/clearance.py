@@ -25,7 +25,7 @@ def nearest_pairs(robot: StandingMechanism, samples: MotionSamples) -> tuple[np.
 
 
 def draw_clearance(ax: Any, robot: StandingMechanism, samples: MotionSamples) -> bool:
-    """Least distances, mm, in the colour of the pair; False, and a word of it, where nothing was checked."""
+    """Minimum distances, mm, in the colour of the pair; False, and a note, where nothing was checked."""
     if not np.isfinite(samples.clearances).any():
         ax.text(0.5, 0.5, "collision not checked", ha="center", va="bottom", transform=ax.transAxes)
         return False

@@ -1,4 +1,4 @@
-"""Figure of a motion on feet that give: their forces beside those without swings, and the gaps below them."""
+"""Figure of a motion on compliant feet: their forces beside those without swings, and the gaps below them."""
 
 from __future__ import annotations
 

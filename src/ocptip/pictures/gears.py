@@ -1,4 +1,4 @@
-"""Figure of a motion with gears that give: vibration of the gripper, forces beside those with stiff gears."""
+"""Figure of a motion with elastic joints: vibration of the gripper, forces beside those with stiff gears."""
 
 from __future__ import annotations
 

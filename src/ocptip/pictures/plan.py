@@ -190,12 +190,12 @@ def _friction(ax: Any, curves: PlanCurves) -> None:
 
 def _clearance(ax: Any, curves: PlanCurves) -> None:
     """The least distance; a ring marks the worst instant that the check has found."""
-    title = "Least distance"
+    title = "Minimum distance"
     if draw_clearance(ax, curves.plan.task.robot, curves.samples):
         worst = curves.plan.check.worst["clearance_m"]
         ax.plot([worst.time], [1e3 * worst.value], **_WORST, mec=LIMIT, gid="clearance-worst")
         _limit(ax, curves, 1e3 * curves.limit("clearance"), "limit", " mm")
-        title = f"Least distance {1e3 * worst.value:.3g} mm at {max(worst.time, 0.0) + 0.0:.3f} s"
+        title = f"Minimum distance {1e3 * worst.value:.3g} mm at {max(worst.time, 0.0) + 0.0:.3f} s"
     _finish(ax, curves, title, "distance [mm]")
 
 

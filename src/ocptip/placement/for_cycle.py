@@ -121,7 +121,7 @@ def place_for_cycle(
     for name, value in numbers.items():
         whole_number(name, value, 1)
     say = progress or (lambda text: None)
-    say("looking for places ...")
+    say("searching for placements ...")
     static = place(problem, starts=placement_starts, seed=seed, keep=candidates)
     places = [(placement, False) for placement in static.places[:candidates]]
     places += [(p, True) for p in sampled_places(problem, static, candidates - len(places), seed)]

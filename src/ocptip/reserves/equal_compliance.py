@@ -28,7 +28,7 @@ class EqualSharing:
         normal_forces: (N, n) N, 0 for feet that lift.
         if_all_pressed: (N, n) N: normal forces if every foot could pull, also where the base moves; negative
             for feet that lift.
-        tangential_forces: (N, n, d - 1) N, contact axes, shared in the best way under these normal forces.
+        tangential_forces: (N, n, d - 1) N, contact axes, shared optimally under these normal forces.
         usage: (N, n) |tangential force| / limit.
         GT: (N,) largest usage; 1 and more: the friction of these normal forces is not enough.
     """

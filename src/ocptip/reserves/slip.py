@@ -115,7 +115,7 @@ class Slip:
             normal force, and "full" is the same as "tangential". Where contacts can squeeze each other
             without limit, their normal forces end at LARGEST_SQUEEZE times the largest force or limit of the
             state, and the status says so. Default: "tangential" where normal forces are unique (three feet on
-            a plane, or feet that give), else "full".
+            a plane, or compliant feet), else "full".
 
     Attributes:
         redistribution: the one in use.
@@ -266,9 +266,7 @@ class Slip:
             work.usage[at] = lengths(work.forces[at][:, :, 1:]) / limits
             work.ratio[rows], work.gap[rows] = optimum.usage, optimum.gap
             for row, solved, status in zip(rows, optimum.solved, optimum.status, strict=True):
-                work.status[row] = (
-                    "solved" if solved else f"not certified, an upper bound (Clarabel: {status})"
-                )
+                work.status[row] = "solved" if solved else f"not proved, an upper bound (Clarabel: {status})"
 
     def _redistribute_where_it_decides(self, work: _Work, least: float, only_maximum: bool) -> None:
         """In full, the states with the largest upper bounds first."""
@@ -316,7 +314,7 @@ class Slip:
             squeezed = np.any(np.abs(new_normals) > 0.99 * LARGEST_SQUEEZE, axis=1)
             for i, row in enumerate(rows):
                 if not known[i] or optimum.gap[i] > GAP_TOLERANCE * max(1.0, optimum.usage[i]):
-                    work.status[row] = f"not certified, an upper bound (Clarabel: {optimum.status[i]})"
+                    work.status[row] = f"not proved, an upper bound (Clarabel: {optimum.status[i]})"
                 elif squeezed[i]:
                     work.status[row] = "solved; contacts squeeze each other up to the bound of normal forces"
 

@@ -209,7 +209,7 @@ def least_cost(
 ) -> float:
     """Duration, s, of the fastest timing on a grid, or cost of the cheapest one in the objective's unit.
 
-    Nothing is checked; angles and clearance are not looked at.
+    Nothing is checked; angles and clearance are not checked.
 
     Args:
         robot: on its support.

@@ -1,4 +1,4 @@
-"""Gears that give: a spring and a damper between the drive of a joint and what it moves."""
+"""Elastic joints: a spring and a damper between the drive of a joint and what it moves."""
 
 from __future__ import annotations
 

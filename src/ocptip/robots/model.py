@@ -335,7 +335,7 @@ class ArmModel:
         return self if self.process is None else dataclasses.replace(self, process=None)
 
     def with_gears(self, gears: Gears | None) -> ArmModel:
-        """The same arm with gears that give."""
+        """The same arm with elastic joints."""
         return dataclasses.replace(self, gears=gears)
 
     def with_limits(self, **limits: object) -> ArmModel:

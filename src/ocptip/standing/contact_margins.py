@@ -55,7 +55,7 @@ class ContactMargins:
         moment: least moment left about a tipping axis, N m.
         edge: least distance of the zero-moment point from the edge of the support polygon, m; only for
             ordinary contacts on one plane.
-        friction: maximum share of a contact's friction in use, where forces are shared in the best way.
+        friction: maximum share of a contact's friction in use, where forces are shared optimally.
         unique: the contacts share the normal forces in one way only; otherwise those of motion.csv are one
             possible sharing.
         weak: number of instants at which forces can hold the base, but the contact solver came upon a motion,
@@ -149,7 +149,7 @@ class ContactMargins:
         found = []
         if self.force:
             shared = "" if self.unique else _EQUAL if self.alike else _OPEN
-            found.append(f"least normal force {quantity(self.force.value, 'N', 3)} {self.force}{shared}")
+            found.append(f"minimum normal force {quantity(self.force.value, 'N', 3)} {self.force}{shared}")
         if self.alike and self.alike.value < 0:
             found.append(if_alike(self.alike))
         if self.moment:
@@ -158,7 +158,7 @@ class ContactMargins:
             edge = quantity(1e3 * self.edge.value, "mm", 3)
             found.append(f"zero-moment point {edge} from the edge of the support polygon {self.edge}")
         if self.friction:
-            best = ", shared in the best way" if self.equal_friction else ""
+            best = ", shared optimally" if self.equal_friction else ""
             found.append(f"{percent(self.friction.value)} of the friction used {self.friction}{best}")
         if self.equal_friction:
             used = percent(self.equal_friction.value)

@@ -34,11 +34,11 @@ class Limits:
         clearance: smallest distance of what may collide, m.
         angle_margin: smallest distance of turning joints from their angle limits, rad.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
-        damping: damping ratio of feet and gears that give, or of a parallel robot's structure, with which
+        damping: damping ratio of feet and elastic joints, or of a parallel robot's structure, with which
             loads overshoot where they jump, of the motion as described; 1: jumps do not count; see
             `ocptip.standing.limit_kinds.jumps`. Arms have that of `tolerance`, too.
-        foot_lift: largest height above the ground, m, of a foot that gives, while the base swings.
-        foot_force: least normal force of a foot that gives, as springs share the load at rest on them, N.
+        foot_lift: largest height above the ground, m, of a compliant foot, while the base swings.
+        foot_force: minimum normal force of a compliant foot, as springs share the load at rest on them, N.
         jump_foot_force: the same of the loads after jumps with their overshoot, N.
         jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
         tolerance: how far the world may be off.
@@ -46,7 +46,7 @@ class Limits:
             sampled check; proofs keep smaller limits as they are, and instead of the default that no contact
             is lost: below 1.
         clearance_worst_case: smallest distance, m, with joints that are late within the tolerance.
-        stops: what stops along the path, begun at any instant, have to keep; None: they are not looked at.
+        stops: what stops along the path, begun at any instant, have to keep; None: they are not checked.
         brakes: the same of stops by brakes.
     """
 

@@ -34,7 +34,7 @@ class Margins:
         stable: contacts are maintained: forces within the friction cones hold the base.
         tips, slips: how contacts are lost where they are: one lifts off; one slides.
         GN: tip-over index: from 1 on the base tips.
-        GT: friction utilisation where forces are shared in the best way: from 1 on the base slips.
+        GT: friction utilisation where forces are shared optimally: from 1 on the base slips.
         tipping_moment: N m that can be added about the nearest tipping axis. Infinite without an axis, zero
             about a line of contacts. Where the base tips it is what is missing, negative, if all contacts lie
             in one plane, else zero.

@@ -94,7 +94,7 @@ class StandingMechanism(MadeOf, ABC):
         limits: of the coordinates, (n,) each, and of the motors' torques or forces.
         collision: signed distances.
         mass: of the mechanism and what it holds, kg.
-        reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
+        reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment margin of the
             base loaded with the weight of base, mechanism and payload.
         redistribution: of the slip reserve, see `reserves.slip.Slip`.
         sensor: force-torque sensor in the base.
@@ -173,7 +173,7 @@ class StandingMechanism(MadeOf, ABC):
         """What was assumed of the mechanism, one sentence each, for reports."""
         if self.support.elastic is None or self.swings:
             return ()
-        return (f"how the base swings on feet that give is not computed for this {self.kind}",)
+        return (f"how the base swings on compliant feet is not computed for this {self.kind}",)
 
     @abstractmethod
     def loads(
@@ -232,7 +232,7 @@ class StandingMechanism(MadeOf, ABC):
 
     @property
     def swings(self) -> bool:
-        """Whether it stands on feet that give, and how it swings on them can be computed."""
+        """Whether it stands on compliant feet, and how it swings on them can be computed."""
         elastic = self.support.elastic
         return self.knows_inertia and elastic is not None and elastic.holds
 

@@ -1,4 +1,4 @@
-"""What would help: how GN, GT and the least normal force change with everything that a user can change.
+"""What would help: how GN, GT and the minimum normal force change with everything that a user can change.
 
 Each quantity alone is changed by a step that means something (1 kg, 10 mm) and all instants are solved again,
 so that the worst may be at another instant, axis or contact. Besides, the slopes at the worst instants: where
@@ -60,7 +60,7 @@ class Sensitivity:
         step: by so much.
         unit: of the step: "kg", "m" or "" (a share).
         before, after: the change.
-        slopes: of GN, GT and the least normal force (N) per unit, at their worst instants before the change.
+        slopes: of GN, GT and the minimum force (N) per unit, at their worst instants before the change.
         exact: slopes are derivatives, not differences.
     """
 
@@ -80,7 +80,7 @@ class Sensitivity:
         ]
         if np.isfinite(self.before.force) and max(self.before.force, self.after.force) > 0:
             ends = (quantity(max(one.force, 0.0), "N", 3) for one in (self.before, self.after))
-            values.append("least foot force {} -> {}".format(*ends))
+            values.append("minimum foot force {} -> {}".format(*ends))
         return f"{self.change}: {', '.join(values)}"
 
     def to_dict(self) -> dict[str, Any]:

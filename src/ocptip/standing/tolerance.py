@@ -213,9 +213,9 @@ class Uncertainty:
         )
 
     def require_only(self, *names: str, where: str) -> None:
-        """Raise InputError if anything else is uncertain, which is not looked at `where`."""
+        """Raise InputError if anything else is uncertain, which is not checked `where`."""
         if others := [name for name in self.given if name not in names]:
-            raise InputError(f"tolerance.{others[0]}: not looked at {where}; there are {', '.join(names)}")
+            raise InputError(f"tolerance.{others[0]}: not checked {where}; there are {', '.join(names)}")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, SI units; only what is uncertain."""
@@ -314,11 +314,11 @@ _WORDS = {
     "payload_mass": lambda share: f"payload +-{100 * share:.3g} %",
     "extra_mass": lambda mass: f"{mass:.3g} kg more at the gripper",
     "payload_center": lambda half: _half_sides("payload's centre of mass", half),
-    "delay": lambda time: f"joints up to {1e3 * time:.3g} ms late",
+    "delay": lambda time: f"joints delayed by up to {1e3 * time:.3g} ms",
     "speed": lambda share: f"{100 * share:.3g} % faster or slower",
     "push": lambda force: f"push of {force:.3g} N at the gripper",
     "base_push": lambda force: f"push of {force:.3g} N at the base",
-    "damping": lambda zeta: f"jumps overshoot at {100 * zeta:.3g} % damping",
+    "damping": lambda zeta: f"acceleration steps overshoot at {100 * zeta:.3g} % damping",
 }
 
 NONE = Uncertainty()

@@ -120,7 +120,7 @@ def joint_tolerance(task: Task, tolerance: float) -> np.ndarray:
 
 
 def refuse_early(path: str | os.PathLike[str]) -> None:
-    """Refuse a file of waypoints for what no robot is needed to see; other files are not looked at.
+    """Refuse a file of waypoints for what no robot is needed to see; other files are not checked.
 
     Raises:
         InputError: no such file, no TOML, unknown keys, or an unknown way between waypoints.

@@ -125,7 +125,7 @@ class JointRamps:
         phi = phi_start = number_from("phi_start", phi_start)
         commands = tuple(commands)
         if not commands:
-            raise InputError("commands: at least one ramp command is needed, got none")
+            raise InputError("commands: at least one profile command is needed, got none")
         times, angles, speeds, accelerations = [0.0], [phi], [0.0], []
         for command in commands:
             w = speeds[-1]
@@ -333,7 +333,7 @@ def phases_to_commands(
     """
     phi = number_from("phi_start", phi_start)
     if violations := phase_violations(peaks, ramps, cruises, resolution=resolution, tolerance=tolerance):
-        raise InputError("phases: no ramp commands produce them: " + "; ".join(violations))
+        raise InputError("phases: no profile commands produce them: " + "; ".join(violations))
     w, d, c = _snapped(*_phase_arrays(peaks, ramps, cruises), tolerance)
     commands: list[RampCommand] = []
     w_a = 0.0

@@ -1,4 +1,4 @@
-"""Reading motions from files: ramp commands, points of trajectory controllers, samples as CSV."""
+"""Reading motions from files: profile commands, points of trajectory controllers, samples as CSV."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def load_motion(
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
 ) -> Trajectory:
-    """Read a motion from a file: ramp commands, a joint trajectory, or CSV with samples.
+    """Read a motion from a file: profile commands, a joint trajectory, or CSV with samples.
 
     Ramp commands: JSON as :meth:`Trajectory.from_dict`; `plan.json` is one such file; where it names a
     controller, the motion is what that makes of them. Joint trajectory: JSON
@@ -48,7 +48,7 @@ def load_motion(
     Args:
         path: the file.
         names: of the robot's joints; those of a joint trajectory or of a CSV file are put into this order.
-        units: "rad" or "m" per coordinate of the robot that is to move so; by default not looked at.
+        units: "rad" or "m" per coordinate of the robot that is to move so; by default not checked.
         unit: "deg" or "rad", of CSV columns of turning joints that do not say it; such are refused otherwise.
         start: (n,), rad or m, where the robot rests at 0 s: from there a controller moves to a first point
             that is later; None: unknown, such trajectories are refused.
@@ -125,7 +125,7 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def _as_run(motion: Trajectory, controller: Any) -> Trajectory:
-    """What a controller makes of ramp commands or a timed path, by the entry `controller` of plan.json."""
+    """What a controller makes of profile commands or a timed path, by the entry `controller` of plan.json."""
     try:
         slower, step = controller["slower"], controller["step_s"]
         if motion.profiles is not None:

@@ -37,7 +37,7 @@ def motion_from_csv(
     table = text_table(text, columns)
     if not table.header:
         raise InputError(
-            "is empty; expected ramp commands, a joint trajectory, or columns time_s, q1_deg, q2_deg, ..."
+            "is empty; expected profile commands, a joint trajectory, or columns time_s, q1_deg, q2_deg, ..."
         )
     times, clock = times_of(table)
     title = table.header[clock.columns[0]]

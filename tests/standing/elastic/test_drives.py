@@ -1,4 +1,4 @@
-"""Gears that give, against MuJoCo's rigid bodies on springs, which linearise nothing, and by hand."""
+"""Elastic joints, against MuJoCo's rigid bodies on springs, which linearise nothing, and by hand."""
 
 import json
 import re
@@ -38,7 +38,7 @@ STIFFNESS = np.array([2e4, 2e4, 1e4, np.inf, np.inf, np.inf])
 
 
 def geared(robot, stiffness=STIFFNESS, **damping):
-    """The same robot with gears that give."""
+    """The same robot with elastic joints."""
     return robot.varied(arm=robot.arm.with_gears(Gears(stiffness, **damping)))
 
 
@@ -152,7 +152,7 @@ def test_a_check_is_not_verified_where_ringing_loses_a_contact():
     assert checked.violations[0].startswith("GN_gears is ")
     text = "\n".join(checked.drive_lines)
     assert "gripper vibrates by up to 0.2" in text
-    assert "least normal force 0 N" in text
+    assert "minimum normal force 0 N" in text
     assert "9.75 N with stiff gears" in text
     assert ", 4.22 N m with stiff gears" in text
     smooth = check_motion(geared(robot), motion.with_rise_times(0.0371))

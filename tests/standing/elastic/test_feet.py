@@ -1,4 +1,4 @@
-"""Motions on feet that give, against a simulation of the rigid bodies that linearises nothing."""
+"""Motions on compliant feet, against a simulation of the rigid bodies that linearises nothing."""
 
 import json
 from dataclasses import replace
@@ -189,7 +189,7 @@ def test_lines_say_what_is_known():
     assert lines[0].startswith("contact 1 lifts by 0.068 mm (0.031 s); 1 other lift")
     assert lines[1] == "lowest natural frequency 23.3 Hz, damping 5 %"
     slow = on_its_feet(softened(robot, 1e6), motion.time_scaled(2.0)).lines()
-    assert slow[0].startswith("least normal force ")
+    assert slow[0].startswith("minimum normal force ")
 
 
 @pytest.mark.parametrize("kind", [FootForceLimit, JumpFootForceLimit])
@@ -305,5 +305,5 @@ def test_what_is_not_computed_is_said():
     own = robot.support
     castors = [replace(c, friction=0.0, stiffness=1e6) for c in own.contacts]
     rolling = robot.varied(support=own.varied(castors))
-    assert rolling.notes == ("how the base swings on feet that give is not computed for this arm",)
+    assert rolling.notes == ("how the base swings on compliant feet is not computed for this arm",)
     assert on_its_feet(rolling, motion) is None

@@ -32,7 +32,7 @@ TANGENTIAL_SHARE = 2 / 3
 contact for rubber, nu = 0.5; steel has 0.82."""
 
 DAMPING_RATIO = 0.05
-"""Damping ratio of a foot that gives where none is given."""
+"""Damping ratio of a compliant foot where none is given."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,7 +2,7 @@
 
 det J is linearised in the joint angles. Turning axis 1 or 6 cannot change it, so the angles are those of
 joints 2 to 5, in radians. DM_inf is the smallest angle by which all four would have to turn, DM_2 the
-shortest way if the sum of squared angles counts. Source: [Naw07] 4.
+shortest path if the sum of squared angles counts. Source: [Naw07] 4.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ def leg_cost(segment: Segment, start: np.ndarray, goal: np.ndarray) -> float:
 
 
 def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(k, l) of the plainest motions, in units of the objective's size; infinite where not looked at."""
+    """(k, l) of the plainest motions, in units of the objective's size; infinite where not checked."""
     ways = np.sum(np.abs(after[None] - before[:, None]) / _speeds(segment), axis=2)
     shortest = np.full(ways.shape, False)
     shortest.ravel()[np.argsort(ways, axis=None, kind="stable")[:LOOKED_AT]] = True

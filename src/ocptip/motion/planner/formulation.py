@@ -65,7 +65,7 @@ class Formulation:
         robot: the arm on its support.
         start, goal: (n,), rad.
         joints: optimised joints, 0-based.
-        commands: K, ramp commands of each.
+        commands: K, profile commands of each.
         objective: what is least.
         durations: least and greatest duration, s.
         ends: which of start and goal are free; default none.

@@ -301,7 +301,7 @@ class Search:
     ) -> tuple[tuple[Trajectory, MotionCheck] | None, np.ndarray, str]:
         """A checked exact motion near x, its variables, and what is missing if there is none.
 
-        One that costs more than `most` is not looked at: where limits are tightened it costs still more.
+        One that costs more than `most` is not checked: where limits are tightened it costs still more.
         """
         best = self._ordered(refiner, x, clock)
         x = best.solution.x[: self.formulation.layout.size]

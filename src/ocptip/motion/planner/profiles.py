@@ -35,12 +35,12 @@ from ocptip.robots.process import PATH, TIME, ProcessWrench
 
 
 class Layout:
-    """Where the variables of `joints` optimised joints with `commands` ramp commands stand in x.
+    """Where the variables of `joints` optimised joints with `commands` profile commands stand in x.
 
     Args:
         n: joints of the arm.
         joints: optimised joints, 0-based.
-        commands: K, ramp commands of each.
+        commands: K, profile commands of each.
         crossings: number of zero-crossing variables at the end of x.
         free: whether the optimised joints' angles at the start, and at the goal, are variables.
 

@@ -59,7 +59,7 @@ class AssemblyMode(Record):
         residual: how far the coupling points are from where the locked legs let them be, m.
         certified: Kantorovich's theorem proves that there is a pose, and no other one nearby.
         home_branches: True if the legs' branches of the home pose lead there, False if others do; None where
-            that was not looked at (dependent coordinates).
+            that was not checked (dependent coordinates).
     """
 
     z: np.ndarray

@@ -70,7 +70,7 @@ def closed_form_family(model: ArmModel) -> str | None:
 
 
 def closed_form_branches(model: ArmModel, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """All branches (k, 6), rad in (-pi, pi], for a gripper pose; joint limits are not looked at.
+    """All branches (k, 6), rad in (-pi, pi], for a gripper pose; joint limits are not checked.
 
     Where a branch leaves an angle open (singular pose: two axes in line) one value stands for all: zero, or
     the first of 72 from which the arm reaches the pose.

@@ -1,1 +1,1 @@
-"""Feet and gears that give: a base on springs, simulated along a motion."""
+"""Feet and elastic joints: a base on springs, simulated along a motion."""

@@ -1,4 +1,4 @@
-"""A motion with gears that give: how the gripper vibrates, what the base feels of it, which modes ring.
+"""A motion with elastic joints: how the gripper vibrates, what the base feels of it, which modes ring.
 
 The drives do what the motion says. Vibration is where the gripper is, less where it would sag to at rest in
 the same posture under the same loads: what accelerations bend, and what rings, base and feet included.
@@ -107,7 +107,7 @@ class RiseTime:
         frequency: of the mode, Hz.
         peak, after: m, vibration as in `DriveMotion`.
         settling: s.
-        GN, GT: greatest, see `DriveMotion`; NaN on feet that give.
+        GN, GT: greatest, see `DriveMotion`; NaN on compliant feet.
     """
 
     rise_time: float
@@ -121,7 +121,7 @@ class RiseTime:
 
 @dataclass(frozen=True, eq=False)
 class DriveMotion:
-    """What gears that give do to gripper and base.
+    """What elastic joints do to gripper and base.
 
     Attributes:
         course: of base, feet and springs.
@@ -133,7 +133,7 @@ class DriveMotion:
         settling: s after the end until the gripper stays within `SETTLED` of its last place; infinite if that
             was not seen.
         modes: the lowest ones.
-        contacts: how near contacts come to being lost while the drives ring; None on feet that give, of which
+        contacts: how near contacts come to being lost while the drives ring; None on compliant feet, of which
             `FeetMotion` tells.
         GN, GT: greatest reserves while the drives ring, at most 1 where no contact is lost; NaN likewise;
             infinite where a gear bends by more than `BENT`.
@@ -219,7 +219,7 @@ class DriveMotion:
         """Forces where these are unique, and moments, beside those with stiff gears."""
         found = []
         if own.unique and own.force and rigid.force:
-            least = f"least normal force {quantity(own.force.value, 'N', 3)} {own.force}"
+            least = f"minimum normal force {quantity(own.force.value, 'N', 3)} {own.force}"
             found.append(f"{least}, {quantity(rigid.force.value, 'N', 3)} with stiff gears")
         if own.moment and rigid.moment:
             left = f"{quantity(own.moment.value, 'N m', 3)} left about a tipping axis {own.moment}"
@@ -240,7 +240,7 @@ class DriveMotion:
 
 @lru_cache(maxsize=8)
 def on_its_drives(robot: StandingMechanism, motion: Trajectory) -> DriveMotion | None:
-    """A motion with gears that give, without a rise time; None where they do not."""
+    """A motion with elastic joints, without a rise time; None where they do not."""
     return None if robot.chain is None else _found(robot, motion)
 
 
@@ -371,5 +371,5 @@ def _best_rise(robot: StandingMechanism, motion: Trajectory, found: DriveMotion)
 
 
 def _loses(found: DriveMotion) -> bool:
-    """A contact, on feet that do not give; no contact on others, of which is not known here."""
+    """A contact, on rigid feet; no contact on others, of which is not known here."""
     return found.GN.value > 1 or found.GT.value > 1

@@ -1,4 +1,4 @@
-"""A motion on feet that give: which feet lift and when, how the base rocks, how long it takes to settle."""
+"""A motion on compliant feet: which feet lift and when, how the base rocks, how long it takes to settle."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class Lift:
 
 @dataclass(frozen=True, eq=False)
 class FeetMotion:
-    """What feet that give do during a motion and after it.
+    """What compliant feet do during a motion and after it.
 
     Attributes:
         course: of base and feet.
         end: of the motion, s.
         frequency: lowest natural frequency at the start, Hz, all feet pressing, gears that do not give.
         damping: ratio of that mode.
-        least: least normal force of each foot, n margins, N.
+        least: minimum normal force of each foot, n margins, N.
         lifts: feet in the air, the highest first.
         shift: of the gripper by the feet, farthest from that at rest at the start, m.
         settling: s after the end of the motion until the gripper stays within `SETTLED` of its last place;
@@ -112,7 +112,7 @@ class FeetMotion:
             found = self._lift_lines()
         else:
             least = min(self.least, key=lambda margin: margin.value)
-            found = [f"least normal force {quantity(least.value, 'N', 3)} {least}"]
+            found = [f"minimum normal force {quantity(least.value, 'N', 3)} {least}"]
         shift = f"gripper shifted by up to {quantity(1e3 * self.shift.value, 'mm', 3)} {self.shift}"
         within = f"within {1e3 * SETTLED:.1f} mm of rest"
         if np.isfinite(self.settling):
@@ -157,7 +157,7 @@ class SoftestFeet:
 
     Attributes:
         least: the stiffness from which on none lifts, N/m: infinite if one lifts on the stiffest.
-        lost: least normal force, N, when and of which foot, on softer ones; not below zero where feet give by
+        lost: minimum normal force, N, when and which foot, on softer ones; not below zero where feet give by
             more than `FALLEN` before one lifts. None if all stay on `SOFTEST`, too.
         between: N/m: where one lifts on the stiffest, the stiffest range found on which none does.
     """

@@ -1,4 +1,4 @@
-"""A base with a moving mechanism on feet that give, drives behind gears that give, to first order in both.
+"""A base with a moving mechanism on compliant feet, drives behind elastic joints, to first order in both.
 
 With the d small motions u (the base's twist, of its centre of mass, base axes, zero where feet are slack; and
 springs of gears) and the loads w(t) of the mechanism on base and springs that stay as they are,
@@ -191,11 +191,11 @@ class Course:
 
     Attributes:
         times: (T,), s.
-        twists, rates: (T, 6), m and rad, m/s and rad/s; of a base on feet that do not give zero.
+        twists, rates: (T, 6), m and rad, m/s and rad/s; of a base on rigid feet zero.
         bends: (T, m), rad (m), of springs of gears.
         forces: (T, n, 3), N, contact axes, on the base; empty where feet do not give.
         gaps: (T, n), m, of soles that are lifted; else 0.
-        wrenches: (T, 6), N and N m: on a base on feet that do not give, its weight included; else empty.
+        wrenches: (T, 6), N and N m: on a base on rigid feet, its weight included; else empty.
         lost: contact (from 0) and time of every foot that let go, also of those that came down at once.
         falls: the computation ended early, where a foot had moved by more than `FALLEN`.
     """

@@ -1,4 +1,4 @@
-"""Limits of motions with gears that give, on feet that do not: no contact may be lost while the drives ring.
+"""Limits of motions with elastic joints on rigid feet: no contact may be lost while the drives ring.
 
 Programs know of ringing what jumps with their overshoot say; for a motion that breaks the limit GN and GT at
 jumps are tightened, or where these do not count, GN and GT.

@@ -1,4 +1,4 @@
-"""Limits of bases on feet that give: every foot's share of a load, and how far feet lift while it swings."""
+"""Limits of bases on compliant feet: every foot's share of a load, and how far feet lift while it swings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TIGHTER = 0.05  # of the weight per foot: by how much feet are kept down more w
 
 
 class FootForceLimit(WrenchLimit, AskedLimit):
-    """Least normal force of a foot, as springs share the load while all press: linear in the wrench.
+    """Minimum normal force of a foot, as springs share the load while all press: linear in the wrench.
 
     It goes on smoothly below zero, where a foot would have to pull.
     """

@@ -1,7 +1,7 @@
 """Jumps of accelerations, and the load with which an elastic ground answers them.
 
 Where accelerations jump, as those of velocity ramps do at every event, the load on the base jumps. A base on
-feet that give swings: after a single jump of the load from w_before to w_after the forces reach those of
+compliant feet swings: after a single jump of the load from w_before to w_after the forces reach those of
 
     w_after + kappa (w_after - w_before) ,   kappa = exp(-zeta pi / sqrt(1 - zeta^2))
 

@@ -169,7 +169,7 @@ class TipOverQuantity(ContactQuantity):
         index, where = int(tip.nearest_axis[0]), ""
         if 0 <= index < len(axes):
             first, second = sorted(axes[index].contacts)
-            where = f" (tipping axis through contacts {first + 1} and {second + 1}, moment reserve "
+            where = f" (tipping axis through contacts {first + 1} and {second + 1}, moment margin "
             where += f"{tip.moments[0, index]:.4g} N m)"
         return [f"tip-over GN is {tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
 

@@ -89,7 +89,7 @@ class WorstCaseLimit(StateLimit, WithinLimit):
         rest = why_not(own, AT_REST, lambda tolerance: kept(self.cases.within(tolerance)))
         words = self.cases.deviations.words(theta)
         found = f"within the tolerance {what} reaches {value:.4g} at rest ({words}): {rest}"
-        return f"{found} (--tolerance none plans as described)"
+        return f"{found} (--tolerance none plans for the nominal model)"
 
     def use(self, at: Instants) -> np.ndarray:
         return np.max(self.uses(at), axis=1, initial=-np.inf)

@@ -1,6 +1,6 @@
 """An arm on its base as a MuJoCo model (MJCF): free base, feet on the ground, arm, rotors, payload, motion.
 
-World axes are the base axes at the start. All masses are the model's, see `bodies`; a foot that gives is a
+World axes are the base axes at the start. All masses are the model's, see `bodies`; a compliant foot is a
 small body on springs, whose mass is taken from the base.
 """
 
@@ -34,8 +34,8 @@ _AXES = "base axes"  # at the start: those of the world
 SOLE = 1e-3  # m: radius of the sphere that touches the ground
 SENSOR = 2.5e-3  # m: so far below a sole is what measures its force, not that of an opposite jaw
 STEP = 1e-4  # s
-FOOT_BODY = "foot"  # begins the name of a foot that gives
-FOOT = 0.03  # mass of a foot that gives over that of the base, from which it is taken
+FOOT_BODY = "foot"  # begins the name of a compliant foot
+FOOT = 0.03  # mass of a compliant foot over that of the base, from which it is taken
 _KEYS = 0.02  # s between keyframes
 _SERVO = 2 * np.pi * 20.0  # rad/s: natural frequency of the actuators
 _POINT = 1e-9  # kg m^2: moments of a point mass
@@ -149,7 +149,7 @@ def remarks_of(robot: Robot) -> list[str]:
     ]
     found.append("solref, solimp, the sole's radius and the actuators' gains are numbers for the simulator")
     if robot.support.elastic is not None:
-        found.append(f"feet that give are bodies with {FOOT:g} of the base's mass each, taken from it")
+        found.append(f"compliant feet are bodies with {FOOT:g} of the base's mass each, taken from it")
     if rotors := real_bodies(robot.arm).rotors:
         joints = ", ".join(f"{rotor.joint + 1}" for rotor in rotors)
         found.append(
@@ -178,7 +178,7 @@ def _settings(root: ET.Element, robot: Robot) -> None:
 
 
 def _base(world: ET.Element, support: Support) -> ET.Element:
-    """The base; feet that give have a part of its mass."""
+    """The base; compliant feet have a part of its mass."""
     mass, inertia = support.mass, np.array(support.inertia)
     if support.elastic is not None:
         for arm in support.arms:

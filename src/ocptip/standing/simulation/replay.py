@@ -50,7 +50,7 @@ from ocptip.trajectories.trajectory import Trajectory
 LIFTED, SLID = 0.05e-3, 0.5e-3  # m: more than that is a lift, a slide
 FALLEN = 0.02  # m: a foot so high
 BEFORE, AFTER = 0.05, 0.2  # s of rest before and after the motion
-_SETTLED = 0.03  # s of rest before the motion that are not looked at
+_SETTLED = 0.03  # s of rest before the motion that are not checked
 _PRESCRIBED = 1e8  # kg m^2 of every joint
 _EVENT = 2.0  # steps around an event in which forces are means of before and after
 
@@ -98,7 +98,7 @@ class Replay:
 
     @property
     def least(self) -> tuple[float, float, int]:
-        """Least normal force, N, when, s, and at which contact, from 1."""
+        """Minimum normal force, N, when, s, and at which contact, from 1."""
         at, k = np.unravel_index(np.argmin(self.forces), self.forces.shape)
         return float(self.forces[at, k]), float(self.times[at]), int(k) + 1
 
@@ -307,7 +307,7 @@ class PrescribedModel:
         self._pairs = [(pair, np.array(pair.friction)) for pair in spec.pairs]
 
     def compiled(self, world: World, payload: Payload | None) -> Any:
-        """The model of a world; its feet are not looked at.
+        """The model of a world; its feet are not checked.
 
         Args:
             world: that it is.
@@ -383,9 +383,9 @@ class Compared:
     """A replay beside what the library says of the same world.
 
     Attributes:
-        least: (n,), N, least normal forces of the library.
+        least: (n,), N, minimum normal forces of the library.
         when: (n,), s.
-        rms_least: N, root mean square over time of the difference of the least foot force.
+        rms_least: N, root mean square over time of the difference of the minimum foot force.
         rms: N, of all normal forces.
         stands: the library says that no contact is lost.
     """

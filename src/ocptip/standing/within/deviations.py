@@ -261,7 +261,7 @@ class Deviations:
         late = np.round(np.minimum(parts.get("delay", np.zeros(0)), self.tolerance.delay), 6)
         for delay in dict.fromkeys(late[late > 0].tolist()):
             joints = ", ".join(f"{j + 1}" for j in np.flatnonzero(late == delay))
-            found.append(f"joint{'s' * (',' in joints)} {joints} late by {1e3 * delay:.3g} ms")
+            found.append(f"joint{'s' * (',' in joints)} {joints} delayed by {1e3 * delay:.3g} ms")
         for name, word in (("push", "gripper"), ("base_push", "base")):
             if np.any(force := parts.get(name, np.zeros(3))):
                 found.append(f"push of {np.linalg.norm(force):.3g} N at the {word} {towards(force)}")

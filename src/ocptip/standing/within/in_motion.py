@@ -173,7 +173,7 @@ def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> W
 
 
 def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
-    """Least normal force of a foot if all gave alike, by slopes over the deviations."""
+    """Minimum normal force of a foot if all gave alike, by slopes over the deviations."""
     if (shares := equal_normal_map(cases.robot.support)) is None:
         return None
     wrenches, over = cases.deviations.wrench_and_slopes(at.s, np.zeros((len(at.s), cases.deviations.size)))

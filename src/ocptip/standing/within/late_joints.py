@@ -279,7 +279,7 @@ def worst_of_ways(
         ways: (D, n, K, 4) at D instants: angle, speed, acceleration, room; NaN where there are fewer.
         cases: the functions, F of them.
         acting: (D, 6) what a process is that varies; else (D, 0).
-        matters: (F,) where a function stays below this, by its slopes, it is not looked at more closely.
+        matters: (F,) where a function stays below this, by its slopes, it is not checked more closely.
 
     Returns:
         Numbers (D, F, n) of ways; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;

@@ -19,7 +19,7 @@ AT_REST = (
     "payload_center",
     "friction",
 )  # what counts without motion, likely culprits first
-UNDESCRIBED = "it does not stand as described"
+UNDESCRIBED = "it is not stable in the nominal model"
 IN_MOTION = (*AT_REST, "speed", "delay", "damping")
 
 
