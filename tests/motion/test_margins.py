@@ -7,7 +7,16 @@ from dataclasses import replace
 import pytest
 
 from ocptip.motion.check import check_motion
-from ocptip.motion.margins import CLEARANCE, FRICTION, TIPPING, TORQUE, critical, motion_margins
+from ocptip.motion.margins import (
+    CLEARANCE,
+    FOOT_FORCE,
+    FRICTION,
+    TIPPING,
+    TORQUE,
+    critical,
+    motion_margins,
+)
+from ocptip.motion.summary import margin_table
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
@@ -69,3 +78,16 @@ def test_the_critical_margin_uses_its_limit_most(task, checked):
     assert critical([]) is None
     data = by_name(motion_margins(task.robot, checked))[TIPPING].to_dict()
     assert data["nominal"]["contacts"] == tuple(checked.contacts.moment.contacts)
+
+
+@pytest.mark.parametrize("pulls", [-12.0, 5.0])
+def test_foot_forces_that_can_be_shared_differently_have_no_limit(task, checked, pulls):
+    alike = replace(checked.contacts.force, value=pulls)
+    contacts = replace(checked.contacts, unique=False, alike=alike)
+    margin = by_name(motion_margins(task.robot, replace(checked, contacts=contacts)))[FOOT_FORCE]
+    assert (margin.nominal.value, margin.limit) == (pulls, None)
+    row = next(
+        line for line in margin_table(task.robot, replace(checked, contacts=contacts)) if "foot" in line
+    )
+    assert row.split()[3:5] == [f"{pulls:.3g}", "N"]
+    assert row.endswith("-")

@@ -37,7 +37,7 @@ class MotionMargin:
         name: of the quantity, with its unit.
         nominal: in the nominal model; None where it has no meaning.
         worst_case: with all deviations of the uncertainty at once; None without uncertainty, or not computed.
-        limit: of the nominal value.
+        limit: of the nominal value; None for forces that depend on the sharing of the load.
         limit_worst_case: of the other.
         minimum: the limits are minima, not maxima.
         used: share of the limit that is in use, of the one that decides; 1: at the limit.
@@ -46,7 +46,7 @@ class MotionMargin:
     name: str
     nominal: At | None
     worst_case: At | None
-    limit: float
+    limit: float | None
     limit_worst_case: float | None
     minimum: bool
     used: float
@@ -111,12 +111,13 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
     if "GT" in worst:
         limits = worst["GT"].limit, limit(SLIP_WITHIN)
         yield MotionMargin(FRICTION, nominal, of(SLIP_WITHIN), *limits, False, used("GT", SLIP_WITHIN))
-    alike = checked.within.alike if checked.within else None
+    # Rigid feet that can share the load differently: as if equally compliant, where one may have to pull.
+    force, alike = contacts.alike or force, checked.within.alike if checked.within else None
     yield MotionMargin(
         FOOT_FORCE,
         force and At(force.value, force.time, force.contacts),
         alike and At(alike.value, alike.time, alike.contacts),
-        0.0,
+        0.0 if contacts.unique else None,
         None,
         True,
         -math.inf,

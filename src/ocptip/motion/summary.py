@@ -77,15 +77,16 @@ def _at(row: MotionMargin, at: At | None) -> str:
     if at is None:
         return "-"
     text = _value(row.name, at.value)
-    if (
-        text == _value(row.name, row.limit) and at.value != row.limit
-    ):  # rounded, it may contradict the verdict
+    # Rounded to the limit, a value could contradict the verdict.
+    if row.limit is not None and text == _value(row.name, row.limit) and at.value != row.limit:
         text = _value(row.name, at.value, 6)
     return text + (f" @{max(at.time, 0.0):.3f}s" if at.time is not None else "")
 
 
 def _limit(row: MotionMargin, within: bool) -> str:
     """The limit, in the unit of the values; both where those of nominal and worst case differ."""
+    if row.limit is None:
+        return "-"
     if row.name in _ALWAYS:
         return "> 0"
     scale = 1.0 if row.name in _UNITS else 1e3 if row.name in _LENGTHS else 100.0
