@@ -111,7 +111,7 @@ def test_check_says_what_another_timing_of_the_path_takes(
     assert "no timing of its path from rest to rest keeps the limits" in retimed(still, motion, bad)
     within = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
     found = re.search(
-        r"allow (\d\.\d+) instead of 1\.000 s, within the tolerance", retimed(within, motion, bad)
+        r"allow (\d\.\d+) instead of 1\.000 s, within the uncertainty", retimed(within, motion, bad)
     )
     assert found
     assert 1.02 * timed < float(found[1]) < 1.1 * timed

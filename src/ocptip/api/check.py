@@ -232,7 +232,7 @@ def _is_path(task: object) -> bool:
 def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     """What the fastest timing of the path of a motion that fails is.
 
-    Empty where no timing can help (angles, clearance) or torques within the tolerance, which timings do not
+    Empty where no timing can help (angles, clearance) or torques within the uncertainty, which timings do not
     look at, are too large, and where the path cannot be fitted.
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
@@ -249,7 +249,7 @@ def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
         return f"no timing of its path from rest to rest keeps the limits: {error}"
     except (OcptipError, ValueError, ArithmeticError):
         return ""
-    slower = f"{least:.3f} instead of {motion.end:.3f} s{', within the tolerance' if given else ''}"
+    slower = f"{least:.3f} instead of {motion.end:.3f} s{', within the uncertainty' if given else ''}"
     return f"on its own path the limits allow {slower} (not checked; ocptip retime finds it)"
 
 

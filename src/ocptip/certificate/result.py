@@ -66,7 +66,7 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """All limits that were asked for are proved to hold at every instant, within the tolerance if one is
+        """All limits are proved to hold at every instant, within the uncertainty if one is
         given."""
         return self.holds and not self.sampled
 
@@ -156,7 +156,7 @@ class Certificate:
 def claims(bounds: Mapping[str, float], on_time: bool = False) -> str:
     """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit.
 
-    Those within the tolerance may be of all joints on time only.
+    Those within the uncertainty may be of all joints on time only.
     """
     most = {name: np.ceil(1e4 * bound / (1 + 2 * AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
     parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
@@ -165,7 +165,7 @@ def claims(bounds: Mapping[str, float], on_time: bool = False) -> str:
     )
     parts += apart
     if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
-        world = "within the tolerance" + " with all joints on time" * on_time
+        world = "within the uncertainty" + " with all joints on time" * on_time
         parts[-1] += f"; {world} {', '.join(within + apart_within)}"
     return ", ".join(parts)
 

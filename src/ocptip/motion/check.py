@@ -154,7 +154,7 @@ class MotionCheck:
         """Where equally compliant feet lose what another sharing of the load keeps; else empty."""
         differs, alike = self.contacts.differs, self.within and self.within.alike
         if not differs and alike and alike.value < 0:
-            differs = "with equally compliant feet one lifts within the tolerance"
+            differs = "with equally compliant feet one lifts within the uncertainty"
         return f" ({differs})" if self.verified and differs else ""
 
     @property

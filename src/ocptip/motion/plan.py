@@ -267,7 +267,7 @@ def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
         best = moving[shares.index(most)]
         alone, factor, why = too_much(task.robot, best.motion, task.limits)
         share = f"{int(100 * most)} % of it"  # rounded down: 100 % would contradict the refusal
-        found += f" within the tolerance; the best of them keeps its limits with {share} ({why})"
+        found += f" within the uncertainty; the best of them keeps its limits with {share} ({why})"
         error = ToleranceError(f"{found}; start {nearest.result.number}: {violations}")
         error.too_much, error.factor = alone, factor
         return error

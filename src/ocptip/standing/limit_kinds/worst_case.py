@@ -88,7 +88,7 @@ class WorstCaseLimit(StateLimit, WithinLimit):
         own = self.asked.tolerance
         rest = why_not(own, AT_REST, lambda tolerance: kept(self.cases.within(tolerance)))
         words = self.cases.deviations.words(theta)
-        found = f"within the tolerance {what} reaches {value:.4g} at rest ({words}): {rest}"
+        found = f"within the uncertainty {what} reaches {value:.4g} at rest ({words}): {rest}"
         return f"{found} (--tolerance none plans for the nominal model)"
 
     def use(self, at: Instants) -> np.ndarray:
@@ -131,7 +131,7 @@ class WorstCaseLimit(StateLimit, WithinLimit):
 
 
 class WorstTorqueLimit(WithinLimit):
-    """Torques within the tolerance; programs know those of the world as described, and are tightened."""
+    """Torques within the uncertainty; programs know those of the world as described, and are tightened."""
 
     name, result, setting = "torque within tolerance", *[TORQUE_WITHIN] * 2
     smallest_step, largest_step = 1e-3, 0.05
