@@ -639,12 +639,24 @@ def test_feet_that_give(capsys):
 
 
 def test_a_terminated_command_ends_its_processes_and_says_so(tmp_path):
-    command = [sys.executable, "-m", "ocptip", "plan", "F", "--tolerance", "none", "--out", "plan"]
+    command = [
+        sys.executable,
+        "-m",
+        "ocptip",
+        "plan",
+        "F",
+        "--out",
+        "plan",
+    ]  # takes long: it has an uncertainty
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         time.sleep(2.0)
         process.terminate()
-        _, said = process.communicate(timeout=60)
+        try:
+            _, said = process.communicate(timeout=60)
+        except subprocess.TimeoutExpired:
+            process.kill()  # else the block would wait for it
+            raise
     # CPython ends as if killed where the signal came within an exec, as those of imported dataclasses
     assert process.returncode in (130, -signal.SIGINT)
-    assert said.splitlines()[-1].startswith("ocptip: interrupted")
+    assert any(line.startswith("ocptip: interrupted") for line in said.splitlines())
     assert not (tmp_path / "plan").exists()

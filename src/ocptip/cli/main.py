@@ -11,11 +11,15 @@ import difflib
 import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, GROUPS, INTERRUPTED, explained, say, stops
 from ocptip.cli.commands import COMMANDS
+
+_EXIT = 5.0  # s, that an interrupted process may take to end
 
 
 class _Parser(argparse.ArgumentParser):
@@ -82,11 +86,22 @@ class _Version(argparse.Action):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (argparse itself exits for --help and errors)."""
     try:
-        return _main(arguments)
+        code = _main(arguments)
     except KeyboardInterrupt:
-        return say(INTERRUPTED, "interrupted")
+        code = say(INTERRUPTED, "interrupted")
     except OSError as error:  # of --help and --version
-        return say(*explained(error))
+        code = say(*explained(error))
+    if arguments is None and code == INTERRUPTED:
+        # Python's exit waits for the thread that writes to workers. Where the same signal ended these with a
+        # full queue, some versions wait for ever (CPython issue 94777).
+        threading.Thread(target=_exit_later, args=(code,), daemon=True).start()
+    return code
+
+
+def _exit_later(code: int) -> NoReturn:
+    """End the process if it has not ended by itself."""
+    time.sleep(_EXIT)
+    os._exit(code)
 
 
 def _main(arguments: Sequence[str] | None) -> int:
