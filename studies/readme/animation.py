@@ -29,7 +29,6 @@ from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.path import load_path
 from studies.common import EXAMPLES, machine
-from studies.retiming.toppra_timing import by_toppra
 
 TASK, PATH = EXAMPLES / "tasks/ur5_cart.toml", EXAMPLES / "paths/ur5_sweep.toml"
 BEFORE, AFTER = 0.3, 1.0  # s of rest before and after the motions that are shown
@@ -149,6 +148,8 @@ def captioned(frame: Image.Image, lines: tuple[str, str], colour: tuple[int, int
 
 def main(arguments: list[str] | None = None) -> None:
     """Compute both motions, replay them, write the picture and what is in it."""
+    from studies.retiming.toppra_timing import by_toppra  # toppra belongs to the extra "studies" only
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for motion.gif and motion.json")
     out: Path = parser.parse_args(arguments).out
