@@ -21,13 +21,6 @@ from tests.contact.contact_cases import CLAMPS, disturbed_weight, feet, kind_nam
 GRAVITY = 9.81
 
 
-@pytest.fixture(scope="module", autouse=True)
-def registry_restored():
-    yield
-    for kind in ("frictionless", "magnetic-foot"):
-        Binding.registry.pop(kind, None)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrictionlessContact(Binding):
     """A contact on ice: pushes, but holds nothing tangentially. Needs no parameters."""
@@ -77,6 +70,19 @@ class MagneticFoot(UnilateralContact):
 
     def force_pieces(self):
         return [ForcePiece(-self.adhesion, np.inf, self.friction * self.adhesion, self.friction)]
+
+
+# A class registers itself where it is defined, that is when pytest collects this file. The tests of the
+# other files must not see the two kinds, in whatever order they run.
+KINDS = {kind: Binding.registry.pop(kind) for kind in ("frictionless", "magnetic-foot")}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kinds_registered():
+    Binding.registry.update(KINDS)
+    yield
+    for kind in KINDS:
+        del Binding.registry[kind]
 
 
 def on_ice(n=3, **options):
