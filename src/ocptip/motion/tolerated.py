@@ -29,7 +29,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
-from ocptip.standing.limit_kinds.kinds import UNCERTAIN
+from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
@@ -438,8 +438,7 @@ def too_much(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> tu
 def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Callable[[Uncertainty], bool]:
     """Whether a motion keeps its contacts within a tolerance."""
     cases = worst_case_of(robot, limits.tolerance)
-    every = tuple(range(robot.n))
-    kinds = [kind(robot, limits, every) for kind in UNCERTAIN if kind.wanted(robot, limits)]
+    kinds = limits_of(robot, limits)
     times = motion.both_sides(SPACING)
 
     def kept(tolerance: Uncertainty) -> bool:

@@ -26,12 +26,7 @@ from ocptip.standing.limit_kinds.limit import (
 from ocptip.standing.limit_kinds.nominal import NominalLimit
 from ocptip.standing.limit_kinds.path_stops import StopLimit
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
-from ocptip.standing.limit_kinds.worst_case import (
-    WithinLimit,
-    WorstSlipLimit,
-    WorstTipOverLimit,
-    WorstTorqueLimit,
-)
+from ocptip.standing.limit_kinds.worst_case import WorstCaseLimit, WorstTorqueLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -244,22 +239,13 @@ KINDS: tuple[type[Limit], ...] = (
     DurationLimit,
     AngleLimit,
     FurtherLimit,
-    WorstTipOverLimit,
-    WorstSlipLimit,
+    WorstCaseLimit,
     WorstTorqueLimit,
     FootForceLimit,
     JumpFootForceLimit,
     FootLiftLimit,
     RingingLimit,
 )
-
-UNCERTAIN: tuple[type[WithinLimit], ...] = (
-    WorstTipOverLimit,
-    WorstSlipLimit,
-    WorstTorqueLimit,
-    LateClearanceLimit,
-)
-"""Those within an uncertainty."""
 
 
 def limits_of(

@@ -150,6 +150,10 @@ class Limit:
         """Of a motion: of measured values (N, m) at its instants, or of what else the scenario is about."""
         return []
 
+    def within(self, found: Any) -> list[Worst]:
+        """Of a motion at the worst of an uncertainty, a `WithinTolerance`."""
+        return []
+
     def kept(self, at: Instants) -> bool:
         """At all instants."""
         return True

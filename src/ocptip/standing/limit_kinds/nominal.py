@@ -37,12 +37,17 @@ class ContactLimit(AskedLimit):
     ) -> None:
         super().__init__(robot, asked, joints)
         self.name, self.result = self.words[0].format(quantity.name), self.words[1].format(quantity.symbol)
-        self.setting = quantity.at_steps if self.after_steps else quantity.symbol
+        self.setting = self.setting_of(quantity)
         self.quantity = quantity(robot, self.number)
 
     @property
     def width(self) -> int:
         return self.quantity.width
+
+    @classmethod
+    def setting_of(cls, quantity: type[ContactQuantity]) -> str:
+        """The field of the numbers asked for."""
+        return quantity.at_steps if cls.after_steps else quantity.symbol
 
     @classmethod
     def of(cls, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> tuple[ContactLimit, ...]:

@@ -18,8 +18,12 @@ from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, Closing
+from ocptip.standing.within.worst_case import WorstCase, WorstDeviations
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
+PATH_MARGIN_WITHIN = 0.05  # share of M0 that a path at rest keeps within an uncertainty
+ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments within an uncertainty take part
+STARTS_AT_REST = 9  # wrenches from which the worst slip at rest is looked for
 FAR = 0.5  # use of the slip limit in stops by brakes where half spaces tell that it is kept
 
 
@@ -36,10 +40,12 @@ class ContactQuantity(ABC):
         width: number of rows at a node.
         unit: of rows.
         affine: rows are affine in the wrench.
+        least: within an uncertainty rows have a lower bound, else an upper one.
+        in_results: field of `WithinTolerance`.
     """
 
-    name = symbol = at_steps = ""
-    width, unit, affine = 1, 1.0, False
+    name = symbol = at_steps = in_results = ""
+    width, unit, affine, least = 1, 1.0, False, False
 
     def __init__(self, robot: StandingMechanism, number: float) -> None:
         self.robot, self.number = robot, number
@@ -118,6 +124,38 @@ class ContactQuantity(ABC):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (R,), slopes (R, 6) and second derivatives, if any, of rows k under wrenches i."""
 
+    # --- within an uncertainty: states s (N, 3 n) at the worst deviations ----------------------------------
+
+    @abstractmethod
+    def smooth_within(self, cases: WorstCase) -> tuple[WorstCase, float]:
+        """What programs take for the worst case, and the bound of its values."""
+
+    @abstractmethod
+    def within(
+        self, cases: WorstCase, s: np.ndarray, k: np.ndarray, theta: np.ndarray | None = None
+    ) -> WorstDeviations:
+        """Rows k (N,) of states at the worst deviations, or at given ones (N, size)."""
+
+    @abstractmethod
+    def uses_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> np.ndarray:
+        """(N, width) estimated use of the limit, 1 at the limit, more beyond."""
+
+    @abstractmethod
+    def kept_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> bool:
+        """In all states, as programs see it."""
+
+    @abstractmethod
+    def rests_within(self, cases: WorstCase, s: np.ndarray) -> bool:
+        """Whether the limit is kept in a state (1, 3 n) at rest."""
+
+    @abstractmethod
+    def worst_at_rest(self, cases: WorstCase, s: np.ndarray) -> tuple[float, np.ndarray]:
+        """GN or GT in a state (1, 3 n) at rest, and the deviations (size,) there."""
+
+    def path_excess_within(self, cases: WorstCase, s: np.ndarray) -> float:
+        """See `path_excess`."""
+        return -np.inf
+
     # --- stops by brakes ----------------------------------------------------------------------------------
 
     @abstractmethod
@@ -134,7 +172,8 @@ class ContactQuantity(ABC):
 class TipOverQuantity(ContactQuantity):
     """GN; in programs minus the moments about the tipping axes, N m, which are smooth."""
 
-    name, symbol, at_steps = "tip-over", "GN", "jump_tip_over"
+    name, symbol, at_steps, in_results = "tip-over", "GN", "jump_tip_over", "tip"
+    least = True
 
     def __init__(self, robot: StandingMechanism, number: float) -> None:
         super().__init__(robot, number)
@@ -146,10 +185,6 @@ class TipOverQuantity(ContactQuantity):
 
     def measure(self, at: Loaded) -> np.ndarray:
         return at.tip.GN
-
-    def largest(self, at: Loaded) -> np.ndarray:
-        """(P,) the same of many loads, of which the contact solver sees few."""
-        return self.measure(at)
 
     def measure_still(self, at: Loaded) -> np.ndarray:
         """On the scale of uncertainties: nothing moves yet when the load comes."""
@@ -209,6 +244,34 @@ class TipOverQuantity(ContactQuantity):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return *self._map.some(wrenches, i, k), np.empty(0)
 
+    def smooth_within(self, cases: WorstCase) -> tuple[WorstCase, float]:
+        return cases, self._least
+
+    def within(
+        self, cases: WorstCase, s: np.ndarray, k: np.ndarray, theta: np.ndarray | None = None
+    ) -> WorstDeviations:
+        return cases.moments(s, k, theta)
+
+    def uses_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> np.ndarray:
+        room = ROOM * (cases.reference or 1.0)
+        return 1 + (bound - cases.estimated_moments(s)) / room
+
+    def kept_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> bool:
+        return bool(np.all(cases.estimated_moments(s) >= bound))
+
+    def rests_within(self, cases: WorstCase, s: np.ndarray) -> bool:
+        return bool(np.all(cases.all_moments(s) >= self._least))
+
+    def worst_at_rest(self, cases: WorstCase, s: np.ndarray) -> tuple[float, np.ndarray]:
+        found = cases.moments(s, np.array([np.argmin(cases.all_moments(s)[0])]))
+        return float(cases.tip_ratio(found.values)[0]), found.theta[0]
+
+    def path_excess_within(self, cases: WorstCase, s: np.ndarray) -> float:
+        if not self.width:
+            return -np.inf
+        missing = self._least - float(np.min(cases.estimated_moments(s)))
+        return missing / cases.reference + PATH_MARGIN_WITHIN
+
     def brake_torques(self, check: BrakeCheck, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         return check.worst_corners(q, qd)[1]
 
@@ -221,7 +284,7 @@ class TipOverQuantity(ContactQuantity):
 class SlipQuantity(ContactQuantity):
     """GT; its own curvature over the wrench is left out in stops."""
 
-    name, symbol, at_steps = "slip", "GT", "jump_slip"
+    name, symbol, at_steps, in_results = "slip", "GT", "jump_slip", "slip"
 
     def __init__(self, robot: StandingMechanism, number: float) -> None:
         super().__init__(robot, number)
@@ -288,6 +351,27 @@ class SlipQuantity(ContactQuantity):
         self, wrenches: np.ndarray, i: np.ndarray, k: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self._map(wrenches[i])
+
+    def smooth_within(self, cases: WorstCase) -> tuple[WorstCase, float]:
+        return cases.smooth(self.number)
+
+    def within(
+        self, cases: WorstCase, s: np.ndarray, k: np.ndarray, theta: np.ndarray | None = None
+    ) -> WorstDeviations:
+        return cases.slip(s, theta=theta)
+
+    def uses_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> np.ndarray:
+        return cases.estimated_slip(s)[:, None] / bound
+
+    def kept_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> bool:
+        return bool(np.all(cases.slip(s).values <= bound))
+
+    def rests_within(self, cases: WorstCase, s: np.ndarray) -> bool:
+        return cases.keeps_slip(s, self.number) or self.worst_at_rest(cases, s)[0] <= self.number
+
+    def worst_at_rest(self, cases: WorstCase, s: np.ndarray) -> tuple[float, np.ndarray]:
+        found = cases.slip(s, starts=STARTS_AT_REST)
+        return float(found.values[0]), found.theta[0]
 
     def brake_torques(self, check: BrakeCheck, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         wrenches, torques = check.combinations(q, qd)

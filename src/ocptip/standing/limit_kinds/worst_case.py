@@ -6,7 +6,6 @@ late or overshoot do to a motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -22,17 +21,17 @@ from ocptip.standing.limit_kinds.limit import (
     StateLimit,
     Worst,
 )
+from ocptip.standing.limit_kinds.nominal import ContactLimit
+from ocptip.standing.limit_kinds.quantities import ContactQuantity
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
-from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, Limits
+from ocptip.standing.limits import TORQUE_WITHIN, WITHIN_OF, Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.in_motion import WithinTolerance, WorstInstant, worst_of_sampled
+from ocptip.standing.within.in_motion import WithinTolerance, worst_of_sampled
 from ocptip.standing.within.tolerable import AT_REST, why_not
-from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
+from ocptip.standing.within.worst_case import WorstCase, worst_case_of
 
-ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
 MOVING = 0.1  # share of the friction that a tolerance takes besides, about
-PATH_MARGIN = 0.05  # share of M0 that a path at rest keeps
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,36 +59,57 @@ class WithinLimit(AskedLimit):
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         return self.within(worst_of_sampled(at, self.asked.tolerance))
 
-    def within(self, found: WithinTolerance) -> list[Worst]:
-        """Of a motion at the worst of an uncertainty."""
-        raise NotImplementedError
 
-    def _of(self, worst: WorstInstant) -> Worst:
-        return self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)
+class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
+    """A quantity of the contacts at the worst deviations; rows have its slopes over the state there."""
 
-
-class WorstCaseLimit(StateLimit, WithinLimit):
-    """What both have in common: rows are functions of the state, sloped as at the worst deviations."""
-
-    of_contacts = True
+    words = "{} within tolerance", "{}_worst_case"
     node_kinds = (ORDINARY, DEVIATING)
     smallest_step, largest_step = 1e-4, 0.02
     rows_first = True
-    unit = 1.0
 
-    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
+    def __init__(
+        self,
+        robot: StandingMechanism,
+        asked: Limits,
+        joints: tuple[int, ...],
+        quantity: type[ContactQuantity],
+    ) -> None:
+        super().__init__(robot, asked, joints, quantity)
         self.cases = worst_case_of(robot, asked.tolerance)
+        self._smooth, self._bound = self.quantity.smooth_within(self.cases)
         self._theta: np.ndarray | None = None  # (N, width, size) of the nodes of a program
 
-    def _refusal(
-        self, what: str, value: float, at: Instants, theta: np.ndarray, kept: Callable[[WorstCase], bool]
-    ) -> str:
-        own = self.asked.tolerance
-        rest = why_not(own, AT_REST, lambda tolerance: kept(self.cases.within(tolerance)))
-        words = self.cases.deviations.words(theta)
+    @classmethod
+    def setting_of(cls, quantity: type[ContactQuantity]) -> str:
+        return WITHIN_OF[quantity.symbol]
+
+    def within(self, found: WithinTolerance) -> list[Worst]:
+        worst = getattr(found, self.quantity.in_results)
+        if worst is None:
+            return []
+        return [self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)]
+
+    def kept(self, at: Instants) -> bool:
+        return self.quantity.kept_within(self._smooth, at.s, self._bound)
+
+    def refusals(self, at: Instants) -> list[str]:
+        def kept(cases: WorstCase) -> bool:
+            return self.quantity.rests_within(cases, at.s)
+
+        if kept(self.cases):
+            return []
+        tolerance, (value, theta) = self.asked.tolerance, self.quantity.worst_at_rest(self.cases, at.s)
+        rest = why_not(tolerance, AT_REST, lambda some: kept(self.cases.within(some)))
+        what, words = f"{self.quantity.name} {self.quantity.symbol}", self.cases.deviations.words(theta)
         found = f"within the uncertainty {what} reaches {value:.4g} at rest ({words}): {rest}"
-        return f"{found} (--tolerance none plans for the nominal model)"
+        return [f"{found} (--tolerance none plans for the nominal model)"]
+
+    def path_excess(self, at: Instants) -> float:
+        return self.quantity.path_excess_within(self.cases, at.s)
+
+    def uses(self, at: Instants) -> np.ndarray:
+        return self.quantity.uses_within(self._smooth, at.s, self._bound)
 
     def use(self, at: Instants) -> np.ndarray:
         return np.max(self.uses(at), axis=1, initial=-np.inf)
@@ -99,21 +119,24 @@ class WorstCaseLimit(StateLimit, WithinLimit):
 
     def chosen(self, at: Instants) -> WorstCaseLimit:
         """With the deviations that are worst there."""
-        other = copy(self)
-        other._theta = self._worst_theta(at)
+        other, count, width = copy(self), len(at), self.width
+        rows, places = np.repeat(np.arange(count), width), np.tile(np.arange(width), count)
+        found = self.quantity.within(self._smooth, at.s[rows], places)
+        other._theta = found.theta.reshape(count, width, -1)
         return other
 
-    def _worst_theta(self, at: Instants) -> np.ndarray:
-        """(N, width, size)."""
-        raise NotImplementedError
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        ends = np.full(self.width, self._bound / self.quantity.unit), np.full(self.width, np.inf)
+        return ends if self.quantity.least else (-ends[1], ends[0])
 
-    def _rows(self, at: RowNodes, nodes: np.ndarray, places: np.ndarray, found: WorstDeviations) -> WorstRows:
-        weights = found.slopes / self.unit
-        slopes = self.cases.deviations.state_slopes(at.s[nodes], found.theta, weights)[0]
-        bends = np.empty(0) if found.bends is None else found.bends / self.unit
-        return WorstRows(
-            *(at, nodes, places, found.values / self.unit, slopes, found.theta, weights), bends=bends
-        )
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+        i, k = np.nonzero(mask)
+        theta = None if self._theta is None else self._theta[i, k]
+        found, unit = self.quantity.within(self._smooth, at.s[i], k, theta), self.quantity.unit
+        weights = found.slopes / unit
+        slopes = self.cases.deviations.state_slopes(at.s[i], found.theta, weights)[0]
+        bends = np.empty(0) if found.bends is None else found.bends / unit
+        return WorstRows(at, i, k, found.values / unit, slopes, found.theta, weights, bends=bends)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, WorstRows)
@@ -146,106 +169,6 @@ class WorstTorqueLimit(WithinLimit):
     def tightened(self, asked: Limits, excess: float) -> Limits:
         step = min(max(excess, self.smallest_step), self.largest_step)
         return replace(asked, torque_ratio=max(asked.torque_ratio - step, asked.torque_ratio / 2))
-
-
-class WorstTipOverLimit(WorstCaseLimit):
-    """Least moments about the tipping axes."""
-
-    name, result, setting = "tip-over within tolerance", TIP_WITHIN, TIP_WITHIN
-
-    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self.width = self.cases.axes
-        self.unit = 2 * (self.cases.reference or 1.0)
-        self._least = self.cases.reference * (1 / self.number - 1)  # N m
-
-    def within(self, found: WithinTolerance) -> list[Worst]:
-        return [] if found.tip is None else [self._of(found.tip)]
-
-    def kept(self, at: Instants) -> bool:
-        return bool(np.all(self.cases.estimated_moments(at.s) >= self._least))
-
-    def refusals(self, at: Instants) -> list[str]:
-        if not self.width:
-            return []
-        axis = int(np.argmin(self.cases.all_moments(at.s)[0]))
-        found = self.cases.moments(at.s, np.array([axis]))
-        if found.values[0] >= self._least:
-            return []
-
-        def kept(cases: WorstCase) -> bool:
-            return bool(np.all(cases.all_moments(at.s) >= self._least))
-
-        value = float(self.cases.tip_ratio(found.values)[0])
-        return [self._refusal("tip-over GN", value, at, found.theta[0], kept)]
-
-    def path_excess(self, at: Instants) -> float:
-        if not self.width:
-            return -np.inf
-        missing = self._least - float(np.min(self.cases.estimated_moments(at.s)))
-        return missing / self.cases.reference + PATH_MARGIN
-
-    def uses(self, at: Instants) -> np.ndarray:
-        room = ROOM * (self.cases.reference or 1.0)
-        return 1 + (self._least - self.cases.estimated_moments(at.s)) / room
-
-    def _worst_theta(self, at: Instants) -> np.ndarray:
-        count, axes = len(at), self.width
-        rows, axis = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
-        return self.cases.moments(at.s[rows], axis).theta.reshape(count, axes, -1)
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
-
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
-        theta = None if self._theta is None else self._theta[i, k]
-        return self._rows(at, i, k, self.cases.moments(at.s[i], k, theta))
-
-
-class WorstSlipLimit(WorstCaseLimit):
-    """Greatest slip reserve GT."""
-
-    name, result, setting = "slip within tolerance", SLIP_WITHIN, SLIP_WITHIN
-    width = 1
-
-    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self._smooth, self._most = self.cases.smooth(self.number)
-
-    def within(self, found: WithinTolerance) -> list[Worst]:
-        return [self._of(found.slip)]
-
-    def kept(self, at: Instants) -> bool:
-        return bool(np.all(self._smooth.slip(at.s).values <= self._most))
-
-    def refusals(self, at: Instants) -> list[str]:
-        if self.cases.keeps_slip(at.s, self.number):
-            return []
-        found = self.cases.slip(at.s, starts=9)
-        if found.values[0] <= self.number:
-            return []
-
-        def kept(cases: WorstCase) -> bool:
-            return cases.keeps_slip(at.s, self.number) or bool(
-                np.all(cases.slip(at.s, starts=9).values <= self.number)
-            )
-
-        return [self._refusal("slip GT", float(found.values[0]), at, found.theta[0], kept)]
-
-    def uses(self, at: Instants) -> np.ndarray:
-        return self._smooth.estimated_slip(at.s)[:, None] / self._most
-
-    def _worst_theta(self, at: Instants) -> np.ndarray:
-        return self._smooth.slip(at.s).theta[:, None]
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([-np.inf]), np.array([self._most])
-
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
-        theta = None if self._theta is None else self._theta[i, k]
-        return self._rows(at, i, k, self._smooth.slip(at.s[i], theta=theta))
 
 
 def left_at_rest(robot: StandingMechanism, tolerance: Uncertainty, rest: np.ndarray) -> float:
