@@ -112,11 +112,12 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         limits = worst["GT"].limit, limit(SLIP_WITHIN)
         yield MotionMargin(FRICTION, nominal, of(SLIP_WITHIN), *limits, False, used("GT", SLIP_WITHIN))
     # Rigid feet that can share the load differently: as if equally compliant, where one may have to pull.
-    force, alike = contacts.alike or force, checked.within.alike if checked.within else None
+    force, within = contacts.alike or force, checked.within
+    worst_force = within and (within.alike or within.foot_force)
     yield MotionMargin(
         FOOT_FORCE,
         force and At(force.value, force.time, force.contacts),
-        alike and At(alike.value, alike.time, alike.contacts),
+        worst_force and At(worst_force.value, worst_force.time, worst_force.contacts),
         0.0 if contacts.unique else None,
         None,
         True,

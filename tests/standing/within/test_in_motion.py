@@ -56,6 +56,41 @@ def test_no_sample_is_worse_than_the_worst_case(task, factor):
         assert states.persistent.all()
 
 
+def forces_of_three_feet(support, wrenches):
+    """Normal forces (N, 3) by equilibrium, N, of contacts on a horizontal plane: no contact solver."""
+    arms = np.array([contact.position for contact in support.contacts]) - support.center_of_mass
+    (height,) = np.unique(np.round(arms[:, 2], 9))
+    fx, fy, fz, mx, my, _ = wrenches.T
+    balance = np.array([np.ones(3), arms[:, 1], -arms[:, 0]])
+    return np.linalg.solve(balance, -np.stack([fz, mx + height * fy, my - height * fx])).T
+
+
+@pytest.mark.parametrize("case", ["A", "C"])
+def test_three_feet_have_a_minimum_force_in_the_worst_case(case):
+    """C stands on a clamp, which lets go where it would have to pull more than it holds."""
+    task = experiment_task(case, "effective")
+    robot, motion = task.robot, slow(task, 3.0)
+    within = worst_within(robot, motion, WORKSHOP, np.linspace(0.0, motion.end, 60))
+    found, cases = within.foot_force, worst_case_of(robot, WORKSHOP)
+    lets_go = np.array([min(p.normal_min for p in c.force_pieces()) for c in robot.support.contacts])
+    wrenches = sampled_wrenches(robot, motion, WORKSHOP, np.random.default_rng(0), 6000)
+    sampled = (forces_of_three_feet(robot.support, wrenches) - lets_go).min()
+    assert found.value - 1e-3 <= sampled < found.value + 2.0
+    (foot,), acting = found.contacts, robot.during(motion)
+    at = on_time(motion, WORKSHOP, np.array([found.time]), acting)
+    at = at.joined(jump_states(motion, WORKSHOP, cases, acting))
+    at = at.some(np.flatnonzero(np.abs(at.times - found.time) < 1e-9))
+    extremes = cases.deviations.least(np.random.default_rng(1).normal(size=(500, cases.deviations.size)))
+    forces = forces_of_three_feet(
+        robot.support, cases.deviations.wrench(np.tile(at.s[:1], (500, 1)), extremes)[0]
+    )
+    assert forces[:, foot - 1].min() - lets_go[foot - 1] >= found.value - 1e-3
+    axis = int(np.flatnonzero(robot.tip_over.lifts[:, foot - 1])[0])
+    theta = cases.moments(at.s, np.full(len(at.s), axis), room=at.room).theta
+    attained = forces_of_three_feet(robot.support, cases.deviations.wrench(at.s, theta)[0])[:, foot - 1]
+    assert attained.min() - lets_go[foot - 1] == pytest.approx(found.value, abs=1e-6)
+
+
 def test_how_much_of_a_tolerance_a_motion_can_have(task):
     motion, tolerance = slow(task, 2.0), Uncertainty(tilt=np.radians(3.0), friction=0.2, damping=0.05)
     limits = dataclasses.replace(task.limits, tolerance=tolerance)

@@ -236,7 +236,7 @@ def _within(
 ) -> WithinTolerance | None:
     """The worst of all segments; None without a tolerance."""
     found = [check.within for check in checks if check.within is not None]
-    tips, slips, torques, gaps, alike = [], [], [], [], []
+    tips, slips, torques, gaps = [], [], [], []
     if len(found) < len(checks):
         return None
     for name, own, begin in zip(names, found, begins.tolist(), strict=True):
@@ -246,8 +246,16 @@ def _within(
         torques.append(replace(own.torque, time=begin + own.torque.time))
         if own.gap is not None:
             gaps.append(replace(own.gap, time=begin + own.gap.time))
-        if own.alike is not None:
-            alike.append(own.alike.later(begin))
+    pairs = list(zip(found, begins.tolist(), strict=True))
+    forces = [
+        min(
+            (force.later(begin) for own, begin in pairs if (force := getattr(own, name)) is not None),
+            key=lambda at: at.value,
+            default=None,
+        )
+        for name in ("alike", "foot_force")
+    ]
+    courses = [(begin + own.course[0], own.course[1]) for own, begin in pairs]
     given = max((own.tolerance for own in found), key=lambda own: len(own.given))
     return WithinTolerance(
         given,
@@ -256,7 +264,8 @@ def _within(
         max(torques, key=lambda at: at.value),
         min(gaps, key=lambda at: at.value, default=None),
         sum(own.states for own in found),
-        min(alike, key=lambda at: at.value, default=None),
+        *forces,
+        course=(np.concatenate([t for t, _ in courses]), np.concatenate([m for _, m in courses])),
     )
 
 

@@ -8,7 +8,7 @@ all joints on time, see `maximum_torques`; distances with joints that are late, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -110,6 +110,10 @@ class WithinTolerance:
         gap: the smallest distance; None where nothing is late or nothing may collide.
         states: number of states looked at.
         alike: see `ContactMargins.alike`, up to products of deviations.
+        foot_force: minimum distance of a normal force from where its contact lets go, N, where equilibrium
+            alone decides it: on three contacts.
+        course: instants (K,), s, and the least moment about a tipping axis there, N m, up to products of
+            deviations: for figures.
     """
 
     tolerance: Uncertainty
@@ -119,6 +123,8 @@ class WithinTolerance:
     gap: WorstGap | None
     states: int
     alike: Margin | None = None
+    foot_force: Margin | None = None
+    course: tuple[np.ndarray, np.ndarray] = field(default=(np.empty(0), np.empty(0)), compare=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -126,8 +132,9 @@ class WithinTolerance:
         given = self.tolerance.to_dict()
         slip, torque, gap = self.slip.to_dict(), dict(vars(self.torque)), self.gap and dict(vars(self.gap))
         parts = {"tip": tip, "slip": slip, "torque": torque, "clearance": gap}
-        alike = self.alike and self.alike.to_dict()
-        return {"tolerance": given, **parts, "states": self.states, "least_force_if_feet_give_alike_N": alike}
+        forces = {"least_force_if_feet_give_alike_N": self.alike, "least_normal_force_N": self.foot_force}
+        named = {name: force and force.to_dict() for name, force in forces.items()}
+        return {"tolerance": given, **parts, "states": self.states, **named}
 
 
 def worst_within(
@@ -160,16 +167,18 @@ def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> W
     acting = cases.deviations.robot.during(motion)
     looked = on_time(motion, tolerance, times, acting)
     looked = looked.joined(jump_states(motion, tolerance, cases, acting))
-    tip = None
+    tip, course = None, (np.empty(0), np.empty(0))
     if cases.axes:
-        tip = _worst_tip(cases, _refined(cases, motion, acting, looked, _least_moments))
-    at = _refined(cases, motion, acting, looked, _greatest_slips)
+        worst, bad = _refined(cases, motion, acting, looked, _least_moments)
+        tip, course = _worst_tip(cases, worst), (looked.times, -bad[: len(looked.times)])
+    at = _refined(cases, motion, acting, looked, _greatest_slips)[0]
     torque, gap = (
         _worst_torque(acting, motion, tolerance, times),
         _smallest_gap(acting, motion, tolerance, times),
     )
     slip, alike = _worst_slip(cases, at), _least_if_alike(cases, looked)
-    return WithinTolerance(tolerance, tip, slip, torque, gap, len(looked.times), alike)
+    force = _least_foot_force(cases, motion, acting, looked)
+    return WithinTolerance(tolerance, tip, slip, torque, gap, len(looked.times), alike, force, course)
 
 
 def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
@@ -183,6 +192,38 @@ def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
         forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, at.room))
     row, foot = np.unravel_index(np.argmin(forces), forces.shape)
     return Margin(float(forces[row, foot]), float(at.times[row]), (int(foot) + 1,))
+
+
+def _least_foot_force(cases: WorstCase, motion: Trajectory, acting: Robot, looked: Looked) -> Margin | None:
+    """Minimum distance of a normal force from where its contact lets go; None where others decide it, too.
+
+    Every axis of three contacts on a plane passes through two of them. So the moment about it is the force on
+    the third times its distance, and the worst deviations of that moment are those of the force.
+    """
+    tip_over = cases.robot.tip_over
+    lifted = tip_over.lifts != 0
+    if (
+        tip_over.affine_moments is None
+        or len(tip_over.support.contacts) != 3
+        or np.any(lifted.sum(axis=1) > 1)
+    ):
+        return None
+    distances = np.abs(tip_over.lifts).sum(axis=1)
+
+    def pressed_least(cases: WorstCase, at: Looked) -> np.ndarray:
+        return -np.min(cases.estimated_moments(at.s, at.room) / distances, axis=1)
+
+    at = _refined(cases, motion, acting, looked, pressed_least)[0]
+    rows, axes = _every_axis(cases, at)
+    forces = cases.moments(at.s[rows], axes, room=at.room[rows]).values / distances[axes]
+    k = int(np.argmin(forces))
+    return Margin(float(forces[k]), float(at.times[rows[k]]), (int(np.argmax(lifted[axes[k]])) + 1,))
+
+
+def _every_axis(cases: WorstCase, at: Looked) -> tuple[np.ndarray, np.ndarray]:
+    """Row and axis of every pair of a state and a tipping axis."""
+    count = len(at.times)
+    return np.repeat(np.arange(count), cases.axes), np.tile(np.arange(cases.axes), count)
 
 
 def _smallest_gap(
@@ -272,8 +313,8 @@ def _refined(
     acting: Robot,
     looked: Looked,
     badness: Callable[[WorstCase, Looked], np.ndarray],
-) -> Looked:
-    """The states that look worst, with instants around the worst one."""
+) -> tuple[Looked, np.ndarray]:
+    """The states that look worst, with instants around the worst one, and how bad all are in their order."""
     bad = badness(cases, looked)
     for _ in range(NEARER):
         row = int(np.argmax(bad))
@@ -283,14 +324,11 @@ def _refined(
         near = _around(np.sort(looked.times[plain]), looked.times[row])
         new = on_time(motion, cases.deviations.tolerance, near, acting)
         looked, bad = looked.joined(new), np.concatenate([bad, badness(cases, new)])
-    return looked.some(np.argsort(-bad, kind="stable")[:EXACT])
+    return looked.some(np.argsort(-bad, kind="stable")[:EXACT]), bad
 
 
 def _worst_tip(cases: WorstCase, at: Looked) -> WorstInstant:
-    rows, axes = (
-        np.repeat(np.arange(len(at.times)), cases.axes),
-        np.tile(np.arange(cases.axes), len(at.times)),
-    )
+    rows, axes = _every_axis(cases, at)
     found = cases.moments(at.s[rows], axes, room=at.room[rows])
     k = int(np.argmin(found.values))
     row, state, room = int(rows[k]), at.s[rows[k : k + 1]], at.room[rows[k : k + 1]]
