@@ -60,7 +60,7 @@ _STATE = (
 )
 _RISE = 0.02  # s
 _RESERVES = ("GN", "GT", "torque_ratio", "GN_worst_case", "GT_worst_case")
-_LATE = "joints that are late"
+_LATE = "delayed joints"
 
 
 def row_of(name: str, kind: str, task: MotionTask, motion: Trajectory) -> dict[str, Any]:

@@ -36,7 +36,7 @@ BANNED = {
     r"events?": "switching time",
     r"pace": "speed override",
     r"gripper point": "TCP",
-    r"(inverse )?branch(es)?(?!-and)": "IK solution",
+    r"(inverse )?branch(es)?(?!-and|:)": "IK solution",
     r"passive joints?": "non-optimised joint, unactuated joint",
     r"plainest": "synchronised default motion",
     r"bindings?": "contact model",
@@ -48,10 +48,10 @@ BANNED = {
     r"look(s|ed|ing)? (at|for)": "check, search",
     r"ways?(?! to)": "path, method",
     r"hardly|anew|all but|ours|dear|dearer|frugal|in one sitting|somebody else('s)?": "(standard words)",
-    r"greatest|least(?! squares)(?<!at least)": "maximum, minimum",
+    r"greatest|least(?![- ]squares)(?<!at least)": "maximum, minimum",
     r"by so much|so many": "by X",
     r"certified": "proved",
-    r"(?<=[a-z]), too": "also",
+    r"(?<=[a-z]), too(?! \w)": "also",
 }
 """What docs do not use, and what to say instead; quoted output, code and names of keys do not count."""
 
@@ -165,7 +165,10 @@ def texts_of_code() -> Iterator[tuple[str, str, str]]:
             kind = "docstring" if id(node) in docstrings else "message"
             if kind == "docstring" or " " in str(node.value).strip():
                 plain = re.sub(r"`+[^`]+`+", "X", str(node.value))
-                yield kind, f"{path.relative_to(ROOT)}:{node.lineno}", plain
+                if kind == "docstring":  # names of arguments and attributes are code, as examples are
+                    plain = re.sub(r"^( *).*::\n\n(?:\1 +.*\n|\n)+", "", plain, flags=re.MULTILINE)
+                    plain = re.sub(r"^ +[\w, ]+:(?= )", "", plain, flags=re.MULTILINE)
+                yield kind, f"{path.relative_to(ROOT)}:{node.lineno}", re.sub(r"\s+", " ", plain)
 
 
 def _length(text: str) -> int:

@@ -25,7 +25,7 @@ def test_a_replay_of_a_folder_and_of_what_was_read_from_it(folder, tmp_path):
     one, other = ocptip.simulate(folder), ocptip.simulate(read_plan_folder(folder))
     assert one.stable
     assert one.to_dict() == other.to_dict()
-    assert "<Simulated A: stable (as described), minimum foot force " in repr(one)
+    assert "<Simulated A: stable (nominal), minimum foot force " in repr(one)
     assert json.loads(one.save(tmp_path / "a.json").read_text(encoding="utf-8"))["stands"]
     steep = ocptip.simulate(folder, tilt=np.radians(40))
     assert not steep.stable
@@ -36,7 +36,7 @@ def test_a_replay_of_a_folder_and_of_what_was_read_from_it(folder, tmp_path):
     ("options", "message"),
     [
         ({"stiffness": 1.0}, r"stiffness: 1e3 to 1e8 N/m, got 1"),
-        ({"damping": 0.1}, "damping: of compliant feet; give stiffness, too"),
+        ({"damping": 0.1}, "damping: only for compliant feet; give stiffness as well"),
         ({"tilt": 2.0}, r"tilt: 0 to 1\.047 rad, got 2\.0"),
         ({"friction": 1e3}, "friction: a factor of 0"),
         ({"payload": -1.0}, "payload: must be >= 0"),

@@ -97,7 +97,7 @@ PLAN = [  # what becomes of ur5_cart.toml: old, new, message after the file's na
     (
         "[limits]",
         "[stops]\nbrake_torque_min_Nm = 100\n[limits]",
-        "stops.brake_torque_min_Nm: joint 4: the least, 100, is above the greatest, 56, 2 times",
+        "stops.brake_torque_min_Nm: joint 4: the minimum, 100, is above the maximum, 56, 2 times",
     ),
     (
         "clearance = 0.01",

@@ -89,7 +89,7 @@ FILES = {
     ),
     "a circle": (
         edited('parent link="base"', 'parent link="lower"'),
-        "link 'torso' is its own ancestor; a URDF is a tree",
+        "link 'torso' is an ancestor of itself; a URDF is a tree",
     ),
     "no limits": (edited(TURN, ""), "joint 'turn_1': a revolute joint needs <limit"),
     "no limits of a slide": (edited(LIFT, ""), "joint 'lift': a prismatic joint needs <limit"),
@@ -150,7 +150,7 @@ FILES = {
     ),
     "mimics what is not there": (
         edited('<limit velocity="2"', '<mimic joint="turn_7"/><limit velocity="2"'),
-        "joint 'turn_2' mimics 'turn_7', which is not there or mimics it, too",
+        "joint 'turn_2' mimics 'turn_7', which is missing or mimics it as well",
     ),
     "coupled, no way left": (
         edited('<limit velocity="2"', '<mimic joint="turn_1" offset="8"/><limit velocity="2"')
@@ -160,7 +160,7 @@ FILES = {
     ),
     "coupled beside the way": (
         edited('<mimic joint="finger_1"/>', '<mimic joint="turn_1"/>'),
-        "joint 'finger_2', beside the way to the tool, mimics 'turn_1', which moves; only couplings",
+        "joint 'finger_2', beside the chain to the tool, mimics 'turn_1', which moves; only couplings",
     ),
     "two tools": (
         edited(

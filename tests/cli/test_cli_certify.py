@@ -111,4 +111,4 @@ def test_samples_that_have_to_be_fitted_are_not_certified(capsys, tmp_path):
 
 def test_check_says_who_judges_certificates(certificate, capsys):
     assert main(["check", str(certificate)]) == 2
-    assert "is a certificate; ocptip certify judges it" in capsys.readouterr().err
+    assert "is a certificate; ocptip certify checks it" in capsys.readouterr().err

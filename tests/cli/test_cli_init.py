@@ -74,7 +74,7 @@ def test_limits_and_other_ends_stand_in_comments(here):
     assert "#   turn_1  -171.9 to 171.9 deg, 114.6 deg/s, 80 N m\n" in text
     assert "#   turn_2  none to none deg, 114.6 deg/s, 60 N m\n" in text
     assert "others: left, right" in text
-    assert "# locked, not on the way to the tool: finger_1, finger_2 at 0.01" in text
+    assert "# locked, not in the chain to the tool: finger_1, finger_2 at 0.01" in text
 
 
 def test_limits_that_the_urdf_lacks_are_marked(here, capsys):

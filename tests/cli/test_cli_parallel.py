@@ -38,7 +38,7 @@ def test_ready_made_robots(name):
 
 def test_table_says_the_same_as_json():
     text, report = said("3RRR"), json.loads(said("3RRR", "--json"))
-    assert "3RRR: 3 legs, moves as described." in text
+    assert "3RRR: 3 legs, mobility as in its file." in text
     assert "actuated joints" in text
     assert "1.1, 2.1, 3.1" in text
     assert str(report["operations"]["tau_a"]["weighted"]) in text
@@ -71,8 +71,8 @@ def test_a_robot_that_is_singular_everywhere_is_not_accepted(capsys, monkeypatch
     monkeypatch.setitem(READY_MADE, "6UPS", lambda: ups6(gap=np.pi / 3))
     assert main(["parallel", "6UPS"]) == 1
     text = capsys.readouterr().out
-    assert "DOES NOT MOVE AS DESCRIBED" in text
-    assert "singular in every pose looked at" in text
+    assert "MOBILITY NOT AS IN ITS FILE" in text
+    assert "singular in every checked pose" in text
 
 
 def test_a_vertical_delta_is_not_accepted(capsys, monkeypatch):
@@ -94,9 +94,9 @@ def test_a_vertical_delta_is_not_accepted(capsys, monkeypatch):
     code = main(["parallel", "Delta"])
     text = capsys.readouterr()
     assert code == 1
-    assert "DOES NOT MOVE AS DESCRIBED" in text.out
+    assert "MOBILITY NOT AS IN ITS FILE" in text.out
     assert "the mechanism has mobility 4, but 3 coordinates are described" in text.out
-    assert "no code: the robot does not move as described" in text.out
+    assert "no code: the mobility is not as in the robot's file" in text.out
 
 
 def test_targets_are_checked_before_anything_is_computed(capsys, monkeypatch):
@@ -146,7 +146,7 @@ def test_bad_input_is_one_line(capsys, arguments, expected):
 def test_robot_without_generated_code(capsys, root, tmp_path):
     example = str(root / "src/ocptip/examples/robots/delta_parallelograms.toml")
     assert main(["parallel", example]) == 0
-    assert "no code: leg 1 branches or has loops of its own" in capsys.readouterr().out
+    assert "no code: leg 1 is branched or has closed loops" in capsys.readouterr().out
     for options in (["--c", str(tmp_path / "x.c")], ["--form", "S"], ["--dynpar", "2"]):
         assert main(["parallel", example, *options]) == 2
         err = capsys.readouterr().err

@@ -77,7 +77,8 @@ def test_summary(task, search, capsys):
     best = search.result.best
     scope = "(contacts and drives; collision not checked)"
     assert out.startswith(
-        f"press   FOUND for the given uncertainty, all constraints verified {scope}. Total {best.total:.4f}; "
+        f"press   PLACED for the given uncertainty, all constraints verified {scope}. "
+        f"Total {best.total:.4f}; "
     )
     assert f"p1 {best.parameters[0]:.3f} m, p2 {best.parameters[1]:.3f} m" in lines["place"]
     angles = [float(word) for word in lines["joints"].split()[1:3]]
@@ -157,7 +158,7 @@ def test_files_that_cannot_be_written_do_not_cost_the_result(task, search, capsy
     monkeypatch.setattr("ocptip.api.place.write_placement", refuse)
     code, out, err = run(capsys, task, "--no-figures")
     assert code == 2
-    assert out.startswith("press   FOUND")
+    assert out.startswith("press   PLACED")
     assert err == "ocptip: out/placement.json: No space left on device\n"
 
 
@@ -176,6 +177,6 @@ def test_progress_on_a_terminal_only():
             progress(1, 4, 0.25)
     assert pipe.getvalue() == ""
     shown = terminal.getvalue().split("\r")
-    assert "[######..................] 1/4 starts, least total 0.2500" in shown[3]
+    assert "[######..................] 1/4 starts, minimum total 0.2500" in shown[3]
     assert "no placement yet" in shown[2]
     assert shown[-1] == "\x1b[K"

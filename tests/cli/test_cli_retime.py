@@ -61,7 +61,7 @@ def test_a_path_with_its_timing_is_checked_without_a_controller(
     assert "GN <= 0.9" in capsys.readouterr().out
     assert main(["certify", str(path), "--task", TASK, *PLAIN, "--rise-time", "0.02"]) == 2
     assert "--rise-time: " in (said := capsys.readouterr().err)
-    assert "has a timing of its own" in said
+    assert "already has a timing" in said
 
 
 def test_its_gripper_is_on_the_given_path(folder: Path) -> None:
@@ -96,7 +96,7 @@ def test_check_says_what_another_timing_of_the_path_takes(
     capsys.readouterr()
     assert main(["check", TOO_FAST, "--task", TASK, "--json"]) == 1
     text = json.loads(capsys.readouterr().out)["retimed"]
-    found = re.match(r"on its own path the limits allow (\d\.\d+) instead of 1\.000 s", text)
+    found = re.match(r"along this path the limits allow (\d\.\d+) instead of 1\.000 s", text)
     timed = json.loads((folder / "plan.json").read_text(encoding="utf-8"))["duration_s"]
     assert found
     assert float(found[1]) == pytest.approx(timed, rel=0.01)

@@ -24,7 +24,7 @@ def test_export(written, tmp_path, capsys):
     mjcf, urdf = tmp_path / "a.xml", tmp_path / "a.urdf"
     assert main(["export", str(written), "--mjcf", str(mjcf), "--urdf", str(urdf)]) == 0
     said = capsys.readouterr().out
-    assert "rotors of their own" in said
+    assert "have separate rotors" in said
     model = mujoco.MjModel.from_xml_path(str(mjcf))
     assert model.nkey > 70  # the motion
     assert model.body_mass.sum() == pytest.approx(19.161)
@@ -97,7 +97,7 @@ def test_simulate_says_no(written, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--damping", "0.1"], "--damping: of compliant feet; give --stiffness, too"),
+        (["--damping", "0.1"], "--damping: only for compliant feet; give --stiffness as well"),
         (["--stiffness", "10"], "--stiffness: 1e3 to 1e8 N/m, got 10"),
         (["--tilt", "90"], "--tilt: 0 to 60 degrees"),
         (["--speed", "0"], "--speed: must be > 0"),

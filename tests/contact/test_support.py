@@ -132,7 +132,7 @@ def test_bad_supports_are_refused_by_name(name, options):
 def test_a_support_needs_contacts_of_one_dimension():
     with pytest.raises(InputError, match="at least one contact"):
         Support([])
-    with pytest.raises(InputError, match=r"^contacts\[1\]: expected a Binding, got str"):
+    with pytest.raises(InputError, match=r"^contacts\[1\]: expected a contact, got str"):
         Support([binding(UnilateralContact), "foot"])
     with pytest.raises(InputError, match=r"^contacts\[1\]: planar and spatial"):
         Support([binding(UnilateralContact), binding(UnilateralContact, planar=True)])

@@ -160,7 +160,7 @@ def test_gentle_stops_are_safe_where_hard_ones_are_not():
 def test_torques_that_do_not_fit_are_refused(task):
     with pytest.raises(InputError, match="brake_min: expected 6 torques, got 2"):
         StopRules(brake_min=np.ones(2)).brakes(task.robot)
-    with pytest.raises(InputError, match="brake_max: must be >= the least"):
+    with pytest.raises(InputError, match="brake_max: must be >= the minimum"):
         StopRules(brake_min=np.ones(6), brake_max=0.5 * np.ones(6))
     with pytest.raises(InputError, match="delay: expected"):
         StopRules(delay=(0.2, 0.1))
@@ -204,8 +204,8 @@ def test_files_have_rules_of_stops(case_file):
     ("text", "said"),
     [
         ("[stops]\nbrake_torque_min_Nm = [1, 2]", "stops.brake_torque_min_Nm: "),
-        ("[stops]\nbrake_torque_max_Nm = 1", "stops.brake_torque_max_Nm: joint 1: the least, "),
-        ("[stops]\nbrake_delay = [0.2, 0.1]", "stops.brake_delay: expected [least, greatest], s"),
+        ("[stops]\nbrake_torque_max_Nm = 1", "stops.brake_torque_max_Nm: joint 1: the minimum, "),
+        ("[stops]\nbrake_delay = [0.2, 0.1]", "stops.brake_delay: expected [minimum, maximum], s"),
         ("[stops]\nGN = 1.5", "stops.GN: must be above 0 and at most 1"),
         ("[stops]\nbrake_torque = 3", "stops.brake_torque: unknown key"),
     ],
@@ -443,6 +443,6 @@ def test_without_torque_limits_category_0_is_not_judged(task):
     assert not stops.verified
     assert "brakes" not in stops.worst
     assert stops.brake_speeds is None
-    assert stops.violations[0].startswith("category 0 not judged: no brake data, and joint 1 has no torque")
+    assert stops.violations[0].startswith("category 0 not checked: no brake data, and joint 1 has no torque")
     _, given = looked_at(own, "brakes", StopRules(brake_min=np.full(6, 60.0), brake_max=np.full(6, 70.0)))
     assert "brakes" in given.worst

@@ -292,7 +292,7 @@ def test_what_a_file_leaves_open_is_assumed_and_said(tmp_path):
     task = load(tmp_path, changed(URDF, locked_m=None, base_link=None))
     assert task.robot.notes == (
         "base_link 'base', not given in the file",
-        "locked, not on the way to the tool: grip at 0 (rad, sliding joints m)",
+        "locked, not in the chain to the tool: grip at 0 (rad, sliding joints m)",
     )
 
 

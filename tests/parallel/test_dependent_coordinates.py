@@ -199,7 +199,7 @@ def test_five_bar_is_singular_where_its_distal_links_align():
         robot.inverse_dynamics([0.0, 0.15], [0, 0], [0, 0])
     reach = np.sqrt(0.6**2 - 0.15**2)  # arms stretched
     assert robot.singularity([0.0, reach - 1e-8]).determined < 2e-3
-    with pytest.raises(InputError, match=r"do not close at z = \[0.0, 0.6\] with any phi3 found"):
+    with pytest.raises(InputError, match=r"do not close at z = \[0.0, 0.6\] with any searched phi3"):
         robot.ik([0.0, 0.6])
 
 

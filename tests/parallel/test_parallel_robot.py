@@ -96,7 +96,7 @@ def test_poses_beyond_a_singular_one_are_said():
     assert found.assembly == "search"
     assert found.residual < 1e-10
     assert found.to_dict()["searched"] == [k + 1 for k in found.searched] != []
-    with pytest.raises(SolverError, match="cannot be followed on the straight way from home"):
+    with pytest.raises(SolverError, match="cannot be followed on the straight line from home"):
         robot.inverse_dynamics(there, np.zeros(3), np.zeros(3))
     near = robot.ik(z + 0.01)
     again = robot.ik(z + 0.02, near.q)
@@ -267,7 +267,7 @@ def test_bad_input_is_refused():
 
 
 def test_forward_kinematics_reports_failure():
-    with pytest.raises(SolverError, match="no pose found"):
+    with pytest.raises(SolverError, match="no pose reached"):
         ROBOTS["3RPR"].fk([5.0, 0.1, 0.1])
 
 

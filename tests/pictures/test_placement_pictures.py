@@ -116,7 +116,7 @@ def test_refused_placements_are_drawn_with_their_causes():
     error = refused()
     figures = placement_figures("press", [error.nearest], cells=7)
     texts = [text.get_text() for text in figures["map"].legends[0].get_texts()]
-    assert "least infeasible" in texts
+    assert "minimum violation" in texts
     assert "joint torques" in texts
     assert "NOT feasible" in figures["placement"].get_suptitle()
     chart = PlacementMap.of(error.nearest, 7)

@@ -127,7 +127,7 @@ def test_an_interval_of_the_mass():
     ("options", "message"),
     [
         ({"base_mass": 1.0}, "base_mass: must be >= 0 and below 1, got 1.0"),
-        ({"base_mass": [5.0, 4.0]}, "base_mass: expected 0 < least <= largest mass"),
+        ({"base_mass": [5.0, 4.0]}, "base_mass: expected 0 < minimum <= maximum mass"),
         ({"friction": -0.1}, "friction: must be >= 0 and below 1"),
         ({"center_of_mass": [0.1, -0.1, 0]}, "center_of_mass: half sides must be >= 0"),
         ({"center_of_mass": [0.1]}, "center_of_mass: expected shape"),
@@ -141,5 +141,5 @@ def test_broken_tolerances_are_refused(options, message):
 def test_motions_are_not_planned_for_a_tolerance():
     own = drilling(four_feet(), tolerance=TOLERANCE)
     own = replace(own, tasks=(own.tasks[0], replace(own.tasks[0], name="other")))
-    with pytest.raises(InputError, match="tolerance: motions are planned for a base as described"):
+    with pytest.raises(InputError, match="tolerance: motions are planned for the nominal base"):
         place_for_motion(own)

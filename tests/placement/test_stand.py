@@ -167,7 +167,7 @@ def in_line():
     [
         (four_feet, {}, "4 feet need legs"),
         (clamped, {}, "needs ordinary contacts, contact 3 is 'force-constant-half-rigid-clamp'"),
-        (on_uneven_ground, {}, "contact 1 has a normal of its own"),
+        (on_uneven_ground, {}, "contact 1 has a normal; normals follow"),
         (in_line, {}, "not on one line"),
     ],
 )

@@ -206,7 +206,7 @@ def test_what_leads_may_rest_and_what_follows_may_be_locked(tmp_path):
     "mimics", [{1: (2, 1.0, 0.0), 2: (1, 1.0, 0.0)}, {1: (1, 1.0, 0.0)}, {2: (9, 1.0, 0.0)}]
 )
 def test_joints_that_follow_none_are_refused(tmp_path, mimics):
-    with pytest.raises(InputError, match=r"joint 'j\d' mimics 'j\d', which is not there or mimics it, too"):
+    with pytest.raises(InputError, match=r"joint 'j\d' mimics 'j\d', which is missing or mimics it as well"):
         arm_of(tmp_path, 0, [False, False, False], mimics)
 
 

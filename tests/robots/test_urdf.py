@@ -178,7 +178,7 @@ def test_joints_off_the_way_are_locked_at_zero_or_at_the_limit_next_to_it(servic
     model = arm_from_urdf(service_robot, **NAMES)
     assert model.joint_names == ("lift", "shoulder", "elbow", "roll", "wrist")
     assert model.prismatic.tolist() == [True, False, False, False, False]
-    assert model.notes == ("locked, not on the way to the tool: neck, grip at 0.3 (rad, sliding joints m)",)
+    assert model.notes == ("locked, not in the chain to the tool: neck, grip at 0.3 (rad, sliding joints m)",)
     zero = np.zeros((2, 5))
     q = np.array([0.4, 0.1, 0.5, 0.7, 0.2])
     own = evaluate_dynamics(arm_from_urdf(service_robot, **NAMES, locked_joints={"neck": 0.3}), q, *zero)
@@ -230,7 +230,7 @@ def test_a_joint_beside_the_way_that_mimics_one_that_moves_is_refused_until_it_i
     service_robot.write_text(with_fingers('<mimic joint="wrist"/>'), encoding="utf-8")
     names = {"base_link": "cart", "tool_frame": "tool"}
     with pytest.raises(
-        InputError, match=r"'grip 2', beside the way .*, mimics 'wrist', which moves; .* lock one"
+        InputError, match=r"'grip 2', beside the chain .*, mimics 'wrist', which moves; .* lock one"
     ):
         arm_from_urdf(service_robot, **names)
     assert "wrist" in arm_from_urdf(service_robot, **names, locked_joints={"grip 2": 0.1}).joint_names
@@ -243,7 +243,7 @@ def test_joints_without_a_way_do_not_move(service_robot):
     model = arm_from_urdf(service_robot, **NAMES)
     assert model.joint_names == ("shoulder", "wrist")
     assert model.notes[0] == (
-        "locked, their limits leave no way (others in [arm.limits], by name, free them): lift, elbow, roll "
+        "locked, their limits leave no range (others in [arm.limits], by name, free them): lift, elbow, roll "
         "at 0.3 (rad, sliding joints m)"
     )
     service_robot.write_text(SERVICE_ROBOT, encoding="utf-8")

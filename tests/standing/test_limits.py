@@ -78,9 +78,9 @@ def test_limits_have_names_of_their_own(task):
     asked = replace(task.limits, stops=PathStops(), brakes=brakes, damping=0.02, tolerance=WORKSHOP)
     names = [limit.name for limit in limits_of(task.robot, asked)]
     names += [kind.name for kind in KINDS if kind.name and kind.name not in names]
-    assert {f"{what} {when}" for what in ("tip-over", "slip") for when in ("at jumps", "in stops")} <= {
-        *names
-    }
+    assert {
+        f"{what} {when}" for what in ("tip-over", "slip") for when in ("at acceleration steps", "in stops")
+    } <= {*names}
     assert all(names)
     assert len(set(names)) == len(names)
 

@@ -85,7 +85,7 @@ def test_command(capsys, root, tmp_path):
     report = json.loads(capsys.readouterr().out)
     assert report["mobility"]["dof"] == 3
     assert report["home_pose"]["singular"] == []
-    assert "leg 1 branches or has loops of its own" in report["without_code"]
+    assert "leg 1 is branched or has closed loops" in report["without_code"]
     assert main(["parallel", path, "--c", str(tmp_path / "x.c")]) == 2
     assert "--c: no code for Delta with parallelograms" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
@@ -141,7 +141,7 @@ def test_bad_files_name_file_leg_and_key(tmp_path, text, old, new, message):
 def test_a_serial_leg_cannot_use_a_branching_table(text):
     data = tomllib.loads(text)
     del data["leg"][1]["ends"]
-    with pytest.raises(InputError, match=r"rows\[2\].after: for legs that branch"):
+    with pytest.raises(InputError, match=r"rows\[2\].after: for branched legs"):
         read_parallel_robot(data)
     data["leg"][1]["ends"] = 3
     with pytest.raises(

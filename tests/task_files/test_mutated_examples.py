@@ -62,7 +62,7 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     r"more than \d+ spheres on link",  # between lengths and the radius of the spheres
     r"there is no row \d+, only",
     "the arm has no collision geometry to check; give arm.sphere_radius",
-    "for legs that branch, with `ends`, but this leg has none",
+    "for branched legs, with `ends`, but this leg has none",
     r"terrain '.*': uneven ground: ",  # between contacts and terrain
     r"terrain '.*': [xy]: lower bound .* is above upper bound",  # between the terrain and its grid
     r"segment\[\d+\]\.payload: expected one of",  # between the payloads and who carries them

@@ -107,10 +107,10 @@ def test_slowing_down_without_cruise_jumps():
     [
         ([1.0], [-0.5, 0.5], [0.0], "ramp 1: lasts -0.5 s"),
         ([1.0], [0.5, 0.5], [-1.0], "cruise 1: lasts -1 s"),
-        ([1.0], [0.0, 0.5], [0.0], "command 1 .*jump of the speed"),
+        ([1.0], [0.0, 0.5], [0.0], "command 1 .*step of the speed"),
         ([1.0, 1.0], [0.5, 0.1, 0.5], [0.0, 1.0], "command 2 .*changes no speed"),
-        ([1.0, 0.0, 1.0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 0.0], "command 2 .*rest on its way"),
-        ([0.0], [0.0, 0.0], [1.0], "command 1 .*rest on its way"),
+        ([1.0, 0.0, 1.0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 0.0], "command 2 .*rest between its ends"),
+        ([0.0], [0.0, 0.0], [1.0], "command 1 .*rest between its ends"),
         ([1.0, 0.5, 1.0], [0.5, 0.5, 0.5, 1.0], [0.0, 0.0, 0.0], "command 2 .*braking at once"),
         ([1.0, 2.0], [0.5, 0.5, 0.5], [0.0, 0.0], "braking: lasts 0.5 s, must last 1 s"),
         ([1.0, 1.0], [0.5, 0.0, 0.0], [0.0, 1.0], "braking: lasts 0 s"),

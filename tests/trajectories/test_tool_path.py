@@ -83,7 +83,9 @@ def test_the_first_posture_that_can_follow_is_taken() -> None:
     """Out of reach for the elbow as it is, not for another branch, and the other way round."""
     arm, start = _arm()
     far = [POSES[0], PoseTarget(np.array([0.6, 0.5, 0.9]), DOWN)]
-    with pytest.raises(InputError, match=r"line from pose 1 to 2, at 7\d % of it .*would have to jump"):
+    with pytest.raises(
+        InputError, match=r"line from pose 1 to 2, at 7\d % of it .*would have to turn at once"
+    ):
         tool_lines(arm, far, start)
     postures = POSES[0].postures(arm)
     assert tool_lines(arm, far, postures).path.joints == 6

@@ -160,7 +160,7 @@ def check(
             (JSON, YAML), samples (CSV). None: that of `task`.
         base: of a case, if it is not that of the file.
         step: s, first distance of the instants.
-        time_scale: factors; the same with all times multiplied by each is checked, too.
+        time_scale: factors; the check is repeated with all times multiplied by each.
         stops: what if the motion is stopped at any instant: along the path, by brakes, or both.
         sensitivities: say what changes of masses and contacts would do.
         rise_time: s, of profile commands; default: that of the file, or of the task.
@@ -230,10 +230,10 @@ def _is_path(task: object) -> bool:
 
 
 def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
-    """What the fastest timing of the path of a motion that fails is.
+    """The fastest timing of the path of a motion that fails, as a sentence.
 
-    Empty where no timing can help (angles, clearance) or torques within the uncertainty, which timings do not
-    look at, are too large, and where the path cannot be fitted.
+    Empty where no timing can help (angles, clearance) or torques within the uncertainty, which timings
+    ignore, are too large, and where the path cannot be fitted.
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
     if checked.verified or task.robot.varying or not {TORQUE_WITHIN, *OF_PATH}.isdisjoint(broken):
@@ -250,7 +250,7 @@ def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     except (OcptipError, ValueError, ArithmeticError):
         return ""
     slower = f"{least:.3f} instead of {motion.end:.3f} s{', within the uncertainty' if given else ''}"
-    return f"on its own path the limits allow {slower} (not checked; ocptip retime finds it)"
+    return f"along this path the limits allow {slower} (not checked; ocptip retime finds it)"
 
 
 def offsets_of(motion: Trajectory, task: MotionTask) -> dict[str, tuple[float, float]]:

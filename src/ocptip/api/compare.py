@@ -47,7 +47,7 @@ def compare(
     folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
     name = str(folder.path if isinstance(plan, PlanFolder) else plan)
     if folder.task.is_cycle:
-        raise InputError("is a cycle; recordings of its segments are compared with their own plans", "", name)
+        raise InputError("is a cycle; compare recordings of its segments with plans of these", "", name)
     with naming(name):
         predictor = Predictor(folder.task.robot, folder.motion)
     measured = read_recording(recording, folder.task.robot, unit=unit, columns=columns)
@@ -59,7 +59,7 @@ def compare(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanComparison:
-    """What was found in a recording.
+    """A recording compared with the plan that was run.
 
     Attributes:
         name: of the task.

@@ -1,6 +1,6 @@
 """`ocptip.export`: a plan's robot on its base, and its motion, for rigid-body simulators.
 
-Of a cycle each segment is a file of its own, with what the robot holds then.
+Each segment of a cycle is a separate file, with what the robot holds then.
 """
 
 from __future__ import annotations

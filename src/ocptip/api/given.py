@@ -47,7 +47,7 @@ def task_of_motion(
     case = task if isinstance(task, str) and not Path(task).suffix else None
     if task is not None and case is None:
         if base is not None:
-            raise InputError("base: only for --case; a task file has its own base")
+            raise InputError("base: only for --case; a task file already names its base")
         return read_task(task, otherwise) if isinstance(task, str | os.PathLike) else task, path
     asked = case is not None or base is not None
     if not asked and (folder == Path(motion) or is_plan_folder(folder)):
@@ -78,7 +78,7 @@ def given_motion(
 ) -> tuple[str, Task, Trajectory]:
     """Name of what is given, the task, and the motion; see :func:`ocptip.check`.
 
-    Ramp commands have the rise time that is given, else their own, else that of the task. The trajectory in
+    Profile commands have the given rise time, else that of the file, else that of the task. The trajectory in
     the folder of a plan is for the controller that the plan names.
     """
     if not isinstance(motion, str | os.PathLike):
@@ -103,8 +103,8 @@ def given_motion(
         own = found.rise_times or cast(MotionTask, task).rise_times or ()
         return name, task, found.with_rise_times(own if rise_time is None else rise_time)
     if rise_time is not None:
-        own = "samples, which say themselves how they move" if found.points else "a timing of its own"
-        raise InputError(f"rise_time: {motion} has {own}")
+        defined = "samples, which already define its timing" if found.points else "already a timing"
+        raise InputError(f"rise_time: {motion} has {defined}")
     return name, task, found
 
 

@@ -68,7 +68,7 @@ def identify(
         unit, columns: see `ocptip.compare`.
         tared: the sensor was set to zero at the start.
         sigmas: standard errors that tolerances cover; default 3.
-        bandwidth: Hz, of a filter of the torques, infinite for none; default: found. Of "arm" only.
+        bandwidth: Hz, of a filter of the torques, infinite for none; default: identified. For "arm" only.
 
     Raises:
         InputError: a file or an argument cannot be used; one line.

@@ -40,10 +40,10 @@ def place(
     Args:
         what: a placement file (docs/placement.md), the task that it holds, or a problem.
         uncertainty: an object, a preset ("workshop", "none") or a TOML file with a table `[tolerance]`.
-            Default: that of the file, else "workshop"; of a problem its own.
+            Default: that of the file or the problem, else "workshop".
         starts: nonlinear programs that are solved first.
         seed: of the sample of the ground.
-        progress: called as progress(done, starts, least total so far or None).
+        progress: called as progress(done, starts, minimum total so far or None).
 
     Raises:
         InputError: the file or a value cannot be used; one line.

@@ -1,4 +1,4 @@
-"""`ocptip.plan`: the motion of least cost that keeps all limits, with all that is known about it."""
+"""`ocptip.plan`: the motion of minimum cost that keeps all limits, with all that is known about it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ SPACING = 0.01
 """s, between the instants of sensitivities."""
 
 Runner = Controller | Literal["ramps"]
-"""What runs a motion: a controller between points, or "ramps": drives that take the commands as they are."""
+"""What runs a motion: a controller between points, or `"ramps"`: drives that take the commands of trapezoidal
+velocity profiles.
+"""
 Ask = Kinds | Literal["given"]
 """Stops of these kinds, or of those that the task gives brake torques for."""
 Progress = Callable[[int, int, float | None], None]
@@ -52,7 +54,7 @@ class Plan:
     """A planned motion, or cycle, as it is run, and all that is known about it.
 
     Attributes:
-        planned: what the search found: commands, starts, seed. Of a cycle `parts` has one per segment.
+        planned: result of the search: commands, starts, seed. Of a cycle `parts` has one per segment.
         executions: what runs the motion of each segment; a motion has one segment.
         checked: the check of what is run, by segments.
         time_scale: factors with the checks of the plan run that much slower.
@@ -187,7 +189,7 @@ class Plan:
 
         Args:
             folder: made if it does not exist; the one above it must. Files of an earlier plan are replaced.
-            figures: draw them, too.
+            figures: also draw them.
             effort: write joint torques into trajectory.json.
 
         Returns:
@@ -224,7 +226,7 @@ class Plan:
 
 
 class NoPlanError(PlanningError):
-    """No verified motion was found; the message says how near the search came.
+    """The search ended without a verified motion; the message says how near it came.
 
     Attributes:
         task: that was planned.
@@ -270,7 +272,7 @@ def plan(
     largest_uncertainty: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
-    """Plan the motion, or the cycle, of least cost that keeps all limits; check and prove what is run.
+    """Plan the motion, or the cycle, of minimum cost that keeps all limits; check and prove what is run.
 
     The result depends on the task, `starts` and `seed` only, not on where the starts run.
 
@@ -285,15 +287,16 @@ def plan(
         seed: of the random starts.
         jobs: number of processes; None: one per core, then a script needs `if __name__ == "__main__":`.
         executor: runs the starts instead: any executor of `concurrent.futures`.
-        controller: what runs the motion: "ramps", "linear", "cubic" or "quintic". The verdict is about that.
+        controller: what runs the motion: `"ramps"`, "linear", "cubic" or "quintic". The verdict is about
+            that.
         rate: points per second for the controller; default 100, for "linear" 500.
         rise_time: s, within which accelerations rise; default: that of the task, else the planner chooses.
-        time_scale: factors; the plan with all its times multiplied by each is checked, too.
-        stops: plan so that limits hold in stops, too, along the path, by brakes, or both; "given": both where
+        time_scale: factors; the check is repeated with all times multiplied by each.
+        stops: plan so that limits also hold in stops along the path, by brakes, or both; "given": both where
             brake torques are given.
         sensitivities: say what changes of masses and contacts would do.
-        largest_uncertainty: where there is no plan, look for the largest uncertainty that has one.
-        progress: called as progress(done, steps, least cost of a verified plan so far or None).
+        largest_uncertainty: where there is no plan, search the largest uncertainty that has one.
+        progress: called as progress(done, steps, minimum cost of a verified plan so far or None).
 
     Raises:
         InputError: the task cannot be planned (with all reasons), or an argument cannot be used.
@@ -344,9 +347,7 @@ def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: As
         task = task.each(lambda own: replace(own, limits=own.stops.safe(own.limits, own.robot, kinds)))
     if task.is_cycle:
         if rise_time is not None and controller != "quintic":
-            raise InputError(
-                "rise_time: segments of cycles are planned as ramps; only for --controller quintic"
-            )
+            raise InputError("rise_time: cycles have trapezoidal profiles; only for --controller quintic")
         return task
     if rise_time is not None:
         task = replace(task, rise_times=checked_rise_times(rise_time, task.robot.n))
@@ -370,7 +371,7 @@ def _without_stops(task: Task, how: Mapping[str, Any]) -> Planned | None:
 
 
 def price_of_stops(plan: Planned, without: Planned | None) -> dict[str, Any]:
-    """What it costs that a plan may be stopped; without: the plan that need not, None: none was found."""
+    """Additional cost of a plan that may be stopped; without: the plan that need not, None: there is none."""
     if without is None:
         return {}
     costs = {"energy_J": without.energy, "duration_s": without.duration}

@@ -195,8 +195,8 @@ def rate_along(
 
     Args:
         robot: see `rate`.
-        motion: file with columns q1_deg, q2_m, ... (q1_rad, too) and perhaps time_s.
-        indices: names; default: those most looked at.
+        motion: file with columns q1_deg, q2_m, ... (or q1_rad) and perhaps time_s.
+        indices: names; default: the usual ones.
         ellipsoid: see `rate`.
 
     Raises:
@@ -275,7 +275,7 @@ class RatedMotion:
         return bool(np.all(self.regularity > _SINGULAR))
 
     def to_dict(self) -> dict[str, Any]:
-        """Least, mean and largest values, and when the least ones are."""
+        """Minimum, mean and maximum values, and the times of the minima."""
         return {
             "robot": self.robot,
             "poses": len(self.times),

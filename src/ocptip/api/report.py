@@ -72,7 +72,7 @@ def _tasks(task: Task) -> list[MotionTask]:
 
 
 class Stage:
-    """A motion, or a segment of a cycle: what is said of it alone.
+    """A motion, or a segment of a cycle, with its part of the report.
 
     Args:
         task: with the robot as it is then.
@@ -89,7 +89,7 @@ class Stage:
         self.tilts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def moves(self, checked: MotionCheck) -> None:
-        """Look at the motion; its check is known."""
+        """Evaluate the motion; its check is known."""
         assert self.part is not None
         self.checked, robot, motion = checked, self.part.robot, self.part.motion
         as_described = replace(self.task.limits, tolerance=NONE)  # stops are looked at without one
@@ -100,7 +100,7 @@ class Stage:
         self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0], acting)
 
     def rests(self, robot: Robot, cases_file: str | None) -> None:
-        """Look at postures at rest."""
+        """Evaluate postures at rest."""
         poses, acting = {"start": self.task.start, "goal": self.task.goal}, {}
         if self.part is not None:
             motion, times = self.part.motion, self._poses()
@@ -121,7 +121,7 @@ class Stage:
         }
 
     def _poses(self) -> dict[str, float]:
-        """Times, s, of postures: both ends, and where the reserves are used most, if that is between."""
+        """Times, s, of postures: both ends, and where GN and GT are largest, if that is between."""
         assert self.part is not None
         assert self.checked is not None
         found = {"start": 0.0, "goal": self.part.motion.end}

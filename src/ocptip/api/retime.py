@@ -171,9 +171,9 @@ def retime(
         task: robot and limits; what :func:`ocptip.load_task` takes. None: what the path's file names.
         path: a file of waypoints (TOML), or of a motion, whose times are not kept.
         base: of a case, if it is not that of the file.
-        objective, price_per_second: what is least; default "time".
+        objective, price_per_second: what is minimised; default "time".
         max_duration: s, at most.
-        jerk: deg/s^3 (sliding joints: m/s^3), at most; None: accelerations may jump.
+        jerk: deg/s^3 (sliding joints: m/s^3), at most; None: acceleration steps are allowed.
         path_tolerance: degrees (sliding joints, tool lines: mm), by which the path may be off what is given.
         controller: what runs it; "quintic" needs `jerk`.
         rate: points per second for the controller.
@@ -184,7 +184,7 @@ def retime(
         InputError: the path cannot be read or timed; says where and why.
     """
     if controller == "quintic" and jerk is None:
-        raise InputError("controller: quintics need --jerk, without which accelerations jump")
+        raise InputError("controller: quintics need --jerk; without it accelerations have steps")
     for name, value in (("rate", rate), ("jerk", jerk), ("max_duration", max_duration)):
         if value is not None:
             positive_number(name, value)

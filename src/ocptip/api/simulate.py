@@ -82,7 +82,7 @@ def _changes(
             raise InputError(f"stiffness: 1e3 to 1e8 N/m, got {stiffness:g}; without it feet are stiff")
     if damping is not None:
         if stiffness is None:
-            raise InputError("damping: of compliant feet; give stiffness, too")
+            raise InputError("damping: only for compliant feet; give stiffness as well")
         changes["damping"] = share_of_one("damping", damping)
     if tilt is not None:
         if not 0 <= tilt <= np.radians(STEEPEST):
@@ -123,7 +123,7 @@ class Simulated:
         """The verdict and the minimum foot force."""
         verdict = "stable" if self.stable else "falls" if self.replay.falls else "not stable"
         force = quantity(float(np.min(self.replay.forces)), "N", 3)
-        world = self.replay.world.text() or "as described"
+        world = self.replay.world.text() or "nominal"
         return f"<Simulated {self.name}: {verdict} ({world}), minimum foot force {force}>"
 
     def to_dict(self) -> dict[str, Any]:

@@ -77,7 +77,7 @@ def stand(
 
         if reference_moment is not None or sensitivities:
             name = "sensitivities" if sensitivities else "reference_moment"
-            raise InputError(f"{name}: of a scene; a robot in a posture has its own reference moment")
+            raise InputError(f"{name}: of a scene; a robot in a posture has a reference moment already")
         posture = resting_posture(what, q)
         scene = posture.scene
     if uncertainty is None:
@@ -220,12 +220,12 @@ class Standing:
 
     @property
     def stable(self) -> bool:
-        """True if the base is stable as described, and within the uncertainty where there is one."""
+        """True if the nominal base is stable, also within the uncertainty where there is one."""
         return self.nominally_stable and (self.within is None or self.within.stands)
 
     @property
     def nominally_stable(self) -> bool:
-        """True if the base as described stands: all solutions of the contact laws do, as far as is known.
+        """True if the nominal base stands: all solutions of the contact laws do, as far as is known.
 
         With ordinary contacts this does not depend on the facets of the friction pyramids. Where rigid
         contacts leave it open, declared springs decide.
@@ -251,7 +251,7 @@ class Standing:
 
     @property
     def without_reserve(self) -> str:
-        """What the least further load does to a base that just stands: "tips" or "slips"; else empty."""
+        """What any further load does to a base that just stands: "tips" or "slips"; else empty."""
         if not self.nominally_stable:
             return ""
         if self.tip.GN[0] >= NO_MARGIN:
@@ -315,7 +315,7 @@ class Standing:
 
     @property
     def nearest_axis(self) -> dict[str, Any] | None:
-        """The tipping axis with the least moment margin, N m; contacts from 1; None without one."""
+        """The tipping axis with the minimum moment margin, N m; contacts from 1; None without one."""
         index, axes = int(self.tip.nearest_axis[0]), self.tip.tip_over.axes
         if not 0 <= index < len(axes):
             return None

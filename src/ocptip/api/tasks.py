@@ -45,7 +45,7 @@ def load_task(
         base: of a case; default "effective".
         uncertainty: the worst case that limits hold in; a preset ("workshop", "none"), a TOML file with a
             table `[tolerance]`, or the object. Default: that of the file, else "workshop".
-        objective, price_per_second: what is least; "both" is energy plus the price, J/s.
+        objective, price_per_second: what is minimised; "both" is energy plus the cost of time, J/s.
         duration, max_duration: s, of a motion; the segments of a cycle have theirs in the file.
         limits: GN, GT, torque_ratio, clearance (m), foot_lift (m): instead of those of the file; of a cycle
             they are those of all segments.

@@ -1,4 +1,4 @@
-"""Warnings about input that can be used but is hardly what was meant: nearly always a wrong unit."""
+"""Warnings about suspicious input: it can be used, but nearly always it has a wrong unit."""
 
 from __future__ import annotations
 

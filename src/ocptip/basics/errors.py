@@ -56,7 +56,7 @@ def naming(place: str) -> Iterator[None]:
 
 
 class BindingDefinitionError(OcptipError):
-    """A binding's mode list is not closed, or its columns do not fit it: an error in the binding's class."""
+    """The mode list of a contact model is not closed, or does not fit its columns: an error in its class."""
 
 
 class SolverError(OcptipError):
@@ -64,7 +64,7 @@ class SolverError(OcptipError):
 
 
 class PlanningError(OcptipError):
-    """No verified motion was found; the message says how near the search came."""
+    """The search ended without a verified motion; the message says how near it came."""
 
 
 def finite_array(name: str, value: object, shape: tuple[int | EllipsisType | None, ...]) -> np.ndarray:
@@ -94,7 +94,7 @@ def finite_array(name: str, value: object, shape: tuple[int | EllipsisType | Non
 def bounded_array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...], *, largest: float = LARGEST
 ) -> np.ndarray:
-    """As `finite_array`, but magnitudes above `largest` raise InputError, too."""
+    """As `finite_array`, but magnitudes above `largest` also raise InputError."""
     array = finite_array(name, value, shape)
     refuse_huge(name, array, largest)
     return array

@@ -19,7 +19,7 @@ class NamedFiles:
         self.parts: dict[Path, dict[str, Path]] = {}
 
     def copied(self, value: Any, rename: Rename) -> Any:
-        """The same data with other names of files, and without folders to look for them."""
+        """The same data with other names of files, and without folders in which to search them."""
         if isinstance(value, list):
             return [self.copied(item, rename) for item in value]
         if not isinstance(value, Mapping):

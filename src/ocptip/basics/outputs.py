@@ -79,7 +79,7 @@ def require_replaceable(
 
 
 def require_files(folder: Path, names: Iterable[str]) -> None:
-    """Refuse a folder in which one of these names, or a folder on its way, is a link or something else.
+    """Refuse a folder in which one of these names, or a folder above it, is no regular file or folder.
 
     Raises:
         InputError: says which, and what it is.

@@ -90,7 +90,7 @@ def read_text(path: str | os.PathLike[str], most: int = MOST_BYTES) -> str:
 
 
 def read_xml_text(path: str | os.PathLike[str]) -> str:
-    """Return the content of an XML file; its declaration says UTF-8 afterwards, whatever it said before.
+    """Return the content of an XML file; its declaration then says UTF-8, whichever encoding it named before.
 
     Bytes that are no UTF-8, in a file that declares nothing else, are taken for ISO-8859-1: older robot
     descriptions have them in comments and names of authors.
@@ -147,7 +147,7 @@ def parse_yaml(text: str) -> Any:
     """Return the first document of a YAML text; InputError if it is broken, too deep or too large.
 
     An alias costs nothing until its value is printed or copied, so that ten lines can stand for 10^9 values.
-    Therefore values are counted before anything is built of them.
+    Therefore the values are counted first and built afterwards.
     """
     import yaml
 
@@ -243,7 +243,7 @@ def _inside(path: Path, folder: Path) -> tuple[str, ...]:
 
 
 def _refusal(path: Path, error: OSError | ValueError) -> Exception:
-    """What is said of a file that cannot be opened."""
+    """The error for a file that cannot be opened."""
     code = getattr(error, "errno", None)
     if code in NO_ROOM:
         return OSError(code, os.strerror(code), str(path))

@@ -55,7 +55,7 @@ class Key:
         default: as in a file; REQUIRED; or None: readers get None, and `otherwise` says what holds.
         otherwise: what holds without the key, where no default says it; the key is optional.
         standin: in place of a required value until its absence is reported, for a size or None.
-        absent: what is said at once, not when the table is closed, where a required key is missing.
+        absent: message for a missing required key, raised at once and not when the table is closed.
         keys: of the table or tables below the key.
         several: tables in double brackets.
         names_file, names_folders: a file, or folders with files, relative to the folder of this one.

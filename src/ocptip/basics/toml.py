@@ -8,11 +8,11 @@
         body = base.make(Body, mass=base["mass"])
 
 What a key may hold is declared once, see :mod:`ocptip.basics.schema`. Every complaint is one line, an
-:class:`InputError`: "robot.toml: base.mass: must be > 0, got -3". All that is unknown in a table and those
-below it is said together, or else all that is missing. A key that no reader asked for is unknown. That a
-required key is missing is said when its table is closed, so that `mas = 3` is called unknown (did you mean
-'mass'?) rather than `mass` missing; until then a stand-in (NaN, an empty text) is in its place. Therefore
-close a table, or let :meth:`Table.make` do it, before its values are used.
+:class:`InputError`: "robot.toml: base.mass: must be > 0, got -3". One message names all unknown keys of a
+table and of those below it, or else all missing ones. A key that no reader asked for is unknown. Missing keys
+are reported when their table is closed. Thus `mas = 3` is called unknown (did you mean 'mass'?), and `mass`
+is not called missing. Until then a stand-in (NaN, an empty text) is in its place. Therefore close a table, or
+let :meth:`Table.make` do it, before its values are used.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ class Table:
             yield from table.complaints()
 
     def close(self, *, early: bool = False) -> None:
-        """Refuse keys that have not been read, and missing ones; tables that were opened are closed, too.
+        """Refuse keys that have not been read, and missing ones; close the tables that were opened.
 
         Args:
             early: keys that are declared will be read after this.

@@ -1,4 +1,4 @@
-"""TOML out of nested dictionaries and lists: the way back of `tomllib`, which has none."""
+"""TOML out of nested dictionaries and lists: the writer that `tomllib` lacks."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def toml_value(value: Any) -> str:
 
 
 def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[str]:
-    """Lines of a table, its own keys first: what follows a header belongs to that."""
+    """Lines of a table. Its plain keys come first: what follows a header belongs to that table."""
     below = {}
     for key, value in table.items():
         if isinstance(value, Mapping) or _are_tables(value):

@@ -79,7 +79,7 @@ def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
 
 
 def _temporary(path: Path) -> Path:
-    """A new name beside a file, short enough wherever the file's own is."""
+    """A new name beside a file, short enough for every file system that takes the name of the file."""
     return path.parent / f".ocptip-{secrets.token_hex(8)}.part"
 
 

@@ -96,7 +96,7 @@ def unlike(motion: Trajectory, data: dict[str, Any]) -> str:
         return ""
     return (
         f"the motion is no polynomial of time of degree 5 in {len(off)} pieces: by {off[k]:.2g} rad or m/s^2 "
-        f"near {np.mean(ends[k]):.4g} s; what a controller runs of it can be certified"
+        f"near {np.mean(ends[k]):.4g} s; what a controller runs of it can be proved"
     )
 
 

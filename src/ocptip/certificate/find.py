@@ -121,7 +121,7 @@ def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str,
 def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     """Why no certificate can be made; empty if one can."""
     if not robot.closed_form:
-        return f"motions of a {robot.kind} without closed forms cannot be certified"
+        return f"motions of a {robot.kind} without closed forms cannot be proved"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]

@@ -15,7 +15,7 @@ from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 AT_LIMIT = 1e-6
 """Relative (of distances m): what is claimed where a limit is used up."""
 
-LATE = "joints that are late", "jumps that overshoot"
+LATE = "delayed joints", "overshoot after acceleration steps"
 """Among what is sampled only: bounds within a tolerance are of all joints on time then."""
 
 _WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}

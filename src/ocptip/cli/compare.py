@@ -24,7 +24,7 @@ from ocptip.measured.signals import Finding
 
 _WORDS = {
     "angles": "joint angles", "speeds": "joint speeds", "torques": "torques", "sensor": "force-torque sensor",
-    "power": "power", "gripper": "gripper point", "base": "pose of the base", "shifts": "shifts of contacts",
+    "power": "power", "gripper": "TCP", "base": "pose of the base", "shifts": "shifts of contacts",
 }  # fmt: skip
 
 

@@ -120,9 +120,9 @@ def _of_links(identified: Identification) -> Rows:
     low_passes = own.low_passes.items()
     masses = zip(found.arm.chain_names, found.arm.masses, robot.arm.masses, strict=True)
     lines = [
-        ("base parameters", f"{int(own.seen[:p].sum())} of {p} are told (condition {found.condition:.0f})"),
+        ("base parameters", f"{int(own.seen[:p].sum())} of {p} identified (condition {found.condition:.0f})"),
         *under("changed", changed or ["none by more than its 95 % interval"]),
-        *under("not told", unseen),
+        *under("not seen", unseen),
         *under("friction", friction),
         ("links", ", ".join(f"{name} {new:.4g} kg (described {old:.4g})" for name, new, old in masses)),
         ("", f"next to what was described; base parameters moved by {found.moved:.2g} standard errors"),
@@ -154,7 +154,7 @@ def _told(body: Body) -> list[str]:
     half = body.quantile * body.errors
     lines = [f"mass {with_error(body.mass, half[0], 'kg')} (95 %)"]
     told = [
-        f"{axis} {with_error(1e3 * x, 1e3 * h, 'mm') if math.isfinite(h) else 'not seen, as described'}"
+        f"{axis} {with_error(1e3 * x, 1e3 * h, 'mm') if math.isfinite(h) else 'not seen, nominal'}"
         for axis, x, h in zip("xyz", body.center, half[1:], strict=True)
     ]
     return [*lines, f"centre {', '.join(told)}"]

@@ -151,7 +151,7 @@ class ParallelReport(Report):
     def to_text(self) -> str:
         """Mobility, home pose, operations, files."""
         robot, mobility = self.description, self.mobility
-        moves = "moves as described" if mobility.consistent else "DOES NOT MOVE AS DESCRIBED"
+        moves = "mobility as in its file" if mobility.consistent else "MOBILITY NOT AS IN ITS FILE"
         lines = [f"{robot.name}: {len(robot.legs)} legs, {moves}."]
         lines += [f"  {problem}" for problem in mobility.problems]
         motors = ", ".join(f"{leg + 1}.{joint + 1}" for leg, joint in robot.actuated)
@@ -232,7 +232,7 @@ def examine(
     except InputError as error:
         raise InputError(f"home: {str(error).removeprefix('home: ').removeprefix('pose: ')}") from None
     if home is None:
-        return ParallelReport(description, mobility, None, (), "the robot does not move as described")
+        return ParallelReport(description, mobility, None, (), "the mobility is not as in the robot's file")
     try:
         functions, base = _functions(robot, form or "A", dynpar or 3)
     except InputError as error:
@@ -353,7 +353,7 @@ def _mode_table(found: AssemblyModes, robot: RobotDescription) -> list[str]:
     names = [*robot.platform.coordinates, *robot.platform.dependent_coordinates]
     turns = [name.startswith("phi") for name in names]
     heads = [f"{name} (deg)" if turn else f"{name} (m)" for name, turn in zip(names, turns, strict=True)]
-    rows = [["mode", *heads, "home branches"]]
+    rows = [["mode", *heads, "signs of home"]]
     for number, mode in enumerate(found.modes, start=1):
         values = np.where(turns, np.degrees(mode.z), mode.z)
         home = "-" if mode.home_branches is None else "yes" if mode.home_branches else "no"

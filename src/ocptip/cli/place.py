@@ -65,7 +65,7 @@ def progress_bar(stream: TextIO) -> Progress:
     """Bar that shows the least total so far."""
 
     return Progress(
-        stream, "searching for placements to start from ...", "no placement yet", "least total {:.4f}"
+        stream, "searching for placements to start from ...", "no placement yet", "minimum total {:.4f}"
     )
 
 
@@ -107,7 +107,7 @@ class PlaceReport(Report):
             if not within.stands:
                 head = f"NO PLACEMENT for {within.tolerance.title}. In the nominal model: {head}"
             else:
-                head = head.replace("FOUND", f"FOUND for {within.tolerance.title}", 1)
+                head = head.replace("PLACED", f"PLACED for {within.tolerance.title}", 1)
             lines += under("uncertainty", within.lines(shown.problem.robot.tip_over.reference_moment))
             if self.found.dropped and within.stands:
                 lines.append(("", f"{self.found.dropped} better ones or alternatives are not robust enough"))
@@ -121,7 +121,7 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     best = result.best
     kept = sum(start.feasible for start in result.starts)
     head = (
-        f"FOUND, all constraints verified{_scope(best)}. Total {best.total:.4f}; "
+        f"PLACED, all constraints verified{_scope(best)}. Total {best.total:.4f}; "
         f"{kept} of {len(result.starts)} starts kept all constraints, "
         f"{result.seconds:.1f} s, seed {result.seed}."
     )
@@ -139,7 +139,7 @@ def _scope(placement: Placement) -> str:
 
 def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
     """Which constraints cannot be met, and by how much at the least-infeasible place."""
-    lines = [("nearest", "the placement that violates limits least:"), *_pose_lines(error.nearest)]
+    lines = [("nearest", "the placement of minimum violation:"), *_pose_lines(error.nearest)]
     violated = error.nearest.violations
     lines += [("broken", str(margin)) for margin in violated[:_MOST_VIOLATED]]
     if len(violated) > _MOST_VIOLATED:

@@ -100,10 +100,10 @@ def _lines(rating: Rating) -> list[tuple[str, str]]:
     if kind == "platform":
         screw = _numbers(rating.source.screw, 3)
         least = f"{screw}  (angular, linear velocity at the base origin)"
-        return [("least control", least), ("legs close to", rating.source.lines)]
+        return [("minimum control", least), ("legs close to", rating.source.lines)]
     model, own = rating.source
     worst = _numbers(own.operation.worst_rates, 3)
-    lines = [("worst rates", f"{worst}  (joint rates that move the tool least)")]
+    lines = [("worst rates", f"{worst}  (joint rates of the minimum tool motion)")]
     if own.distance is not None and own["dm_2"].status == "ok":
         step = _numbers(np.degrees(own.distance.step_2), 1)
         lines.append(("shortest path", f"{step}  deg of joints 2 to 5 to the singularity (linearised)"))

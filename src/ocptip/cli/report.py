@@ -125,7 +125,7 @@ class Document:
     def _motion(self, checked: MotionCheck) -> Iterator[str]:
         yield html.heading("Motion")
         energy = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
-        yield html.paragraph(f"{energy}; looked at {checked.samples} instants.")
+        yield html.paragraph(f"{energy}; checked at {checked.samples} instants.")
         if self.about.segments is not None and self.about.task.is_cycle:
             titles, *rows = segment_rows(self.about.task, self.about.segments)
             yield html.grid(titles, rows)
@@ -139,7 +139,7 @@ class Document:
             with only_inside(self.about.folder.path):
                 yield html.image(read_bytes(image), "The motion, as planned.")
         yield html.heading("Robustness, one at a time")
-        yield html.paragraph("Each of these, all else as described, loses no contact in the motion:")
+        yield html.paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")
         yield html.items(tolerated_lines(self.about.tolerated))
         if any(stage.stops for stage in self.about.stages):
             yield html.heading("Stops")
@@ -162,13 +162,13 @@ class Document:
         equal = equal_normal_map(support) is not None
         if equal:
             yield html.paragraph(
-                "Minimum forces are those of equally compliant feet: rigid ground leaves open how so many "
+                "Minimum forces are those of equally compliant feet: rigid ground leaves open how these "
                 "contacts share a load. GN and GT do not depend on it."
             )
         shared = self.about.task.robot.slip.redistribution == "full" and not equal
         if shared:
             yield html.paragraph(
-                "Minimum forces are left out: rigid ground leaves open how so many contacts share a load. GN "
+                "Minimum forces are left out: rigid ground leaves open how these contacts share a load. GN "
                 "and GT do not depend on it."
             )
         rows = [_TITLES, *map(_case_row, self.about.cases)]
@@ -177,7 +177,7 @@ class Document:
         yield html.heading("Tilt by direction")
         for stage in self.about.stages:
             least = ", ".join(f"{name} {_tilt(tilts)}" for name, (_, tilts) in stage.tilts.items())
-            yield html.paragraph(f"At rest, as described else; least: {least}.")
+            yield html.paragraph(f"At rest, all else nominal; minimum: {least}.")
             caption = "Largest tilt of the floor by direction, seen from above."
             yield html.picture(tilt_figure(stage.tilts), caption)
         if payloads := [stage.payloads for stage in self.about.stages if stage.payloads is not None]:
@@ -185,8 +185,8 @@ class Document:
             yield html.heading("Largest payload")
             least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
             yield html.paragraph(
-                f"At rest in the postures of the motion, up to the robot's own mass; least: {least}. Drives "
-                "not checked."
+                f"At rest in the postures of the motion, up to the mass of the robot; minimum: {least}. "
+                "Drives not checked."
             )
             yield html.picture(payload_figure(times, held), "What the gripper may hold, at rest.")
 

@@ -18,7 +18,7 @@ from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.path import refuse_early
 
-_WORDS = {"time": "fastest", "energy": "least energy", "both": "least cost"}
+_WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
 
 
 def run(options: Namespace) -> Report:
@@ -108,7 +108,7 @@ def _timing_text(timing: Timing) -> str:
         seconds = f"{timed.seconds:.2f} s to solve and check"
         if timing.task.objective.name == "time":
             words = f"at least {own.lower_bound:.4g} s on these nodes"
-            return f"{words}, {timed.fastest:.4g} s if no joint were late; {seconds}"
+            return f"{words}, {timed.fastest:.4g} s if no joint were delayed; {seconds}"
         words = f"cost {own.cost:.4g} {unit}, at least {own.lower_bound:.4g} {unit} on these nodes"
         return f"{words}; the fastest takes {timed.fastest:.3f} s; {seconds}"
     counts = {name: timed.active.count(name) for name in dict.fromkeys(timed.active) if name}

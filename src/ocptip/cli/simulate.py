@@ -25,7 +25,7 @@ def run(options: Namespace) -> SimulateReport:
     """Replay the plan in the world that is asked for."""
     given = {name: getattr(options, name) for name in _OF_WORLD}
     if options.damping is not None and options.stiffness is None:
-        raise InputError("--damping: of compliant feet; give --stiffness, too")
+        raise InputError("--damping: only for compliant feet; give --stiffness as well")
     with naming_options("step", *_OF_WORLD):
         return SimulateReport(simulate(options.plan, step=options.step, **given, **_tilt(options)))
 
@@ -67,7 +67,7 @@ class SimulateReport(Report):
         if not seen.stands:
             verdict = f"{'FALLS' if seen.falls else 'NOT STABLE'} in the simulator"
         lines = [f"{self.found.name}   {verdict}.", "", *self._table(), ""]
-        rows = [("world", seen.world.text() or "as described")]
+        rows = [("scenario", seen.world.text() or "nominal")]
         if own is not None:
             stands = "no contact is lost" if own.stands else "a contact is lost"
             rows.append(
@@ -78,7 +78,7 @@ class SimulateReport(Report):
             )
         else:
             rows.append(
-                ("library", "no normal forces to compare: rigid feet that share their load in many ways")
+                ("library", "no normal forces to compare: how rigid feet share their load is not determined")
             )
         rows.append(("simulator", simulator_numbers(self.found.parts[0].robot, seen.step)))
         rows += under("note", remarks(self.found.parts))

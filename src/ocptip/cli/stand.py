@@ -107,7 +107,7 @@ class StandReport(Report):
         if not state.solved and state.status != STATUS[BEYOND_RESOLUTION]:
             return f"NO ANSWER. {state.status}"
         if found.without_reserve:
-            what = {"tips": "the least push tips it", "slips": "the least push makes it slip"}
+            what = {"tips": "any push tips it", "slips": "any push makes it slip"}
             return f"IN BALANCE WITHOUT ANY MARGIN. {what[found.without_reserve].capitalize()}."
         remark = f" Note: {found.equal_remark}." if found.equal_remark else ""
         if found.verdict.strong:

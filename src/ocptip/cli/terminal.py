@@ -19,7 +19,7 @@ EVERY = 10.0
 
 _BAR = 24  # characters
 _VERDICT = re.compile(r"\b(NOT \w+|NO \w+|[A-Z]{4,}(?: [A-Z]{2,})*)")
-_GOOD = ("PROVED", "CHECKED", "STABLE", "STANDS", "VERIFIED", "CERTIFIED", "AGREES", "FOUND")
+_GOOD = ("PROVED", "CHECKED", "STABLE", "STANDS", "VERIFIED", "CERTIFIED", "AGREES", "PLACED")
 _GREEN, _RED, _PLAIN = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 
 

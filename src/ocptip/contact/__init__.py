@@ -1,4 +1,4 @@
-"""Contact physics: bindings, mode automata, the automaton-governed Lemke solver, stability verdicts."""
+"""Contact physics: contact models, mode automata, the automaton-governed Lemke solver, stability verdicts."""
 
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.clamps import (

@@ -87,7 +87,7 @@ def apply_inverse(inverse_t, b, out):
 def column_image(inverse_t, columns, c, extent, d):
     """d = inverse @ column c (the inverse is stored transposed: whole rows of memory are added).
 
-    Here and in `exchange` no single zeros are skipped: the branches would cost more than the products.
+    Here and in `exchange` no single zeros are skipped: the tests would cost more than the products.
     """
     for i in range(d.shape[0]):
         d[i] = 0.0

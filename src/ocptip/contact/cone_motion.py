@@ -1,10 +1,10 @@
 """Moving solutions on Coulomb's true cones: Newton's method on the contact laws, and their proof.
 
-A solution of the laws with friction pyramids is none of those with cones, nor the other way round. Here a
-guess (from pyramids, or from a relaxation) becomes a solution on the cones, which is then written as a state
-of a support whose pyramids touch the cones from inside at exactly the forces of the solution: where a foot
-slides, an edge of its pyramid points against its velocity. So the check of all other states
-(`ContactStates.law_violation`) judges these, too.
+A solution of the laws with friction pyramids does not solve those with cones, nor conversely. Here a guess
+(from pyramids, or from a relaxation) becomes a solution on the cones. It is then written as a state of a
+support whose pyramids touch the cones from inside at exactly the forces of the solution. Where a foot slides,
+an edge of its pyramid points against its velocity. So the check of all other states
+(`ContactStates.law_violation`) also checks these.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class MotionSearch:
     """Outcome of a search for a moving solution on true cones.
 
     Attributes:
-        status: "exhausted" (no solution moves), "found", or "node limit" (undecided).
-        state: the moving solution, if found.
+        status: `"exhausted"` (no solution moves), `"found"`, or `"node limit"` (undecided).
+        state: the moving solution, if there is one.
         programs: number of convex programs solved.
         resolution: where undecided, directions of motion or of sliding nearer than this (rad) are one.
     """

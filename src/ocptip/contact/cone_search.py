@@ -1,6 +1,6 @@
 """Search for a moving solution of ordinary contacts in general position, on Coulomb's true cones.
 
-Branch and bound as in `mode_search`, but without facets: a node says of each contact that it may do anything,
+Branch-and-bound as in `mode_search`, but without facets: a node says of each contact that it may do anything,
 separates, sticks, or slides with a direction in an arc. Sticking forces lie in the cone itself (second
 order); sliding forces in the polygon around the arc, which shrinks as the arc is halved. So a node's program
 has a solution wherever the node holds a motion, and an exhausted search proves that there is none. Candidates
@@ -80,7 +80,7 @@ class _Search:
         return MotionSearch(LIMIT if resolution else EXHAUSTED, None, programs, resolution)
 
     def _relaxation(self, node: list[_Choice]) -> tuple[np.ndarray, np.ndarray] | None:
-        """Motion y (6,) of greatest power and contact forces (n, 3) in a node; None if it holds no motion.
+        """Motion y (6,) of maximum power and contact forces (n, 3) in a node; None if it holds no motion.
 
         Unknowns: y, then per contact its sliding rates and force coefficients.
         """

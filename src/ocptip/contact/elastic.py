@@ -6,7 +6,7 @@ K xi = w with K = sum of W_k D_k W_k' over the feet that press: forces -D W' xi 
 while the same feet press. On one plane the normal forces are the unique minimiser of the elastic energy
 (sum of f^2 / 2 k, f >= 0, in balance), a strictly convex program, whatever the tangential springs.
 
-Friction cones are no part of this: they are what the slip reserve checks, with these normal forces.
+Friction cones are no part of this: friction utilisation checks them, with these normal forces.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Shared:
         maps: (N, n, d, w) derivative of the forces with respect to the wrench while the same feet press.
         deflections: (N, n, d), m, contact axes: by how much the feet are moved; negative along the normal:
             pressed in.
-        found: (N,) False where no set of pressing feet carries the load: the others' entries are NaN.
+        found: (N,) False where no set of pressing feet carries the load; entries of these loads are NaN.
     """
 
     forces: np.ndarray
@@ -80,7 +80,9 @@ class ElasticFeet:
         return np.einsum("vkc,kc,wkc->vw", self.W, D, self.W)
 
     def twist_map(self, pressing: np.ndarray) -> np.ndarray:
-        """(w, w): twist of the base per wrench while these feet (n,) press; the least one if some is free."""
+        """(w, w): twist of the base per wrench while these feet (n,) press; of minimum norm if some twist is
+        free.
+        """
         key = np.packbits(pressing).tobytes()
         if key not in self._maps:
             K = self.matrix(pressing) / np.outer(self._unit, self._unit)
@@ -103,8 +105,8 @@ class ElasticFeet:
     def share(self, wrenches: np.ndarray) -> Shared:
         """Forces under wrenches (N, w), N and N m, that the base rests under.
 
-        Newton's method on the set of pressing feet; where that goes in circles, or ends with too few, the one
-        of least energy, as if all feet had one normal.
+        Newton's method on the set of pressing feet. Where it cycles, or ends with too few feet, the set of
+        minimum energy is taken, as if all feet had one normal.
         """
         N, n = len(wrenches), len(self.stiffness)
         pressing, todo = np.ones((N, n), dtype=bool), np.arange(N)
@@ -148,7 +150,7 @@ class ElasticFeet:
         return np.where(np.abs(down) <= tolerance[:, None], pressing, down > 0)
 
     def _least(self, wrench: np.ndarray) -> np.ndarray:
-        """(n,) feet that press where friction is none of the springs' business: least-distance programming.
+        """(n,) feet that press if tangential springs are ignored, by minimum-distance programming (LDP).
 
         Normal forces are f + M s with gaps s, f if all feet press; s are the multipliers of f + M s >= 0.
         Lawson, Hanson, Solving Least Squares Problems (1974), chapter 23.

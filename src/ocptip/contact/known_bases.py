@@ -12,10 +12,10 @@ ZERO = 1e-13  # a variable that is less negative is zero
 
 @compiled
 def recall(known, count, inverses, bases, rhs, x, order, inverse_t, subset, element, owner):
-    """Load the known basis in which the state has no negative variable, else the one with the least.
+    """Load the known basis in which the state has no negative variable, else the smallest violation.
 
     `known` is the row of the basis that is loaded. The bases are tried in the `order` in which they served,
-    the one found moves one place forward. Returns its row.
+    the loaded one moves one place forward. Returns its row.
     """
     m, n = rhs.shape[0], subset.shape[0]
     best, least = known, -np.inf

@@ -1,14 +1,14 @@
-"""Exact search over all mode combinations of a support (branch and bound on convex programs).
+"""Exact search over all mode combinations of a support (branch-and-bound on convex programs).
 
-A node allows every contact a list of its modes. Its relaxation drops the rule that only one mode's
-variables may be positive: all variables of the allowed modes may be. An infeasible relaxation discards
-all mode combinations of the node at once, so an exhausted search is a proof (up to the tolerance of the
-programs), where pivoting can only say that it found nothing.
+A node allows every contact a list of its modes. Its relaxation drops the rule that only one mode's variables
+may be positive: all variables of the allowed modes may be. An infeasible relaxation discards all mode
+combinations of the node at once, so an exhausted search is a proof (up to the tolerance of the programs),
+where pivoting can only report that it ended without a solution.
 
 Two questions are asked:
 
 * Is there any solution of the contact laws? (`find_solution`, linear programs)
-* Is there a solution that moves? (`find_motion`) All bindings dissipate: contact forces do no positive
+* Is there a solution that moves? (`find_motion`) All contact models dissipate: contact forces do no positive
   work on the contact accelerations, hence qdd' M qdd <= h' qdd in every solution. So a solution moves
   exactly if h' qdd > 0, which is the linear objective, and the ball bounds it (one second-order cone).
 """
@@ -46,10 +46,10 @@ class SearchResult:
     """Outcome of a search.
 
     Attributes:
-        status: "found", "exhausted" (proof that there is none) or "node limit" (undecided).
-        subsets: (n,) the subset of each contact, if found.
-        basic: (m,) values in canonical order, N, if found.
-        residual: of the equations, relative to the largest right-hand side, if found.
+        status: `"found"`, `"exhausted"` (proof that there is none) or `"node limit"` (undecided).
+        subsets: (n,) the subset of each contact, if there is a solution.
+        basic: (m,) values in canonical order, N, if there is a solution.
+        residual: of the equations, relative to the largest right-hand side, if there is a solution.
         nodes: number of convex programs solved.
     """
 

@@ -17,7 +17,7 @@ def what_moves(support: Support, modes: Sequence[str]) -> str:
 
     Args:
         support: the base.
-        modes: of its contacts in a state that is not persistent.
+        modes: of its contacts in a state that does not maintain all contacts.
     """
     parts = []
     for mode in dict.fromkeys(modes):

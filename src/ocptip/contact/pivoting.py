@@ -43,7 +43,7 @@ _CRASH_PIVOT = 1e-3
 
 @compiled
 def _choose_start(rhs, row_start, start_count, start_first, start_inverse, negative, choice):
-    """For each contact the start candidate whose own local solution is least negative.
+    """For each contact the start candidate whose local solution has the smallest negative sum.
 
     `start_inverse` is (rows, columns, candidates): the candidates are the contiguous index.
     """
@@ -67,7 +67,9 @@ def _choose_start(rhs, row_start, start_count, start_first, start_inverse, negat
 
 @compiled
 def _block_inverse(row_start, choice, start_inverse, inverse_t):
-    """Inverse of a start basis in which every contact has columns in its own rows only."""
+    """Inverse of a start basis that is block diagonal: every contact has columns in the rows of this contact
+    only.
+    """
     for j in range(inverse_t.shape[0]):
         for i in range(inverse_t.shape[1]):
             inverse_t[j, i] = 0.0
@@ -228,8 +230,8 @@ def solve_batch(
         force_columns, acceleration_columns, force_offset: (P, d), (P, d), (n, d) what each variable adds
             to its contact's force and acceleration.
         warm: start from the previous state's basis; the first one from `initial` if initial[0] >= 0.
-        memory: with `warm`, so many bases that solved a state are kept; a state starts from the first of
-            them in which it has no negative variable. 0: from the previous state's.
+        memory: with `warm`, number of bases that are kept after they solved a state; a state starts from the
+            first of them in which it has no negative variable. 0: from the previous state's.
         first_attempt, attempts: which starts are tried before a state is given up: 1 guessed, 2 the
             regular one, 3 with another tie rule, from 4 on random (`seeds`, (N,), per state).
         tolerance: largest residual of a solved state.
@@ -400,7 +402,7 @@ def solve_one(
         numbers: (6 + m + 1 + 2 n d,) the wrench, and results: basic values, residual, forces, accelerations.
 
     Returns:
-        Whether it is solved; False, too, for a wrench with NaN or larger elements.
+        Whether it is solved; also False for a wrench with NaN or larger elements.
     """
     n, m, d, w = integers[0], integers[1], integers[7], integers[8]
     wrench = numbers[:w]

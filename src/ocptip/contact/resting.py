@@ -38,8 +38,8 @@ def solve_resting(support: Support, wrenches: ArrayLike, **how: Any) -> ContactS
 def resting(states: ContactStates) -> ContactStates:
     """The same states; of those that move, or are not solved, the standing ones that there are instead.
 
-    One convex program per state; fewer where what is found settles others. Forces that hold one wrench, well
-    inside their limits, hold others after the smallest change that balances them. A velocity at which
+    One convex program per state; fewer where one result decides several states. Forces that hold one wrench,
+    well inside their limits, hold others after the smallest change that balances them. A velocity at which
     contacts cannot take up the power of one wrench, the proof that the base moves, proves the same of others,
     now or later.
     """

@@ -1,8 +1,8 @@
 """Contact states of a support: modes, forces and accelerations under given wrenches.
 
 `solve` takes one wrench, `solve_many` an array of them. Both run the automaton-governed Lemke kernel and
-return frozen results that carry their own evidence: the natural residual recomputed on the original
-data, the pivots, and a status with advice where there is no solution.
+return frozen results that carry their evidence: the natural residual recomputed on the original data, the
+pivots, and a status with advice where there is no solution.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def solve(support: Support, wrench: ArrayLike) -> ContactState:
 
     Args:
         support: the base on its contacts.
-        wrench: (6,) force (N) and moment about the centre of mass (N m) on the base, base axes, own
-            weight included (`support.wrench(loads)` adds it); (3,) for a planar support.
+        wrench: (6,) force (N) and moment about the centre of mass (N m) on the base, base axes, with its
+            weight (`support.wrench(loads)` adds it); (3,) for a planar support.
 
     Raises:
         InputError: wrong shape, NaN, infinity or a number above 1e24.
@@ -80,15 +80,15 @@ def solve_many(
     Args:
         support: the base on its contacts.
         wrenches: (N, 6) or planar (N, 3), see `solve`.
-        warm_start: start each state from the basis of the one before (faster along a path; with more
-            than one solution the branch is then followed). "any": from any basis that solved one of the
-            states before, the fastest way for states in no order; which of several solutions a state gets
-            then depends on the states before it in its chunk of 4096. False: every state from scratch, so
-            that a state does not depend on its neighbours.
+        warm_start: start each state from the basis of the one before (faster along a path; with more than one
+            solution neighbours then get similar ones). "any": from any basis that solved one of the states
+            before, the fastest choice for states in no order; which of several solutions a state gets then
+            depends on the states before it in its chunk of 4096. False: every state from scratch, so that a
+            state does not depend on its neighbours.
         initial: a solved state of the same support from whose basis the first one starts.
         search: where pivoting finds no solution (possible with clamps only), search all modes by
-            branch and bound: slower, but it ends with a solution or with the proof that there is none.
-        threads: at most so many solve chunks of states at the same time, unless each starts from the one
+            branch-and-bound: slower, but it ends with a solution or with the proof that there is none.
+        threads: maximum number that solve chunks of states at the same time, unless each starts from the one
             before; None: as many as there are processor cores. The results do not depend on it.
 
     Raises:
@@ -174,7 +174,7 @@ def solve_randomly(support: Support, wrench: ArrayLike, count: int) -> ContactSt
     """Solve the contact problem under one wrench `count` times from random start bases.
 
     Where the contact laws have more than one solution, different starts may end in different ones. States
-    in which no solution is found are simply not solved.
+    without a solution are marked as not solved.
     """
     wrench = finite_array("wrench", wrench, (support.wrench_size,))
     seeds = np.random.default_rng(0).integers(2**63, size=count, dtype=np.uint64)
@@ -183,7 +183,7 @@ def solve_randomly(support: Support, wrench: ArrayLike, count: int) -> ContactSt
 
 
 def _from_one(support: Support, codes: np.ndarray, numbers: np.ndarray) -> ContactStates:
-    """What `pivoting.solve_one` found, as a batch of one."""
+    """The result of `pivoting.solve_one` as a batch of one."""
     n, d, w = support.n_contacts, support.dimension, support.wrench_size
     subsets, status, pivots, attempts = np.split(codes, [n, n + 1, n + 2])
     m = len(support.system.rhs_offset)
@@ -268,13 +268,13 @@ def _search_unsolved(states: ContactStates) -> ContactStates:
 def solution_from_search(
     support: Support, wrench: np.ndarray, found: mode_search.SearchResult
 ) -> ContactState:
-    """Wrap a solution found by `mode_search` as a state.
+    """Wrap a solution of `mode_search` as a state.
 
     Raises:
         ValueError: the search ended without one.
     """
     if found.subsets is None or found.basic is None:
-        raise ValueError(f"found: holds no solution, the search ended as {found.status!r}")
+        raise ValueError(f"solution: the search has none, it ended as {found.status!r}")
     system, shape = support.system, (1, support.n_contacts, support.dimension)
     columns = system.active_columns(found.subsets[None])[0]
     forces = system.force_matrix[:, columns] @ found.basic + system.force_offset

@@ -34,14 +34,14 @@ STATUS = {
     NO_SOLUTION: "no solution exists: no combination of modes satisfies the contact laws",
     BEYOND_RESOLUTION: "it moves, but how is beyond the numerical resolution: the inertia is too far from "
     "mass times the support's length squared",
-    pivoting.RAY: "no solution found: every path ended in a ray",
-    pivoting.PIVOT_LIMIT: "no solution found: pivot limit reached",
-    pivoting.SINGULAR: "no solution found: singular basis",
-    pivoting.INACCURATE: "no solution found: the residual stayed above the tolerance",
+    pivoting.RAY: "no solution: every path ended in a ray",
+    pivoting.PIVOT_LIMIT: "no solution: pivot limit reached",
+    pivoting.SINGULAR: "no solution: singular basis",
+    pivoting.INACCURATE: "no solution: the residual stayed above the tolerance",
 }
 ADVICE = (
     "Rigid bodies on clamps that cannot move along their normal need not have a solution (compare "
-    "Painleve's paradox): use a clamp that yields, smaller friction, or `stability` for what can be said. "
+    "Painleve's paradox): use a clamp that yields, smaller friction, or `stability` for a verdict. "
     "With ordinary contacts only, check that positions, inertia and friction are of plausible size."
 )
 
@@ -53,7 +53,7 @@ class ContactStates:
     Attributes:
         support: the support.
         wrenches: (N, 6) or planar (N, 3), N and N m about the centre of mass.
-        solved: (N,) True where a verified solution was found.
+        solved: (N,) True where there is a verified solution.
         status_codes: (N,) kernel status, see `status`.
         subsets: (N, n) admissible subset of each contact, -1 where not solved.
         basic: (N, m) values of the basic variables, contact by contact in the subset's order, N
@@ -84,7 +84,7 @@ class ContactStates:
         return ContactState(self, range(len(self))[index])
 
     def select(self, indices: ArrayLike | slice) -> ContactStates:
-        """The selected states (any index of a NumPy array) as a batch of their own."""
+        """The selected states (any index of a NumPy array) as a separate batch."""
         return ContactStates(self.support, **{name: getattr(self, name)[indices] for name in ARRAYS})
 
     def changed(self, indices: np.ndarray, values: Mapping[str, ArrayLike]) -> ContactStates:
@@ -284,7 +284,7 @@ class ContactState:
 
     @property
     def solved(self) -> bool:
-        """True if a verified solution was found."""
+        """True if there is a verified solution."""
         return bool(self.states.solved[self.index])
 
     @property

@@ -32,7 +32,7 @@ INERTIA_RANGE = 1e3
 """Principal inertias between mass times length squared divided by this and times this count as usual."""
 
 PROOFS = 16
-"""So many velocities that proved that the base moves under some wrench are kept, to prove it of others."""
+"""Number of velocities that are kept: each proved motion under one wrench, and may prove it for others."""
 
 _RANK_TOLERANCE = 1e-9
 _TRIANGLE_TOLERANCE = 1e-6
@@ -69,7 +69,7 @@ class Support:
     (x, y) with positive moments from x to y.
 
     Args:
-        contacts: the bindings, all spatial or all planar.
+        contacts: all spatial or all planar.
         mass: of the base, kg.
         center_of_mass: of the base, m; default the origin.
         inertia: about the centre of mass, kg m^2: (3, 3), or (6,) numbers xx, xy, xz, yy, yz, zz, or three
@@ -79,7 +79,7 @@ class Support:
         gravity: m/s^2; default 9.81 against the last base axis.
 
     Raises:
-        InputError: naming what is wrong; numbers above 1e12 are, too.
+        InputError: naming what is wrong; numbers above 1e12 are refused as well.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Support:
             raise InputError("contacts: a support needs at least one contact")
         for i, contact in enumerate(self.contacts):
             if not isinstance(contact, Binding):
-                raise InputError(f"contacts[{i}]: expected a Binding, got {type(contact).__name__}")
+                raise InputError(f"contacts[{i}]: expected a contact, got {type(contact).__name__}")
             if contact.dimension != self.contacts[0].dimension:
                 raise InputError(f"contacts[{i}]: planar and spatial contacts cannot be mixed")
         _refuse_some_springs(self.contacts)
@@ -182,7 +182,7 @@ class Support:
 
     @property
     def weight(self) -> np.ndarray:
-        """Wrench of the base's own weight about its centre of mass."""
+        """Wrench of the weight of the base about its centre of mass."""
         wrench = np.zeros(self.wrench_size)
         wrench[: self.dimension] = self.mass * self.gravity
         return wrench
@@ -215,7 +215,7 @@ class Support:
 
     @cached_property
     def elastic(self) -> ElasticFeet | None:
-        """How contacts that give share loads; None if they are rigid."""
+        """How compliant contacts share loads; None if they are rigid."""
         springs = [spring for c in self.contacts if (spring := c.spring())]
         return ElasticFeet(self.wrench_matrix, springs, self.length) if springs else None
 
@@ -297,7 +297,7 @@ class ContactSystem:
     Everything is scaled so that all quantities are forces: lengths by `length` (of the support), mass 1;
     an acceleration variable is stored as mass times acceleration (N).
 
-    Rows: contact by contact, first the motion rows (n, t1, t2), then the binding's auxiliary rows.
+    Rows: contact by contact, first the motion rows (n, t1, t2), then the auxiliary rows of its contact model.
 
     Where no contact variable accelerates in some direction (clamps without normal motion), more than
     three such contacts make the rows linearly dependent, and every basis singular. The equations then

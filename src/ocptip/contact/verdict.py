@@ -82,9 +82,9 @@ class StabilityVerdict:
         state: the pivot solver's state.
         pyramid, cone: the convex test with the friction pyramids and with the true cones.
         counterexample: a solution that moves, where the verdict is "weak". For ordinary contacts it lies on
-            the true cones and is written as a state of a support of its own, whose pyramids touch the cones
-            from inside at the solution's forces (`cone_motion`).
-        nodes: convex programs solved in the search for a moving solution; 0 if a start found one at once.
+            the true cones and is written as a state of another support, whose pyramids touch the cones from
+            inside at the solution's forces (`cone_motion`).
+        nodes: convex programs solved in the search for a moving solution; 0 if a start led to one at once.
         explanation: one or two sentences for people.
     """
 
@@ -121,12 +121,12 @@ class StabilityVerdict:
 
 
 def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> StabilityVerdict:
-    """Judge whether a support stands under a wrench, and how sure that is.
+    """Strong or weak stability of a support under a wrench, or none.
 
     Args:
         support: the base on its contacts.
-        wrench: (6,) force (N) and moment about the centre of mass (N m), base axes, own weight included;
-            (3,) for a planar support.
+        wrench: (6,) force (N) and moment about the centre of mass (N m), base axes, with its weight; (3,) for
+            a planar support.
         max_nodes: limit of the search for a moving solution.
 
     Raises:
@@ -193,8 +193,8 @@ def state_remark(verdict: StabilityVerdict, largest_usage: float) -> str:
     pyramids = "The friction pyramids of the pivot solver"
     if verdict.strong and not state.persistent:
         return (
-            f"{pyramids} give way, being narrower than Coulomb's cones at their faces; what is shown is a "
-            "solution on the cones."
+            f"{pyramids} slide: at their faces they are narrower than Coulomb's cones; the solution shown is "
+            "on the cones."
         )
     if not verdict.weak and state.persistent:
         return (
@@ -396,7 +396,7 @@ def _margin(
 
 
 def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> list[ContactState]:
-    """Verified solutions that move, found by pivoting from random bases.
+    """Verified solutions that move, by pivoting from random bases.
 
     Slower motion may be rounding: it is left to the search.
     """

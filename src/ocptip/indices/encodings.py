@@ -32,7 +32,7 @@ PIVOT_MARGIN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ConstraintBlock:
-    """Constraints lower <= g <= upper with auxiliary variables of their own.
+    """Constraints lower <= g <= upper with their auxiliary variables.
 
     Attributes:
         g: (m, 1) expression.
@@ -57,11 +57,11 @@ def psd_constraint(
     Args:
         A: (m, m) symmetric expression; only the lower triangle is read.
         floor: number or scalar expression.
-        method: "ldl": pivots of L D L', all but the last >= PIVOT_MARGIN, the last >= 0: few constraints,
-            exact where one eigenvalue is at its bound, slightly conservative where two are;
-            "lifted": A - floor = L L' with the triangle L as variables, exact and robust;
-            "trace": (tr A^-p)^(-1/p) >= floor with the pivots of A >= PIVOT_MARGIN, conservative by at most a
-            factor m^(-1/p); for positive floors and a positive definite start.
+        method: "ldl": pivots of L D L', the last >= 0, the others >= PIVOT_MARGIN: few constraints, exact
+            where one eigenvalue is at its bound, slightly conservative where two are; "lifted": A - floor = L
+            L' with the triangle L as variables, exact and robust; "trace": (tr A^-p)^(-1/p) >= floor with the
+            pivots of A >= PIVOT_MARGIN, conservative by at most a factor m^(-1/p); for positive floors and a
+            positive definite start.
         p: power of "trace": a power of two.
         name: prefix of the auxiliary variables.
 

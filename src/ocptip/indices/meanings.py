@@ -126,7 +126,7 @@ ARM = {
 PLATFORM = {
     "ctn": _ratio(
         "CTN",
-        "how evenly leg rates control the pose: ratio of smallest to largest rate of the passive joints",
+        "how evenly leg rates control the pose: ratio of smallest to largest rate of the unactuated joints",
     ),
     "inv_cdn_oe": _ratio("1/CDN_OE", "smallest to largest motion of the operation ellipsoid per leg motion"),
     "inv_cdn_cl": _ratio("1/CDN_CL", "the same with a sphere of equal size about the ellipsoid's centre"),
@@ -173,6 +173,6 @@ PARALLEL = {
     "legs": _amount(
         "sigma_leg",
         "1",
-        "smallest singular value of a leg's own Jacobian; 0 the platform loses a motion",
+        "smallest singular value of the Jacobian of one leg; 0 the platform loses a motion",
     ),
 }

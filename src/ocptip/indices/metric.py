@@ -93,13 +93,14 @@ class OperationEllipsoid(Record):
 
     @cached_property
     def principal_speeds(self) -> np.ndarray:
-        """(6,) square roots of the diagonal of W in the ellipsoid's own frame: m, then 1 (3.23)."""
+        """(6,) square roots of the diagonal of W in the frame of the ellipsoid: m, then 1 (3.23)."""
         squares = self.half_axes**2
         return np.sqrt(np.concatenate([2.0 * (squares.sum() - squares), np.full(3, 6.0)]))
 
     def vertices(self, rotation: object = None, translation: object = None) -> np.ndarray:
-        """(6, 3), m: centre plus and minus the half-axes, seen from a frame in which the end-effector has the
-        given pose (default: its own)."""
+        """(6, 3), m: centre plus and minus the half-axes, in a frame in which the end-effector has the given
+        pose (default: identity).
+        """
         offsets = (self.axes * self.half_axes).T
         points = self.center + np.concatenate([offsets, -offsets])
         turned = points if rotation is None else points @ np.asarray(rotation, dtype=float).T

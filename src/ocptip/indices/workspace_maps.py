@@ -1,7 +1,7 @@
 """Maps: performance indices over a grid of poses of an arm, a platform or a parallel robot.
 
 Over one to three coordinates, the others as in a given pose: constant-orientation workspaces (over x, y, z),
-orientation workspaces (over angles), or anything between. Every pose is looked at by itself.
+orientation workspaces (over angles), or anything between. Every pose is evaluated by itself.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class IndexMaps(Record):
 
     Attributes:
         robot: its name.
-        names: of the coordinates that vary: of a parallel robot its own, otherwise of `POSE_COORDINATES`.
+        names: of the coordinates that vary: those of a parallel robot, otherwise some of `POSE_COORDINATES`.
         values: per coordinate, m or rad: the middles of the cells.
         at: (m,) the pose whose other coordinates hold everywhere.
         solutions: (n1, n2, ...) how many solutions of the inverse kinematics keep the joints' ranges; of
-            parallel robots at most 1 (the legs stay in the branches of the home pose), of platforms 1, or 0
+            parallel robots at most 1 (the legs keep the IK solutions of the home pose), of platforms 1, or 0
             where a leg has length 0.
         maps: index -> (n1, n2, ...): the best of all solutions, each index by itself; NaN out of reach.
         meanings: symbol, unit and bounds of each index.
@@ -80,7 +80,7 @@ class IndexMaps(Record):
         return bool(np.any(signed <= 0) and np.any(signed >= 0))
 
     def to_dict(self) -> dict[str, object]:
-        """Plain data: least, mean and largest values and where these are, without the single poses."""
+        """Plain data: minimum, mean and maximum values and where these are, without the single poses."""
         return {
             "robot": self.robot,
             "coordinates": list(self.names),
@@ -128,7 +128,7 @@ def index_maps(
         ranges: coordinate -> lower and upper end, m or rad; one to three of them.
         pose: of an arm its joint angles (n,), rad, which place the gripper; of a parallel robot its
             coordinates (m,), default home; of platforms None: home.
-        names: of the indices; default: those most looked at.
+        names: of the indices; default: the usual ones.
         cells: per coordinate.
         ellipsoid: operation ellipsoid; default as in `index_values`, of platforms as their file says.
         progress: of parallel robots, as in `workspace`.

@@ -25,8 +25,8 @@ class BaseMotion:
         values: (N, k), m and rad, since the start.
         changes: (k,) from before to after the motion.
         intervals: (k,) half widths of their 95 % intervals.
-        peaks: (k,) greatest size at any time.
-        contacts: (c,), m: greatest tangential shift of each contact at any time; empty where it is not known.
+        peaks: (k,) maximum size at any time.
+        contacts: (c,), m: maximum tangential shift of each contact at any time; empty where it is not known.
         findings: coordinates that changed.
     """
 
@@ -133,7 +133,7 @@ def _coordinates(recording: Recording, contacts: np.ndarray) -> tuple[tuple[str,
 
 
 def _slides(names: tuple[str, ...], moved: np.ndarray, contacts: np.ndarray) -> np.ndarray:
-    """Greatest tangential shift of each contact, m."""
+    """Maximum tangential shift of each contact, m."""
     if not {"x", "y", "yaw"} <= set(names):
         return np.empty(0)
     x, y, yaw = (moved[:, names.index(name), None] for name in ("x", "y", "yaw"))

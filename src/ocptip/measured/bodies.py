@@ -35,7 +35,7 @@ class Body:
     Attributes:
         name: "payload" or "base".
         mass: kg.
-        center: (3,), m: gripper or base axes; as described where it is not seen.
+        center: (3,), m: gripper or base axes; nominal where it is not seen.
         covariance: (4, 4) of mass and centre.
         seen: (4,) False where the recording does not tell it.
         quantile: half widths of 95 % intervals over standard errors.
@@ -58,14 +58,17 @@ class Body:
         return {"mass": self.mass, "center_of_mass": self.center.tolist()}
 
     def tolerance(self, sigmas: float) -> dict[str, Any]:
-        """Keys of the table `[tolerance]`: so many standard errors on both sides; none of what is not seen.
+        """Keys of the table `[tolerance]`: this number of standard errors on both sides; no key for what is
+        not seen.
 
         Raises:
-            InputError: the mass is not told from zero.
+            InputError: the mass may be zero.
         """
         half = np.where(self.seen, positive_number("sigmas", sigmas) * np.sqrt(np.diag(self.covariance)), 0.0)
         if half[0] >= self.mass:
-            raise InputError(f"{self.name}: mass {self.mass:.4g} +- {half[0]:.2g} kg is not told from zero")
+            raise InputError(
+                f"{self.name}: mass {self.mass:.4g} +- {half[0]:.2g} kg may be zero; record longer motions"
+            )
         keys = {
             BASE: ("base_mass", [self.mass - float(half[0]), self.mass + float(half[0])], "center_of_mass"),
             PAYLOAD: ("payload_mass", float(half[0]) / self.mass, "payload_center"),
@@ -113,15 +116,15 @@ def identify_bodies(
 ) -> Bodies:
     """Find masses and centres of mass.
 
-    What is not asked for is as described, such as links, and the payload where only the base is asked for.
-    The payload's moments of inertia are free, too. A base is told by the loads of its feet, or by a sensor
-    that it rests on (`WrenchSensor.mass` > 0).
+    What is not asked for is nominal, such as links, and the payload where only the base is asked for. The
+    moments of inertia of the payload are also free. The loads of the feet identify a base, or a sensor on
+    which it rests (`WrenchSensor.mass` > 0).
 
     Args:
         recording: with a force-torque sensor, or with the normal forces of all contacts; if both: the sensor.
-        predictor: of the robot as described and the motion that was run.
+        predictor: of the nominal robot and the motion that was run.
         names: "payload", "base" or both.
-        tared: the sensor's or feet's zeros are not known; the base cannot be told then.
+        tared: the zeros of the sensor or the feet are not known; the base cannot be identified then.
 
     Raises:
         InputError: nothing of the kind is recorded, or it cannot tell what is asked for.
@@ -131,7 +134,7 @@ def identify_bodies(
     if unknown := [name for name in names if name not in (PAYLOAD, BASE)] or not names:
         raise InputError(f"expected payload or base, got {unknown if names else 'nothing'}")
     if BASE in names and tared:
-        raise InputError("base: its weight cannot be told from the zeros of a tared sensor")
+        raise InputError("base: its weight cannot be separated from the zeros of a tared sensor")
     plate = robot.sensor
     if BASE in names and source == WRENCH and not plate.mass:
         raise InputError(
@@ -238,7 +241,7 @@ def _body(name: str, described: np.ndarray, found: Estimate, offset: int) -> Bod
 
 
 def tables(bodies: Bodies, sigmas: float) -> dict[str, Mapping[str, Any]]:
-    """Tables of a task file: what was found, and `[tolerance]`."""
+    """Tables of a task file: what was identified, and `[tolerance]`."""
     found: dict[str, Any] = {body.name: body.to_table() for body in bodies.bodies}
     limits: dict[str, Any] = {}
     for body in bodies.bodies:

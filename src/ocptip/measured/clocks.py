@@ -15,7 +15,7 @@ _FINER = 4  # instants per sample
 _ROUNDS = 8
 _TOLD = 0.25  # squared correlation below which no signal follows a motion
 AROUND = 1.5
-"""Samples around an event in which loads are not checked: they jump there."""
+"""Samples around a switching time in which loads are not checked: they have steps there."""
 
 FOLLOWING = (ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER)
 """Kinds of signals that move with the motion."""
@@ -24,9 +24,8 @@ FOLLOWING = (ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER)
 def find_clock(recording: Recording, predictor: Predictor) -> tuple[float, Mapping[str, float]]:
     """When a motion begins.
 
-    The sum of the squared cross-correlations of all signals with what they should be has its greatest value
-    there; each signal's own begin is refined to fractions of a sample by least squares in begin, size and
-    offset.
+    The sum of the squared cross-correlations of all signals with their predictions has its maximum there; the
+    begin of each signal is refined to fractions of a sample by least squares in begin, size and offset.
 
     Returns:
         The time of the recording, s, at which the motion begins by all signals; and by each of them.
@@ -71,7 +70,7 @@ def correlations(values: np.ndarray, long: np.ndarray) -> np.ndarray:
 
 
 def _top(scores: np.ndarray) -> float:
-    """Place of the greatest value, between the samples by a parabola."""
+    """Place of the maximum, between the samples by a parabola."""
     at = int(np.argmax(scores))
     if not 0 < at < len(scores) - 1:
         return float(at)
@@ -81,7 +80,7 @@ def _top(scores: np.ndarray) -> float:
 
 
 def distance(times: np.ndarray, events: np.ndarray) -> np.ndarray:
-    """(N,), s, of each time from the nearest event; infinite without one."""
+    """(N,), s, of each time from the nearest switching time; infinite without one."""
     events = np.concatenate([[-np.inf], events, [np.inf]])
     after = np.searchsorted(events, times)
     return np.minimum(events[after] - times, times - events[after - 1])
@@ -92,7 +91,8 @@ def _refined(
 ) -> float:
     """Begin of the motion by one signal, s: least squares in begin, size and offset, from a first begin.
 
-    Not from samples next to events, where loads jump; nan if the rest does not tell it within a sample.
+    Without samples next to switching times, where loads have steps; nan if the others do not fix it within a
+    sample.
     """
     slope, first, step, error = np.gradient(fine, own), begin, recording.period, np.inf
     for _ in range(_ROUNDS):

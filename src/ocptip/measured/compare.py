@@ -1,9 +1,9 @@
 """A recording beside the plan that was run: errors, and what would explain them.
 
 Two regressions, see `regression`: of joint angles and the gripper on delays, elasticity and zeros; then of
-torques, force-torque sensor and power, predicted for the motion with the delays and bends that were found, on
-masses, centres of mass, friction, losses, delays and zeros. Both are repeated at what was found, so that
-causes that act together are right to second order, too.
+torques, force-torque sensor and power, predicted for the motion with the estimated delays and bends, on
+masses, centres of mass, friction, losses, delays and zeros. Both are repeated at their result, so that causes
+that act together are right to second order as well.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ocptip.measured.springs import BEND, DAMP, DELAY, Loose, Swinging, loosened
 from ocptip.numerics.threads import one_thread
 
 LEVEL = 1e-3
-"""Probability of finding anything in the recording of a robot that is as described."""
+"""Probability of any finding in the recording of the nominal robot."""
 
 _TESTS = 5  # that share the level: motion, loads, clipped, noisy, base
 _ROUNDS, _MOST_ROUNDS = 3, 12
@@ -109,7 +109,7 @@ class _Comparing:
                 self.findings.append(Finding("clipped", f"{one.name} clipped", share, unit="%", text=text))
 
     def _predicted_by_itself(self, one: Signal) -> np.ndarray:
-        """Of the plan, by the signal's own clock."""
+        """Prediction of the plan, by the clock of this signal."""
         predicted = self.predictor.signal(one.kind, one.index, self.nominal)
         if not np.isfinite(self.single.get(one.name, np.nan)):
             return predicted
@@ -178,7 +178,7 @@ class _Comparing:
     def _tuned(
         self, signals: Sequence[Signal], blocks: Sequence[Block], theta: np.ndarray, chosen: set[int]
     ) -> np.ndarray:
-        """Sizes of `causes.of_motion` with springs fitted from far away, which become what is found."""
+        """Sizes of `causes.of_motion` with springs fitted from a distant start, which become the result."""
         found, (_, *of_springs) = self.found, self.joint_columns
         others = chosen if self.same_clock else chosen | {CLOCK}
         free = sorted(others - set(np.ravel(of_springs).tolist()))
@@ -235,7 +235,7 @@ class _Comparing:
         return bent, damped
 
     def _away(self, clock: float, wanted: bool = True) -> np.ndarray:
-        """(N,) True away from instants at which accelerations jump, if that is wanted."""
+        """(N,) True away from acceleration steps, if that is wanted."""
         times = self.recording.times
         if not wanted:
             return np.ones(len(times), dtype=bool)
@@ -245,7 +245,7 @@ class _Comparing:
     # --- the loads ----------------------------------------------------------------------------------------
 
     def state(self, lag: float = 0.0, shift: float = 0.0) -> State:
-        """The robot with all that was found, as a signal sees it that is late."""
+        """The robot with all causes in the result, as a delayed signal sees it."""
         found, predictor = self.found, self.predictor
         times = self.recording.times - found.clock - lag + shift
         return predictor.state(times, found.delays, self._changes(), found.elastic)
@@ -297,7 +297,7 @@ class _Comparing:
         self._note("loads", signals, possible, blocks, explained)
 
     def _loose(self) -> list[Loose]:
-        """Delays and springs that angles and gripper have shown: what loads show of them, too, is free."""
+        """Delays and springs that angles and gripper have shown: loads may correct them."""
         found, (late, _, _, damping) = self.found, self.joint_columns
         places = [(DELAY, j, late) for j in np.flatnonzero(found.delays).tolist()]
         for j in np.flatnonzero(found.elastic.bends > 0).tolist():
@@ -349,7 +349,7 @@ class _Comparing:
         seen = int(np.any([block.columns.any(axis=0) for block in blocks], axis=0).sum())
         if not all(counts) or sum(counts) < _ENOUGH * seen:
             raise InputError(
-                f"recording: {sum(counts)} samples of loads away from jumps of the accelerations are too few "
+                f"recording: {sum(counts)} samples of loads away from acceleration steps are too few "
                 f"for {seen} possible causes; record more often, or leave out torques, sensor and power"
             )
         return blocks
@@ -362,7 +362,7 @@ class _Comparing:
         return [(at(kind, index, more) - at(kind, index, less)) / step for step, less, more in either]
 
     def _rubbing(self, states: Sequence[State]) -> list[State]:
-        """The same with the friction that was found in torques, as the first one's drives turn."""
+        """The same with the estimated friction in torques, as the drives of the first state turn."""
         columns, drives = causes.friction_columns(self.predictor), states[0].drives
         coulomb, viscous = np.split(self.found.loads[columns], 2)
         friction = coulomb * np.sign(drives) + viscous * drives
@@ -433,8 +433,8 @@ def compare(
     Args:
         recording: of it.
         predictor: of what it should show.
-        level: probability of any finding in a recording of a robot that is as described; each test has a
-            share, and each cause in a regression a share of that.
+        level: probability of any finding in a recording of the nominal robot; each test has a share, and each
+            cause in a regression a share of that.
         same_clock: time 0 of the recording is the begin of the motion; else that is what most joints say.
 
     Raises:

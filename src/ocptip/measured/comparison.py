@@ -22,12 +22,12 @@ class Compared:
         name, kind, index: of the signal.
         measured, predicted: (N,); the prediction is that of the plan, at the common clock.
         lag: s, by which the signal by itself is later than the common clock; nan where it does not move.
-        largest: greatest size of measured minus predicted; of loads away from instants at which they jump.
+        largest: maximum size of measured minus predicted; of loads away from acceleration steps.
         at: s of the motion, when.
         rms: of the difference, there.
         span: of the prediction.
         noise: standard deviation of the white part of the difference.
-        left: rms of what the causes that were found do not explain; nan where that was not checked.
+        left: rms of what the accepted causes do not explain; nan where that was not checked.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Compared:
 
     @property
     def share(self) -> float:
-        """Greatest difference over the span of the prediction; nan where that is 0."""
+        """Maximum difference over the span of the prediction; nan where that is 0."""
         return self.largest / self.span if self.span else float("nan")
 
     def to_dict(self) -> dict[str, Any]:
@@ -63,16 +63,16 @@ class Comparison:
         clock: s of the recording, at which the motion begins.
         clock_error: half width of its 95 % interval; nan where it was not checked.
         signals: each beside its prediction.
-        gripper: (N,), m, deviation of the gripper point: of a measured one, or by the joint angles; None
-            where neither is recorded.
+        gripper: (N,), m, deviation of the TCP: of a measured one, or by the joint angles; None where neither
+            is recorded.
         energy: measured and predicted, J, of the electric power; None where that is not recorded.
         base: how the base moved; None where that is not recorded.
-        findings: what is not as described.
+        findings: what differs from the description.
         unrecorded: kinds of signals that are not there.
         unknown: columns of the file that are left out.
-        unexplained: probability that chance alone leaves so much unexplained, by motion and loads.
+        unexplained: probability that chance alone leaves as much unexplained, by motion and loads.
         level: probability of any finding where there is nothing to find.
-        thinned: every so manieth sample was looked at.
+        thinned: n: every n-th sample was evaluated.
     """
 
     times: np.ndarray
@@ -91,7 +91,7 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there are no findings."""
         return not self.findings
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """Parameters out of recorded loads that are linear in them, with their covariance.
 
-The motion is taken as it was planned, from the begin that the angles say; joints that are late have their
-own. What is left of a delay of each kind of signals is a parameter. Every signal is whitened by the
+The motion is taken as planned, from the begin that follows from the angles; delayed joints have separate
+begins. The remaining delay of each kind of signals is a parameter. Every signal is whitened by the
 autoregressive noise that the parameters leave over (`regression.whitened`), so that vibrations and filters
-count as the noise that they are. Directions of parameters that no signal tells stay as described.
+count as the noise that they are. Directions of parameters that no signal identifies stay nominal.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ class Estimate:
     Attributes:
         values: (K,).
         covariance: (K, K); of the directions that are seen.
-        seen: (K,) False where the recording does not tell a parameter: it is as described.
+        seen: (K,) False where the recording does not identify a parameter: it stays nominal.
         freedom: degrees of freedom.
         residuals: rms of what is left by kind of signals, SI.
-        delays: s, by kind: how late they are after the joints.
+        delays: s, by kind: delay after the joints.
         signals: each by itself: its kind, its number among those measured, rms of what is left, and rms of
             what plain least squares leaves.
         away: (K,) how far these are from plain least squares, in standard errors of the latter.
-        low_passes: the filter of a kind of signals, where there is one that can be told.
+        low_passes: the filter of a kind of signals, where the signals identify one.
     """
 
     values: np.ndarray
@@ -99,7 +99,7 @@ class Ran:
             self._refine(angles)
 
     def _refine(self, angles: Sequence[Signal]) -> None:
-        """One begin by all angles; their own of joints that differ by more than their errors explain."""
+        """One begin from all angles; a separate one for joints that differ by more than their errors."""
         times, joints = self.recording.times, [one.index for one in angles]
         weights = np.zeros(len(angles))
         for _ in range(_ROUNDS):
@@ -126,12 +126,12 @@ class Ran:
 
     @cached_property
     def away(self) -> np.ndarray:
-        """(N,) True away from instants at which accelerations jump."""
+        """(N,) True away from acceleration steps."""
         events = np.unique(self.predictor.jumps[:, None] + np.unique(self.begins))
         return distance(self.recording.times, events) > AROUND * self.recording.period
 
     def states(self, lag: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """q, qd, qdd, (N, n) each, and a process that varies, that signals show which are late by this."""
+        """q, qd, qdd, (N, n) each, and a process that varies, as signals with this delay show them."""
         times = self.recording.times - lag
         acting = self.predictor.robot.acting(times - self.begin)
         return *self.predictor.states(times, self.begins), acting
@@ -153,7 +153,7 @@ def estimate(
         ran: the motion.
         measured: (C, N) by kind of signals; nan where a sample is missing.
         model: what they should be.
-        first: (K,) parameters as described.
+        first: (K,) nominal parameters.
         free_zeros: kinds whose signals may each be shifted by a constant.
         kept: samples of a signal that count, by kind, number and speeds (N, n).
         bandwidths: kinds whose low-pass filter is searched, with its cutoff, Hz, as far as it is known.
@@ -224,7 +224,7 @@ class _Row:
     kept: np.ndarray
 
     def plain(self) -> Block:
-        """For the search of a filter: what is known goes through it, too."""
+        """For the search of a filter: what is known also goes through it."""
         columns = np.column_stack([self.known, self.columns])
         return Block(
             self.values, columns[:, np.any(columns != 0, axis=0)], self.kept, resolution(self.values)
@@ -235,7 +235,7 @@ class _Made:
     """The blocks of a round.
 
     Args:
-        first, values: (K,) parameters as described, and of this round.
+        first, values: (K,) nominal parameters, and those of this round.
     """
 
     def __init__(self, first: np.ndarray, values: np.ndarray) -> None:
@@ -295,7 +295,7 @@ def _solved(
 
 
 def _inverse(products: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of normal equations, in the directions that are told; which of the scaled axes are, and these axes."""
+    """Inverse of normal equations in the identified directions; which scaled axes these are, and all axes."""
     size = np.sqrt(np.diag(products))
     scale = np.where(size > 0, size, 1.0)
     roots, axes = np.linalg.eigh(products / np.outer(scale, scale))

@@ -1,12 +1,12 @@
 """Motions from which an arm's parameters can be identified, and during which its base stands.
 
 Every joint swings by a short Fourier series under a window that begins and ends at rest in the start. Of all
-series that keep the limits of the task at some instants (contacts, clearance, torques, joints), the one is
-looked for whose regressor of base parameters and frictions has the least condition number: random series,
-made smaller where they break a limit, then random steps of single joints from the best. Rows are scaled by
-the torque limits of joints (noise is a share of them), columns by their size at random states within the
-joints' limits. The check decides in the end, within the tolerance of the task if it has one; what it refuses
-is made slower and smaller.
+series that keep the limits of the task at some instants (contacts, clearance, torques, joints), the search
+takes the one whose regressor of base parameters and frictions has the minimum condition number: random
+series, made smaller where they break a limit, then random steps of single joints from the best. Rows are
+scaled by the torque limits of joints (noise is a share of them), columns by their size at random states
+within the joints' limits. The check decides in the end, within the tolerance of the task if it has one; what
+it refuses is made slower and smaller.
 """
 
 from __future__ import annotations
@@ -168,7 +168,9 @@ class _Search:
         return series, value
 
     def __call__(self, series: np.ndarray, least: float = _BROKEN) -> float:
-        """Of a series; its condition number, whatever it breaks, where that is not below the least so far."""
+        """Value of a series; its condition number, whatever it breaks, where that is not below the minimum so
+        far.
+        """
         q, qd, qdd = _curves(series, self.times, self.T)
         use = [np.max(np.abs(x) / most) for x, most in zip((qd, qdd), self.most[1:], strict=True)]
         outside = np.max(np.abs(q) / self.way)
@@ -184,7 +186,7 @@ class _Search:
         return condition
 
     def _shares(self, at: Instants) -> Iterator[tuple[int, float]]:
-        """How much of each limit is used, quickly found ones first; before each how many are left."""
+        """How much of each limit is used, cheap ones first; before each how many are left."""
         gap = np.min(self.robot.collision.least(at.angles))
         yield 3, 1 + (self.limits.clearance - gap) / _ROOM
         torques = np.max(np.abs(at.torques) / self.robot.limits.torque)

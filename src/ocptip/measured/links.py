@@ -1,7 +1,7 @@
 """Inertia and friction of an arm from recorded torques, and the wrench on its base where that is recorded.
 
 Loads are linear in ten parameters of each link, but only some combinations of these have an influence: the
-base parameters, found by a rank-revealing factorisation of the regressor at random states. They are estimated
+base parameters, from a rank-revealing factorisation of the regressor at random states. They are estimated
 with their covariance, beside dry and viscous friction of each joint. Of all links with these base parameters
 those are taken that lie next to what was described and can exist: a cone program on their pseudo-inertias
 (see `parameters.pseudo_inertia`), weighted by the covariance.
@@ -98,12 +98,12 @@ class Identified:
     """An arm as it was recorded.
 
     Attributes:
-        arm: with links that can exist, with its payload as described.
+        arm: with links that can exist, with its nominal payload.
         coulomb, viscous: (n,) friction, N m (N) and N m s/rad (N s/m); nan of joints that did not move.
         basis: the base parameters of links, then rotors where the arm has some.
         names: of them.
         estimate: of the base parameters (p,), then `coulomb` and `viscous`.
-        described: (p,) base parameters of the arm as described.
+        described: (p,) base parameters of the nominal arm.
         moved: how far that has moved the base parameters, in standard errors (root of the quadratic form).
         condition: of the scaled covariance of what is seen.
     """
@@ -184,12 +184,12 @@ def identify_links(
 ) -> Identified:
     """Find inertia and friction.
 
-    The payload, and what else rests on the sensor, are as described. Torques of a joint count while it moves:
-    of one that rests, friction may be anything.
+    The payload, and what else rests on the sensor, are nominal. Torques of a joint count while it moves: of
+    one that rests, friction may be anything.
 
     Args:
-        recording: with torques; with a force-torque sensor, too, if there is one between base and arm.
-        predictor: of the robot as described and the motion that was run.
+        recording: with torques, and with a force-torque sensor if there is one between base and arm.
+        predictor: of the nominal robot and the motion that was run.
         bandwidth: Hz, cutoff of the low-pass filter of the torques as far as it is known; infinite: they are
             not filtered; None: it is searched.
 
@@ -263,13 +263,13 @@ def identify_links(
 def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> float | None:
     """Relative tolerance of the links' masses that covers what is not sure of the identified arm.
 
-    At every instant of the motion, and about every tipping axis, links that are each off by so much move the
-    moment at least as far as so many standard errors of the base parameters, and the distance of the links
-    that exist from these, do.
+    At every instant of the motion, and about every tipping axis, links that are each off by this share move
+    the moment by at least as much as two other deviations together: `sigmas` standard errors of the base
+    parameters, and the distance of the links that exist from these.
 
     Args:
         found: of a recording of the motion.
-        predictor: of the robot as described and the motion.
+        predictor: of the nominal robot and the motion.
         sigmas: standard errors.
 
     Returns:
@@ -305,7 +305,9 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     moved = axes(wrenches)[1] @ slopes[:, robot.n :, :links]
     share = float(np.max(unsure / np.maximum(np.abs(moved).sum(axis=2), 1e-300)))
     if not share < 1:
-        raise InputError(f"tolerance: the arm is not told well enough; its links would be off by {share:.3g}")
+        raise InputError(
+            f"tolerance: the recording is too short or too noisy; links may be off by {share:.3g}"
+        )
     return share
 
 
@@ -324,7 +326,7 @@ def friction_columns(qd: np.ndarray) -> np.ndarray:
 
 
 def random_states(arm: ArmModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(60, n) joint values, speeds and accelerations at which all that can be told is."""
+    """(60, n) joint values, speeds and accelerations that excite all identifiable parameters."""
     rng = np.random.default_rng(_SEED)
     q = rng.uniform(-np.pi, np.pi, (_STATES, arm.n))
     return q, rng.normal(size=q.shape), 3 * rng.normal(size=q.shape)
@@ -380,7 +382,7 @@ def _existing(arm: ArmModel, basis: BaseParameters, found: Estimate) -> tuple[Ar
 def _program(
     arm: ArmModel, described: np.ndarray, scale: np.ndarray, slopes: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    """(K,) relative changes with least |slopes x - wanted|^2 + pull |x|^2 of links that exist."""
+    """(K,) relative changes with minimum |slopes x - wanted|^2 + pull |x|^2 of links that exist."""
     K, rows, right, cones = len(described), [], [], []
     for k in range(arm.links):
         own = slice(PER_BODY * k, PER_BODY * (k + 1))
@@ -411,7 +413,7 @@ def _program(
     A, b = np.vstack(rows), np.concatenate(right)
     solution = solve_cones(gradient / big, A, b, cones, quiet_settings(), np.triu(cost / big))
     if str(solution.status) not in USABLE:
-        raise SolverError(f"no links that exist were found for the recording (Clarabel: {solution.status})")
+        raise SolverError(f"no physically consistent links fit the recording (Clarabel: {solution.status})")
     return np.array(solution.x)
 
 

@@ -1,11 +1,12 @@
-"""The low-pass filter of recorded signals: which one it was, told by the signals themselves.
+"""The low-pass filter of recorded signals: identified from the signals themselves.
 
 A drive or a logger that filters torques filters neither angles nor the model. What is whitened then counts
 most where the filter has taken everything away, and parameters are pulled aside. So the model is filtered as
 the signals were, and both are compared up to the frequency at which the filter leaves half.
 
 The filter is a Butterworth of order 1, 2 or 4, causal or zero-phase (forward and backward). Order, direction
-and cutoff are those with which the model leaves least. What is not sure of the cutoff is a parameter.
+and cutoff are those with which the model leaves the minimum residual. What is not sure of the cutoff is a
+parameter.
 """
 
 from __future__ import annotations
@@ -153,7 +154,7 @@ class Band:
 
 
 def low_pass_of(blocks: Sequence[Block], rate: float, given: float | None = None) -> LowPass | None:
-    """The filter that some signals went through; None: none that can be told.
+    """The filter that some signals went through; None: none can be identified.
 
     Args:
         blocks: signals, and what the model without filter says, one column per parameter.
@@ -178,7 +179,7 @@ def low_pass_of(blocks: Sequence[Block], rate: float, given: float | None = None
 
 
 def _best(blocks: Sequence[Block], low_pass: LowPass, cutoffs: np.ndarray) -> tuple[float, LowPass]:
-    """The cost and the filter of this kind that costs least, from the best of some cutoffs on."""
+    """The minimum cost and its filter of this kind, from the best of some cutoffs on."""
     tried = [replace(low_pass, cutoff=float(cutoff)) for cutoff in cutoffs]
     best = tried[int(np.argmin([_cost(blocks, one) for one in tried]))]
     step = float(np.log(cutoffs[1] / cutoffs[0]))

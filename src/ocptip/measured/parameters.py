@@ -115,13 +115,15 @@ def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
 
 
 def of_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
-    """(10,), the way back."""
+    """(10,) parameters of a pseudo-inertia (4, 4): the inverse of `pseudo_inertia`."""
     about = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
     return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], [about[place] for place in _PLACES]])
 
 
 def moved_parameters(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """(10, 10): parameters of a body in a frame in which its own has this rotation and origin, m."""
+    """(10, 10): parameters of a body in a frame in which the frame of the body has this rotation and origin,
+    m.
+    """
     move = np.eye(4)
     move[:3, :3], move[:3, 3] = rotation, origin
     return np.array([of_pseudo_inertia(move @ pseudo_inertia(unit) @ move.T) for unit in np.eye(PER_BODY)]).T

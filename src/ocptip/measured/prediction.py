@@ -89,7 +89,7 @@ class Predictor:
         self._linear, self._swings = lru_cache(8)(self._linearised), lru_cache(16)(self._swung)
 
     def states(self, times: np.ndarray, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(N, n) each, at times (N,), s, of the motion, each joint late by its own; at rest outside."""
+        """(N, n) each, at times (N,), s, of the motion, each joint with its delay; at rest outside."""
         found = [np.empty((len(times), self.robot.n)) for _ in range(3)]
         for delay in np.unique(delays):
             own = times - delay
@@ -101,15 +101,15 @@ class Predictor:
         return found[0], found[1], found[2]
 
     def events(self, delays: np.ndarray, *, small: bool = False) -> np.ndarray:
-        """Times, s, at which accelerations jump; those of small jumps, too, if these are asked for."""
+        """Times, s, of acceleration steps; also of small ones, if these are asked for."""
         times = self.motion.event_times if small else self.jumps
         return np.unique(times[:, None] + np.unique(np.append(delays, 0.0)))
 
     @cached_property
     def jumps(self) -> np.ndarray:
-        """Times, s, of the motion at which an acceleration jumps by more than a small part of its peak.
+        """Times, s, of the motion with an acceleration step of more than a small part of the peak.
 
-        Motions of points have jumps at each of them, most of which are small.
+        Motions of points have steps at each of them, most of which are small.
         """
         times, still = self.motion.event_times, np.zeros(self.robot.n)
         before, after = (self.states(times + side, still)[2] for side in (-INSIDE, INSIDE))
@@ -127,7 +127,7 @@ class Predictor:
     ) -> State:
         """The robot at times, s, of the motion, with other masses, see `mass_sensitivities`, and springs.
 
-        Without slopes loads are those of the masses as described.
+        Without slopes loads are those of the nominal masses.
         """
         robot, sensor = self.robot, self.robot.sensor
         q, qd, qdd = self.states(times, delays)
@@ -156,8 +156,8 @@ class Predictor:
         """(N, n), rad, rad/s, rad/s^2: how the joints' springs bend under the motion, from rest.
 
         Linear about the motion of the drives: inertia, Coriolis and gravity terms at every instant; average
-        acceleration method, with both sides of every jump among its instants. Then one step of Newton's
-        method with the torques of the bent robot: bends of mrad are off by tenths of microradians.
+        acceleration method, with both sides of every acceleration step among its instants. Then one step of
+        Newton's method with the torques of the bent robot: bends of mrad are off by tenths of microradians.
         """
         end = float(np.ceil(10 * max(float(times.max()), self.motion.end)) / 10)
         given = (delays, changes, elastic.bends, elastic.damping)
@@ -256,7 +256,7 @@ class Predictor:
 def _integrated(
     dt: np.ndarray, M: np.ndarray, C: np.ndarray, K: np.ndarray, forces: np.ndarray
 ) -> np.ndarray:
-    """(3, N, k): way, speed and acceleration of M a + C v + K d = f from rest; average acceleration.
+    """(3, N, k): position, speed and acceleration of M a + C v + K d = f from rest; average acceleration.
 
     Steps dt (N - 1,), s.
     """

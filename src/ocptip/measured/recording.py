@@ -9,11 +9,11 @@ Known quantities, with a unit at the end of the name, which may be in brackets (
 - force-torque sensor: `fx`, `fy`, `fz`, `mx`, `my`, `mz`, alone or after `SENSOR_`; N, Nm
 - total electric power: `total_power`, `power` in W, or `voltage` and `current` in V and A
 - power of a drive: `power1`, ...; W
-- gripper point: `gripper_x`, `gripper_y`, `gripper_z`; m, mm
+- TCP: `gripper_x`, `gripper_y`, `gripper_z`; m, mm
 - pose of the base since the start: `base_x`, `base_y`, `base_z`; m, mm; and `base_roll`, `base_pitch`,
   `base_yaw`; deg, rad
 - tangential shifts of contacts 1, 2, ...: `dx1`, `dy1`, ...; m, mm
-- normal forces of contacts 1, 2, ...: `normal1`, ...; N (`identify` looks at them, `compare` does not)
+- normal forces of contacts 1, 2, ...: `normal1`, ...; N (`identify` uses them, `compare` does not)
 
 NAME is that of a joint, SENSOR that of the task's `[sensor]`. The columns of `motion.csv` are among these.
 Without a unit numbers are SI, but for angles, which must say theirs. All other

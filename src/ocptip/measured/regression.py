@@ -3,10 +3,10 @@
 Feasible generalised least squares: the noise of every signal is an autoregressive process whose order
 (Bayesian information criterion) and coefficients come from what all causes together leave over, so that
 vibrations, drift and filters count as the noise that they are. What is whitened by it, with missing samples
-as unknowns of their own, is a plain regression. Causes are taken in one by one, the most significant first,
+as additional unknowns, is a plain regression. Causes are taken in one by one, the most significant first,
 exchanged for others and dropped again as long as the sum of squares says so. A cause is taken in if its t
 value is beyond what chance gives with a probability of `level` over the number of causes (Bonferroni), so
-that `level` is the probability that anything at all is found where there is nothing.
+that `level` is the probability of any finding where there is nothing.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def whitened(block: Block, left: np.ndarray | None = None) -> Whitened:
 
     Args:
         block: the signal.
-        left: (N,) the noise, where other signals tell the causes, too: few samples that all causes are fitted
-            to by themselves leave less than the noise.
+        left: (N,) the noise, where other signals also identify the causes: if all causes are fitted to a few
+            samples alone, less than the noise remains.
     """
     inside = np.flatnonzero(block.kept)
     part = slice(inside[0], inside[-1] + 1)
@@ -134,7 +134,7 @@ def _without(rows: np.ndarray, missing: np.ndarray, filtering: np.ndarray) -> in
 
 
 def autoregression(values: np.ndarray, order: int | None = None) -> np.ndarray:
-    """Coefficients (1, -a1, -a2, ...) that whiten values (N,); the order is that of least BIC, or given."""
+    """Coefficients (1, -a1, -a2, ...) that whiten values (N,); the order is that of minimum BIC, or given."""
     N = len(values)
     most = int(min(10 * np.log10(N), N // 10)) if order is None else order
     values = values - values.mean()
@@ -165,9 +165,9 @@ class Cause:
     Attributes:
         index: its number.
         value: its size.
-        error: standard error of it, the others that were taken in being free, too.
+        error: standard error of it, with the other accepted causes free as well.
         explained: share of the sum of squares, in units of noise, that goes when it comes last.
-        rivals: numbers of causes that would explain it as well, as far as the noise lets that be told.
+        rivals: numbers of causes that would explain it as well, as far as the noise separates them.
     """
 
     index: int
@@ -248,7 +248,7 @@ def explain(
         level: probability of finding anything where there is nothing.
         always: causes that are no findings, but always free.
         prior: (K,), 1 / variance of causes whose size is known elsewhere to be 0; zeros: none is.
-        most: so many causes are taken in at most.
+        most: maximum number of accepted causes.
     """
     K = len(blocks[0].projections)
     sums = _Sums(blocks, np.zeros(K) if prior is None else prior)

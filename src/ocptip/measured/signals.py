@@ -20,7 +20,7 @@ _SENSOR = ("fx", "fy", "fz", "mx", "my", "mz")
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is not as described.
+    """Something that differs from the description.
 
     Attributes:
         kind: "mass", "centre of mass", "friction", "losses", "delay", "elasticity", "zero", "missing",
@@ -30,8 +30,8 @@ class Finding:
         interval: half width of its 95 % interval, in the same unit; nan where there is none.
         unit: of both, as people read it.
         explained: share of what would be left over without it, in squares; nan where that means nothing.
-        rivals: names of what would explain the same as well, as far as the noise lets that be told.
-        text: what else is to be said.
+        rivals: names of what would explain the same as well, as far as the noise separates them.
+        text: further remarks.
     """
 
     kind: str
@@ -49,20 +49,20 @@ class Finding:
 
 
 def quantum(values: np.ndarray) -> float:
-    """Least step between values that occur; 0 if there is but one."""
+    """Minimum step between values that occur; 0 if there is only one."""
     steps = np.diff(np.unique(values[np.isfinite(values)]))
     return float(steps.min()) if len(steps) else 0.0
 
 
 def resolution(values: np.ndarray) -> float:
-    """Least noise of a signal: of its rounding, and a millionth of its greatest size."""
+    """Minimum noise of a signal: of its rounding, and a millionth of its maximum size."""
     return max(quantum(values) / np.sqrt(12), 1e-6 * float(np.nanmax(np.abs(values), initial=0.0)), 1e-12)
 
 
 def noise_of(residuals: np.ndarray, kept: np.ndarray) -> float:
     """Standard deviation of white noise, by third differences: what is smooth over four samples is none.
 
-    By their median, so that single jumps count little; 0 where most samples are smooth to the last digit.
+    By their median, so that single steps count little; 0 where most samples are smooth to the last digit.
     """
     together = kept[:-3] & kept[1:-2] & kept[2:-1] & kept[3:]
     differences = np.diff(np.where(kept, residuals, 0.0), 3)[together] / np.sqrt(20)
@@ -133,9 +133,9 @@ def dead(one: Signal, predicted: np.ndarray) -> bool:
 def clipped(one: Signal, predicted: np.ndarray, level: float) -> np.ndarray:
     """(N,) True where a signal stays at an end of its range beyond which it should go.
 
-    At least three samples are exactly there, and the prediction (a drive at standby) is not. Either so many
-    cannot be there by chance, noise and rounding being as they are; or what the others and the prediction
-    lead to expect is beyond it on average by more than the scatter of the others explains.
+    At least three samples are exactly there, and the prediction (a drive at standby) is not. Either chance
+    does not put as many there with this noise and rounding. Or the value expected from the others and the
+    prediction is beyond it on average, by more than the scatter of the others explains.
     """
     y = one.values
     found = np.zeros(len(y), dtype=bool)
@@ -165,8 +165,8 @@ def clipped(one: Signal, predicted: np.ndarray, level: float) -> np.ndarray:
 def noisy(noises: Mapping[str, float], groups: Sequence[Sequence[str]], level: float) -> list[Finding]:
     """Signals that are noisier than the others of their kind, by how much those differ.
 
-    Logarithms of the noise, each studentised by the other signals of its group (forces and moments each
-    about their own mean). Groups of less than four signals say nothing.
+    Logarithms of the noise, each studentised by the other signals of its group (forces and moments
+    separately, each about the mean). Groups of less than four signals say nothing.
     """
     found = []
     for names in groups:

@@ -119,7 +119,7 @@ class Loose:
 def loosened(
     delays: np.ndarray, elastic: Elasticity, loose: Sequence[Loose], off: Sequence[float]
 ) -> tuple[np.ndarray, Elasticity]:
-    """Delays and springs that differ by so much."""
+    """Delays and springs with the given differences."""
     delays, bends, damping = delays.copy(), elastic.bends.copy(), elastic.damping.copy()
     for one, more in zip(loose, off, strict=True):
         {DELAY: delays, BEND: bends, DAMP: damping}[one.kind][one.joint] += more

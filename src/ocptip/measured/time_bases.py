@@ -1,8 +1,8 @@
-"""Signals of one file that were sampled at rates of their own: joints at 100 Hz, a sensor at 500 Hz.
+"""Signals of one file that were sampled at different rates: joints at 100 Hz, a sensor at 500 Hz.
 
 Recorders write such signals into one table, whose lines then hold the cells of one rate, the others being
 empty. All that compares signals needs them at the same instants: those of the joints. Faster signals are
-interpolated there, between two of their own samples; slower ones keep their samples, at the nearest instants.
+interpolated there, between two of their samples; slower ones keep their samples, at the nearest instants.
 """
 
 from __future__ import annotations

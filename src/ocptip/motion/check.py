@@ -182,7 +182,7 @@ class MotionCheck:
         gap = f"{1e3 * least['distance_m']:.1f} mm between {' and '.join(least['between'])}"
         unseen = [" and ".join(pair) for pair in found["unseen"]]
         more = f"; not seen, for their solids never part: {some(unseen, 3)}" if unseen else ""
-        return f"{found['pairs']} pairs ({found['source']}), least {gap}; {floor_text(found)}{more}"
+        return f"{found['pairs']} pairs ({found['source']}), minimum {gap}; {floor_text(found)}{more}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -238,7 +238,7 @@ def check_motion(
     if not instants <= MOST_INSTANTS:
         raise InputError(
             f"step: the motion lasts {motion.end:.4g} s, which would be {instants:.2g} instants at steps of "
-            f"{step:.4g} s, more than {MOST_INSTANTS:.0e}; take larger steps, or look for a speed or an "
+            f"{step:.4g} s, more than {MOST_INSTANTS:.0e}; take larger steps, or correct a speed or an "
             "acceleration that is far too small"
         )
     limits = limits or Limits()

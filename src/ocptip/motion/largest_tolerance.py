@@ -49,9 +49,7 @@ class LargestTolerance:
         """What was found; that nothing was found proves nothing."""
         cost = f", {self.plan.energy:.1f} J" if self.plan else ""
         nothing = self.plan is None and self.factor == 0
-        found = (
-            "no motion with any of it was found" if nothing else f"a motion with {self.had} was found{cost}"
-        )
+        found = "no motion with any of it" if nothing else f"a motion with {self.had}{cost}"
         if self.not_had is not None:
             found += f"; none with {self.not_had}"
         if self.at_rest is not None:

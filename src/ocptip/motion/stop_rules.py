@@ -25,7 +25,7 @@ HOLDING = 1.3
 """A brake that is not given holds at least this share of what gravity asks in any posture: makers of drives
 ask for it in tests of holding brakes (docs/stops.md)."""
 
-NO_DATA = "category 0 not judged: no brake data"
+NO_DATA = "category 0 not checked: no brake data"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +66,11 @@ class StopRules:
                 settle(self, **{name: value})
         low, high = self.brake_min, self.brake_max
         if low is not None and high is not None and (len(low) != len(high) or (low > high).any()):
-            raise InputError(f"brake_max: must be >= the least, {low.tolist()}, got {high.tolist()}")
+            raise InputError(f"brake_max: must be >= the minimum, {low.tolist()}, got {high.tolist()}")
         least, most = self.delay
         positive_number("delay", least, zero_allowed=True)
         if not least <= positive_number("delay", most, zero_allowed=True):
-            raise InputError(f"delay: expected [least, greatest], s, got [{least}, {most}]")
+            raise InputError(f"delay: expected [minimum, maximum], s, got [{least}, {most}]")
 
     def asked(self, limits: Limits) -> Limits:
         """The limits with stops along the path."""
@@ -141,7 +141,7 @@ class StopRules:
             ]
             name = "brake_min" if self.brake_max is None else "brake_max"
             raise InputError(
-                f"{name}: joint {joint + 1}: the least, {least}{own[0]}, is above the greatest, "
+                f"{name}: joint {joint + 1}: the minimum, {least}{own[0]}, is above the maximum, "
                 f"{most}{own[1]}"
             )
         return found[0], found[1]

@@ -331,7 +331,7 @@ def _assumed(
             "what gravity asks in any posture; give brake_torque_min_Nm, _max_Nm in [stops]"
         )
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
-    said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques on the way")
+    said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques while braking")
     if robot.varying is not None:
         said.append("category 0: what acts on the gripper stays what it is when the stop begins")
     if not robot.arm.may_collide:

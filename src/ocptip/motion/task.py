@@ -227,7 +227,7 @@ def _brake_refusals(task: MotionTask) -> list[str]:
     if task.stops.guessed:
         left = "brake torques are a guess, give brake_torque_min_Nm, _max_Nm in [stops]; else " + left
     return [
-        "stops by brakes: as soon as the motion has begun, whichever way the joints turn, "
+        "stops by brakes: as soon as the motion has begun, in either direction of the joints, "
         f"{', '.join(broken)} at best (joints {turns}); {left}"
     ]
 

@@ -52,7 +52,7 @@ _WORDS = {
     "push": ("push of ", " at the gripper"),
     "friction": ("friction x ", ""),
     "faster": ("", " faster"),
-    "delay": ("joints late by ", ""),
+    "delay": ("joints delayed by ", ""),
 }
 _SHORT = {
     "tilt": "tilt",

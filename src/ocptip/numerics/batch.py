@@ -18,7 +18,7 @@ class BatchFunction:
         function: the single-state function; it stays available as attribute `function`.
 
     Sparse outputs are made dense. Safe to share between threads. Instructions that `Tape` does not know are
-    left to CasADi's own machine, which takes one state at a time.
+    left to CasADi's virtual machine, which takes one state at a time.
     """
 
     def __init__(self, function: cs.Function) -> None:
@@ -81,7 +81,7 @@ class PointFunction:
     """A CasADi function of column vectors and matrices, evaluated at one point at a time.
 
     For batches of many states `BatchFunction` is faster; for the one to ten states of a placement CasADi's
-    own machine is.
+    virtual machine is.
 
     Args:
         function: the function.

@@ -1,4 +1,4 @@
-"""Bisection that keeps what was found on the side where something is found."""
+"""Bisection between a value with a result and one without; it keeps the last result."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ def bisected(
     found: T,
     near: Callable[[float, float], bool],
 ) -> tuple[float, T]:
-    """Narrow an interval at one end of which something is found, and at the other nothing.
+    """Narrow an interval with a result at one end and none at the other.
 
     Args:
-        find: what is found at a value, or None.
-        without: the end where nothing is found.
+        find: the result at a value, or None.
+        without: the end without a result.
         having: the other end, above or below.
-        found: what is found there.
+        found: the result there.
         near: whether the ends, the lower one first, are near enough to each other.
 
     Returns:
-        The last value at which nothing was found, and what was found next to it.
+        The last value without a result, and the result next to it.
     """
     while not near(*sorted((without, having))):
         middle = 0.5 * (without + having)

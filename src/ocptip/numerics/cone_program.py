@@ -55,7 +55,9 @@ def triangle(matrix: np.ndarray) -> np.ndarray:
 
 
 def quiet_settings(tolerance: float | None = None) -> Any:
-    """Clarabel's settings, silent and on one core; `tolerance`, of gap and feasibility, or its own."""
+    """Clarabel's settings, silent and on one core; `tolerance` of gap and feasibility, None: Clarabel's
+    default.
+    """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1

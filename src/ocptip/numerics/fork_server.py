@@ -1,4 +1,4 @@
-"""The process that workers are forked from: it loads what they need while a command loads its own.
+"""The process that workers are forked from: it loads their modules while a command loads others.
 
 Loads no numerics, so that it is started before anything else is.
 """
@@ -21,7 +21,7 @@ _environment = threading.Lock()
 
 
 def prepare_workers(modules: Sequence[str]) -> None:
-    """Load modules for processes to come, while this one loads its own; where the system can, else nothing.
+    """Load modules for later processes while this one loads others; on Linux only, elsewhere nothing.
 
     They are then forked from one that has them, and what Numba loads at its first call, with its environment
     of now: for a process that does one thing, such as a command.

@@ -18,7 +18,7 @@ SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
 _ENDINGS = {
     "Infeasible_Problem_Detected": "nothing near it keeps all of them",
-    "Restoration_Failed": "no way back to where all of them are kept",
+    "Restoration_Failed": "the restoration reached no point where all of them are kept",
     "Maximum_Iterations_Exceeded": "no end after the allowed number of iterations",
     "Maximum_CpuTime_Exceeded": "no end within the allowed time",
     "Maximum_WallTime_Exceeded": "no end within the allowed time",
@@ -84,7 +84,8 @@ class Solution:
 class _Function(cs.Callback):
     """A CasADi function of dense arguments that runs `evaluate(arguments, results)` on NumPy arrays.
 
-    Results are views. Arguments are copies: views cannot be written, and kernels are compiled anew for such.
+    Results are views. Arguments are copies: views cannot be written, and kernels would be compiled again for
+    such.
 
     What that raises goes into `errors`. Where there are some, all functions that share the list fail at once:
     Ipopt takes a failure for a step that was too long, and would try dozens of shorter ones.

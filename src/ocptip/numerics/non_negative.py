@@ -1,9 +1,9 @@
 """Least squares over non-negative numbers, for small dense problems.
 
 The active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23). SciPy's nnls
-(1.17.1) finds the same minima (4,000 random problems, with columns that depend on each other, too), but the
-import of scipy.optimize takes 0.37 s of CPU time, two thirds of a whole verdict on a scene; and here unknowns
-may have any sign among the others.
+(1.17.1) finds the same minima (4,000 random problems, some with linearly dependent columns), but the import
+of scipy.optimize takes 0.37 s of CPU time, two thirds of a whole verdict on a scene; and here unknowns may
+have any sign among the others.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _DEPENDENT = 1e-13  # of a column of length 1: what others leave of it is roundi
 
 
 def non_negative(A: np.ndarray, b: np.ndarray, signed: int = 0) -> tuple[np.ndarray, float]:
-    """x >= 0 (n,) with the least |A x - b|, and that; A (m, n), b (m,).
+    """x >= 0 (n,) with the minimum |A x - b|, and that minimum; A (m, n), b (m,).
 
     Args:
         A, b: of the equations.
@@ -91,8 +91,8 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
 def _least_squares(columns, chosen, known, x, basis, R, parts, own, lefts):
     """Puts the best x of the chosen columns into x, and returns b = lefts[0] less their sum.
 
-    Each column is made orthogonal to those before it twice; one that depends on them gets 0. What comes of
-    the first `known` columns is in basis, R, parts, own and lefts already, of an earlier call.
+    Each column is made orthogonal to those before it twice; one that depends on them gets 0. The results of
+    the first `known` columns are in basis, R, parts, `own` and lefts already, from an earlier call.
     """
     size = len(chosen)
     for k in range(known, size):

@@ -1,10 +1,10 @@
 """All solutions of k - 1 homogeneous quadratic equations y' A_i y = 0 in k unknowns, by continuation.
 
-A system whose solutions are known is deformed into the wanted one, and every solution is followed on its way
-(Sommese and Wampler, The numerical solution of systems of polynomials, 2005). Deformations that stay within a
-family of systems and start at a general complex member reach every isolated solution of every member, with
-probability one; what the paths found is checked afterwards by Kantorovich's theorem, whose bounds are exact
-for quadratic equations. All paths are followed at once.
+A system whose solutions are known is deformed into the wanted one, and every solution is followed along its
+path (Sommese and Wampler, The numerical solution of systems of polynomials, 2005). Deformations that stay
+within a family of systems and start at a general complex member reach every isolated solution of every
+member, with probability one; the ends of the paths are checked afterwards by Kantorovich's theorem, whose
+bounds are exact for quadratic equations. All paths are followed at once.
 """
 
 from __future__ import annotations

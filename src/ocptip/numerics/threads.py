@@ -10,7 +10,7 @@ from threadpoolctl import LibController, register, threadpool_limits
 
 
 class _BlasOfCasadi(LibController):
-    """CasADi's own copy of OpenBLAS, in which Ipopt's linear solver computes; its name is not the usual."""
+    """The copy of OpenBLAS in CasADi, in which Ipopt's linear solver computes; its name is not the usual."""
 
     user_api, internal_api = "blas", "openblas_of_casadi"
     filename_prefixes = ("libcasadi-tp-openblas",)
@@ -45,7 +45,7 @@ class _OneThread(ContextDecorator):
         self._own.depth = depth + 1
 
     def loaded(self) -> None:
-        """To be called within this after a library was loaded: it runs on one thread, too."""
+        """To be called within this after a library was loaded: that library also runs on one thread."""
         if getattr(self._own, "depth", 0):
             self._own.limits.append(threadpool_limits(1))
 

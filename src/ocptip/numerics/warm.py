@@ -1,7 +1,7 @@
 """What Numba loads at the first call of any compiled function (0.3 s of CPU): done where this is imported.
 
-For the process that workers are forked from: it does so while the command loads its own, and none of them has
-to, see `ocptip.numerics.fork_server`.
+For the process that workers are forked from: it does so while the command loads other modules, and no worker
+has to, see `ocptip.numerics.fork_server`.
 """
 
 from __future__ import annotations

@@ -56,9 +56,9 @@ def worker_pool(
 class Workers(Executor):
     """Processes of this machine that leave interrupts to their parent, and that can be ended at once.
 
-    A process that dies costs nobody but its own call: a new one takes its place and runs that again; the
+    A process that dies affects only the call that it runs: a new one takes its place and runs that again; the
     second time the call's future raises `WorkerDiedError`. (A ProcessPoolExecutor loses all calls, and nobody
-    can tell which one it was. Here every process is a pool of its own, with a thread that waits for it.)
+    can tell which one it was. Here every process is a separate pool, with a thread that waits for it.)
 
     Args:
         count: of processes, started when they are needed.
@@ -93,8 +93,8 @@ class Workers(Executor):
     ) -> Future:
         """The call in this thread's process; in a new one if there is none, or it has died.
 
-        A process is spared interrupts from its first instruction. Its libraries are told of one thread by
-        the environment, before they start any.
+        A process is spared interrupts from its first instruction. The environment limits its libraries to one
+        thread before they start any.
         """
         pool = getattr(self._mine, "pool", None)
         with interrupts_held(), environment(THREADS):
@@ -178,7 +178,7 @@ class Cluster(Executor):
         return outer
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As of every executor; without `wait` running calls are dropped, too. The cluster goes on."""
+        """As of every executor; without `wait` running calls are also dropped. The cluster goes on."""
         self._executor.shutdown(wait=wait)
         self._client.close()
 

@@ -68,12 +68,12 @@ def minimal_form(
 ) -> MinimalForm:
     """Eliminate the joints of a robot whose legs have closed forms.
 
-    The legs stay in the branches they have at home. The measure of a leg is the squared sine of an angle
-    between its links (`LegSolution.measures`), or for a prismatic leg without such the squared ratio of its
-    length to that at home, at most 1; out of reach it is negative. The measure of the platform
-    is the volume that the unit vectors along the rows of J_a span, angles counted as lengths by the
-    characteristic length: 1 if the motors act at right angles, positive at home and on all poses that are
-    reached from there without passing a type II singularity.
+    The legs keep the IK solutions of home. The measure of a leg is the squared sine of an angle between its
+    links (`LegSolution.measures`), or for a prismatic leg without such the squared ratio of its length to
+    that at home, at most 1; out of reach it is negative. The measure of the platform is the volume that the
+    unit vectors along the rows of J_a span, angles counted as lengths by the characteristic length: 1 if the
+    motors act at right angles, positive at home and on all poses that are reached from there without passing
+    a type II singularity.
 
     Args:
         robot: with as many motors as coordinates, no dry friction in its joints.
@@ -129,8 +129,8 @@ def joint_functions(robot: ParallelRobot) -> tuple[cs.Function, ...]:
 def joint_function(robot: ParallelRobot) -> cs.Function:
     """The joints that generated functions want, for a caller who knows z only: `joints`.
 
-    In: `z` (m,), `geometry` as theirs. Out: `q` (n, N) up to the coupling points in the branches of the home
-    pose, and `distance` from singular poses of the legs, at most 1, negative out of reach. As C code:
+    In: `z` (m,), `geometry` as theirs. Out: `q` (n, N) up to the coupling points with the IK solutions of the
+    home pose, and `distance` from singular poses of the legs, at most 1, negative out of reach. As C code:
     :func:`ocptip.parallel.code.codegen.write_c`.
 
     Raises:
@@ -150,7 +150,7 @@ def joint_function(robot: ParallelRobot) -> cs.Function:
 def joints_of_branch(
     robot: ParallelRobot, z: cs.SX, start: np.ndarray, geometry: dict[str, cs.SX]
 ) -> tuple[cs.SX, list[cs.SX], list[str]]:
-    """Joints up to the coupling points (n, N) as functions of z, in the branches they have at a start (m,).
+    """Joints up to the coupling points (n, N) as functions of z, with the IK solutions of a start (m,).
 
     Args:
         robot: with legs that have closed forms.
@@ -198,8 +198,8 @@ def minimal_obstacle(robot: ParallelRobot) -> str:
     for number, leg in enumerate(robot.description.legs, start=1):
         if any(leg.coulomb):
             return (
-                f"leg {number} has dry friction, which jumps with the direction of motion; leave it to the "
-                "model of the motors"
+                f"leg {number} has dry friction, which changes its sign with the direction of motion; "
+                "leave it to the model of the motors"
             )
     return ""
 

@@ -45,13 +45,13 @@ from ocptip.parallel.symbolic.base_parameters import (
 )
 
 Joints = Sequence[np.ndarray] | None
-"""Joint positions per leg; None: to be found by the inverse kinematics."""
+"""Joint positions per leg; None: from the inverse kinematics."""
 
 _BALANCE = 1e-7
 
 
 class ParallelRobot(MadeOf):
-    """A parallel robot that moves as described.
+    """A parallel robot with the mobility of its description.
 
     Platform coordinates z hold the free ones of x, y, z, phi1, phi2, phi3 (m, rad), then the redundant
     joints. Joint values are optional everywhere: without them the inverse kinematics finds those of the
@@ -59,7 +59,7 @@ class ParallelRobot(MadeOf):
 
     Args:
         description: legs, platform, motors.
-        check: refuse a robot whose mobility is not as described. False only to look at such a robot.
+        check: refuse a robot whose mobility differs from the description. False only to examine such a robot.
 
     Raises:
         InputError: the legs do not reach the home pose, or the mobility differs; the message says it.
@@ -89,7 +89,7 @@ class ParallelRobot(MadeOf):
         return self._complete
 
     def mobility(self) -> Mobility:
-        """Degrees of freedom, found when the robot was made."""
+        """Degrees of freedom, counted when the robot was made."""
         return self._mobility
 
     def ik(self, z: ArrayLike, guess: Joints = None) -> JointPositions:
@@ -328,7 +328,7 @@ class ParallelRobot(MadeOf):
             if found.searched and not anywhere:
                 legs = ", ".join(str(leg + 1) for leg in found.searched)
                 raise SolverError(
-                    f"{self.description.name}: leg {legs} cannot be followed on the straight way from home "
+                    f"{self.description.name}: leg {legs} cannot be followed on the straight line from home "
                     f"to {np.round(z, 6).tolist()}: a singular pose or the end of its reach lies between; "
                     "give joint positions `q` of the assembly that is meant"
                 )

@@ -69,8 +69,8 @@ def simulate(
 ) -> SimulatedMotion:
     """Integrate the equations of motion with the classic Runge-Kutta method.
 
-    Long motions (200 steps and more) run as machine code, except those of robots with redundant joints or
-    legs with branches or loops of their own.
+    Long motions (200 steps and more) run as machine code, except those of robots with redundant joints,
+    branched legs or legs with inner loops.
 
     Args:
         robot: its Euler angles must stay away from their singularity.
@@ -79,7 +79,7 @@ def simulate(
         motors: forces (n_a,), or a function of time, z and s; None: none.
 
     Raises:
-        SolverError: a singular pose on the way.
+        SolverError: the motion reaches a singular pose.
         InputError: wrong shapes, or a pose out of reach.
     """
     duration, step = positive_number("duration", duration), positive_number("step", step)
@@ -166,10 +166,10 @@ def compiled_obstacle(robot: ParallelRobot) -> str:
 
 
 class CompiledDynamics:
-    """Equations of motion; the joints stay in the branches they have at a start.
+    """Equations of motion; the joints keep the IK solutions of a start.
 
     Args:
-        robot: its legs have no branches or loops of their own.
+        robot: its legs are serial.
         start: (m,) coordinates.
 
     Attributes:

@@ -141,7 +141,7 @@ def _map_figure(name: str, placements: Sequence[Placement], chart: PlacementMap)
     if len(chart.axes) > 1:
         word, style = ("best placement", {"marker": "*", "ms": 14, "mfc": BEST, "mec": "white"})
         if not best.feasible:
-            word, style = "least infeasible", _NEAREST
+            word, style = "minimum violation", _NEAREST
         handles.append(Line2D([], [], ls="", label=word, **style))
         if _apart(best, others):
             handles.append(
@@ -225,7 +225,7 @@ def _cause_numbers(chart: PlacementMap) -> np.ma.MaskedArray:
 
 def _title(panel: str, best: Placement) -> str:
     if panel == "causes":
-        return "What is in the way"
+        return "Which limit fails"
     value = best.total if panel == "total" else best.criteria[panel]
     energy = best.problem.energy
     unit = f" {energy.unit}".rstrip() if panel == "GE" and energy is not None else ""
@@ -305,7 +305,7 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
     if best.problem.keep_out:
         handles.append(Swatch(fc="none", ec=FORBIDDEN, hatch="///", label="not for the base"))
     figure.legend(handles=handles, loc="outside lower center", ncol=min(len(handles), 7), frameon=False)
-    verdict = f"total {best.total:.4f}" if best.feasible else "NOT feasible, the least-infeasible placement"
+    verdict = f"total {best.total:.4f}" if best.feasible else "NOT feasible, minimum violation"
     verdict += scope_of(best.problem.collision)
     figure.suptitle(f"{name}: {verdict}", fontsize=14, fontweight="bold")
     return figure

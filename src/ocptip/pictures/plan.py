@@ -373,7 +373,7 @@ def _figure(
     figure = new_figure(*size, layout="none")
     figure.suptitle(curves.title, fontsize=13, fontweight="bold", y=1 - 0.09 / size[1])
     if len(curves.events):
-        note = "grey lines: a ramp of a joint begins or ends"
+        note = "grey lines: switching times"
         figure.supxlabel(note, fontsize=9, color="#6f6f6f", y=0.06 / size[1])
     axes = figure.subplots(rows, columns, squeeze=False)
     return figure, axes

@@ -44,6 +44,6 @@ def stops_figure(stops: Stops) -> Figure:
         ax.grid(axis="y", color="#ececec", lw=0.8)
         ax.set_axisbelow(True)
         ax.legend(frameon=False, fontsize=8.5)
-    verdict = "every stop keeps the reserves" if stops.verified else "NOT every stop keeps the reserves"
+    verdict = "every stop keeps the margins" if stops.verified else "NOT every stop keeps the margins"
     figure.suptitle(f"Stopped at any instant: {verdict}", fontsize=13, fontweight="bold")
     return figure

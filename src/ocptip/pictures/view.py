@@ -289,7 +289,7 @@ def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k:
     parts = [
         f"GN {tip.GN[k]:.3f}",
         f"GT {slip.GT[k]:.3f}",
-        f"least foot {quantity(forces[:, 0].min(), 'N', 3)}{shared}",
+        f"minimum foot {quantity(forces[:, 0].min(), 'N', 3)}{shared}",
     ]
     return ", ".join(parts)
 

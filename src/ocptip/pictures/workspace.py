@@ -118,7 +118,7 @@ def _index_label(found: IndexMaps, name: str) -> str:
 
 
 def _index_title(found: IndexMaps) -> str:
-    best = ", best of all branches" if found.solutions.max(initial=0) > 1 else ""
+    best = ", best of all IK solutions" if found.solutions.max(initial=0) > 1 else ""
     return f"{found.robot}: indices{best}"
 
 

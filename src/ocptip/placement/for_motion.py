@@ -212,7 +212,7 @@ def require_way(problem: PlacementProblem) -> None:
     if len(problem.tasks) < 2:
         raise InputError("tasks: a motion needs two gripper tasks or more, got one")
     if problem.tolerance.given:
-        raise InputError("tolerance: motions are planned for a base as described; leave the tolerance out")
+        raise InputError("tolerance: motions are planned for the nominal base; leave the tolerance out")
 
 
 def motion_limits(problem: PlacementProblem) -> Limits:

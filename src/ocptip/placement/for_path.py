@@ -199,7 +199,7 @@ class _Paths:
         poses = [_target(task, origin[0], base[0]) for task in self._problem.tasks]
         found = tool_lines(self.evaluator.arm, poses, postures[:1], self._tolerance)
         if np.abs(found.path.goal - postures[-1]).max() > _SAME_POSTURE and poses[0].conditions == 6:
-            raise PlanningError("the lines end in another posture than the one that was looked at")
+            raise PlanningError("the lines end in another posture than the one that was checked")
         return found
 
 

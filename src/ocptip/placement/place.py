@@ -361,6 +361,6 @@ def _refusal(nearest: Placement, candidates: sampling.Candidates) -> str:
     else:
         reach = f"the base alone can stand at none of {candidates.sampled} sampled placements"
     return (
-        f"no placement keeps all constraints ({reach}); at the least-infeasible one found, on "
+        f"no placement keeps all constraints ({reach}); at the one of minimum violation, on "
         f"{terrain.name!r} at {where}: {stated}" + (f"; and {more} more" if more > 0 else "")
     )

@@ -173,7 +173,7 @@ class Stand:
             number = ordinary.index(False)
             reason = f"needs ordinary contacts, contact {number + 1} is {contacts[number].kind!r}"
         elif not all(upright):
-            reason = f"contact {upright.index(False) + 1} has a normal of its own; the ground has them"
+            reason = f"contact {upright.index(False) + 1} has a normal; normals follow from the ground"
         elif rigid and len(contacts) != 3:
             reason = f"{len(contacts)} feet need legs (stroke); without legs there are three"
         elif len(contacts) < 3 or np.divide(*self._spread()[1::-1]) < _THIN:

@@ -54,7 +54,7 @@ def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
     Args:
         name: one of the experiment's arms FP1W2F (industrial, spherical wrist), FSFS (skew axes) or W1P1P2W2
             (three parallel axes), or another sequence of connections, see `published.kit`: those come with
-            spheres of their own.
+            other spheres.
         geometry: "refined" (one length per arm corrected by 0.05 mm so that the inverse kinematics reproduces
             the printed motions to 0.001 degrees) or "printed" (0.015 degrees).
 
@@ -138,9 +138,9 @@ class Links:
 def assemble_links(name: str) -> Links:
     """Mass properties of an arm's links from their parts.
 
-    A link is the second half of its own module (which carries the module's mass), the adapter, the first half
-    of the next module, and cables as point masses on both. Module halves may have a negative axial inertia,
-    the adapters' own inertias are not known and taken as zero.
+    A link is the second half of its module (which carries the module's mass), the adapter, the first half of
+    the next module, and cables as point masses on both. Module halves may have a negative axial inertia, the
+    inertias of the adapters are not known and taken as zero.
     """
     tables = published_data("arms")
     data = _description(name)

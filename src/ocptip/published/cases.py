@@ -52,7 +52,8 @@ class MotionCase:
         start, goal: joint angles, (6,), rad, see `ocptip.published.arms.start_and_goal`.
         reference_commands: three commands for each of joints 1 to 3 (table E.1); the last target is the goal.
         printed_times: table E.2, by the names `t1_1p` (t' of joint 1, command 1), `t1_1pp` (t''), `t1_E`,
-            `t4_p`, `t4_pp`, `t_E`, `z1_2` (zero crossing of joint 1 in ramp 2; absent if there is none).
+            `t4_p`, `t4_pp`, `t_E`, `z1_2` (zero crossing of joint 1 in acceleration phase 2; absent if there
+            is none).
         printed_duration: s, two decimals.
     """
 
@@ -123,7 +124,9 @@ def motion_cases() -> Mapping[str, MotionCase]:
 
 
 def _shortest(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start and goal with the last joint, whose roll the experiment leaves open, going the shorter way."""
+    """Start and goal with the last joint, whose roll the experiment leaves open, turning by the smaller
+    angle.
+    """
     goal = goal.copy()
     goal[-1] = start[-1] + math.remainder(goal[-1] - start[-1], math.tau)
     return read_only(start.copy()), read_only(goal)

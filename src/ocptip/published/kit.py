@@ -98,7 +98,7 @@ def _link(arm: dict[str, Any], i: int) -> dict[str, Any]:
 
 
 def _mirrored(link: dict[str, Any]) -> dict[str, Any]:
-    """The mirror image of a link, x to -x; the modules in it are their own."""
+    """The mirror image of a link, x to -x; its modules are symmetric to that plane."""
     rows = {key: (_MIRROR @ np.array(link[key], dtype=float)).tolist() for key in _ROWS}
     rows |= {key: (_MIRROR @ np.array(link[key]) @ _MIRROR).tolist() for key in _REST if "theta" in key}
     return link | rows | {"A0": (_MIRROR @ np.array(link["A0"]) @ _MIRROR).tolist()}

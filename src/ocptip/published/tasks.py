@@ -69,7 +69,7 @@ def experiment_task(name: str, base: str = "effective", limits: Limits | None = 
     Args:
         name: "A" to "H".
         base: "printed" or "effective", see `experiment_robot`.
-        limits: default `PRINTED_LIMITS`: 0.9 for both reserves, the arm's torques, no collision.
+        limits: default `PRINTED_LIMITS`: 0.9 for GN and GT, the arm's torques, no collision.
 
     Raises:
         InputError: there is no such case or base.

@@ -1,8 +1,8 @@
-"""Reserves of contact states: tip-over (GN) and slip (GT), with exact derivatives.
+"""Margins of contact states: tip-over index GN and friction utilisation GT, with exact derivatives.
 
-A base on contacts with a unique state persists if and only if GN < 1 and GT < 1, up to the error of the
-friction pyramid. The reserves do not see one kind of motion: a rotation about two loaded contacts in which
-others, unloaded, move only along their tangent planes (possible with normals in different directions).
+A base on contacts with a unique state maintains them if and only if GN < 1 and GT < 1, up to the error of the
+friction pyramid. Neither index sees one kind of motion: a rotation about two loaded contacts in which others,
+unloaded, move only along their tangent planes (possible with normals in different directions).
 `ContactStates.persistent` sees every motion.
 
 Thesis M, whose equation numbers are cited, is described in docs/bibliography.md.

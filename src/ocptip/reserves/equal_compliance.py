@@ -1,8 +1,8 @@
-"""Rigid feet that can share a load in several ways, as if all were equally compliant.
+"""Rigid feet whose sharing of a load is not determined, as if all were equally compliant.
 
 Rigid bodies leave open how four and more feet share a load. Real feet and floors are compliant, mostly about
-equally. That sharing is what reports show, and it is judged beside the best one: a foot may lift, or the
-friction may be used up, where other normal forces would still hold the base.
+equally. Reports show that sharing, and it is checked beside the best one: a foot may lift, or the friction
+may be used up, where other normal forces would still hold the base.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def equal_sharing(states: ContactStates) -> EqualSharing | None:
 
 
 def reported_slip(states: ContactStates, slip: SlipReserve) -> SlipReserve:
-    """The same reserve to show: GT of the best sharing, forces and usage of equally compliant feet."""
+    """The result to show: GT of the best sharing, forces and usage of equally compliant feet."""
     if (equal := equal_sharing(states)) is None:
         return slip
     known, names = np.isfinite(equal.GT), ("normal_forces", "tangential_forces", "usage")
@@ -123,7 +123,7 @@ def _equal_slip(support: Support) -> Slip | None:
 
 
 def _on_equal_springs(states: ContactStates, slip: Slip) -> tuple[np.ndarray, np.ndarray]:
-    """Which states rest on feet of such a reserve, and their forces (rows, n, d), N."""
+    """The rows of the states that rest on these compliant feet, and their forces (rows, n, d), N."""
     elastic = slip.support.elastic
     assert elastic is not None  # its feet have a stiffness
     rows = np.flatnonzero(states.persistent)

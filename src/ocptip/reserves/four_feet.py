@@ -1,12 +1,13 @@
-"""Four ordinary contacts on one plane: how equally compliant ones share a load, and the least friction used.
+"""Four ordinary contacts on one plane: how equally compliant ones share a load, and the minimum friction
+used.
 
-The normal forces of four contacts can shift in one way: N = N0 + s d, all >= 0, is a segment. For given
-normal forces the least usage of the friction t(s) is a problem in three dimensions (`planar`). 1 / t is
-concave in s: it is the smallest, over planar motions u, of the friction's power sum mu_i N_i |J_i u| divided
-by the power h . u of the load. The slope of the friction's power at the best motion says on which side the
-optimum lies: at an end of the segment, or between, where the slope vanishes (Illinois method). The value is
-certain where it meets the lower bound that its motion gives: the load's power over the larger one of the
-friction's powers at both ends. That replaces a cone program per state by a few planar problems.
+The normal forces of four contacts can shift along one direction: N = N0 + s d, all >= 0, is a segment. For
+given normal forces the minimum usage of the friction t(s) is a problem in three dimensions (`planar`). 1 / t
+is concave in s: it is the smallest, over planar motions u, of the friction's power sum mu_i N_i |J_i u|
+divided by the power h . u of the load. The slope of the friction's power at the best motion says on which
+side the optimum lies: at an end of the segment, or between, where the slope vanishes (Illinois method). The
+value is certain where it meets the lower bound that its motion gives: the load's power over the larger one of
+the friction's powers at both ends. That replaces a cone program per state by a few planar problems.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class SharedLoads:
     """How loads are shared; NaN where that is not certain, or a foot lifts.
 
     Attributes:
-        usage: (N,) the least share of the friction with which contacts hold the base.
+        usage: (N,) the minimum share of the friction with which contacts hold the base.
         normal_forces: (N, 4) N, of equally compliant feet.
         friction_used: (N, 4) shares of the friction with these.
     """
@@ -126,7 +127,7 @@ def _share_all(wrenches, maps, normals, shift, friction, J, equal, usage, forces
 
 @compiled
 def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, held, pulls):
-    """The least usage over the segment of normal forces; NaN where it is not certain."""
+    """The minimum usage over the segment of normal forces; NaN where it is not certain."""
     inside = _INSIDE * (high - low)
     left, right, at = low + inside, high - inside, low + inside
     slope_left, slope_right, side = 0.0, 0.0, 0
@@ -164,7 +165,7 @@ def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, he
 
 @compiled
 def _planar(h, limit, bases, held, pulls, friction, one, other, J):
-    """The least usage with these limits, and the bound of its motion for two sets of normal forces."""
+    """The minimum usage with these limits, and the bound of its motion for two sets of normal forces."""
     held[:] = 0.0
     pulls[:] = 0.0
     solve_planar(h, limit, bases, held, pulls)

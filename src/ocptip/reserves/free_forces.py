@@ -63,8 +63,8 @@ class FreeForces:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Contacts that take part and an orthonormal basis (m, d, nz) of the forces that cancel each other.
 
-        Tangential forces are counted in units of `ForceSets.grip` if normal forces are free, too. Third: the
-        complement of the tangential ones (m, 2, 3) where that has three columns, as on a plane.
+        Tangential forces are counted in units of `ForceSets.grip` if normal forces are free as well. Third:
+        the complement of the tangential ones (m, 2, 3) where that has three columns, as on a plane.
 
         Free are the tangential forces of the contacts that carry, or all forces of all contacts but of
         unloaded ones whose normal force is the same in all solutions.

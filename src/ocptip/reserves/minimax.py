@@ -1,11 +1,11 @@
 """Tangential redistribution: min over z of max_i |q_i + Q_i z| / l_i, in batches.
 
-The forces of every z hold the equilibrium exactly (z runs over the tangential forces that cancel each
-other), so that the usage of any z is an upper bound of the optimum, and any multipliers v with Q'v = 0 give
-the lower bound sum v_i . q_i / sum |v_i| l_i. The gap between the two certifies a result whatever the solver
-said about it. Source: thesis M, (4.12). A second-order cone program of Clarabel, polished by Newton steps on
-the optimality conditions, because derivatives need the multipliers to more digits than an
-interior-point method gives.
+The forces of every z hold the equilibrium exactly (z runs over the tangential forces that cancel each other),
+so that the usage of any z is an upper bound of the optimum, and any multipliers v with Q'v = 0 give the lower
+bound sum v_i . q_i / sum |v_i| l_i. The gap between the two proves a result, whichever status the solver
+returned. Source: thesis M, (4.12). A second-order cone program of Clarabel, polished by Newton steps on the
+optimality conditions, because derivatives need the multipliers to more digits than an interior-point method
+gives.
 """
 
 from __future__ import annotations
@@ -110,8 +110,8 @@ class Minimax:
 def minimise_usage(q: np.ndarray, Q: np.ndarray, limits: np.ndarray, J: np.ndarray | None = None) -> Minimax:
     """Smallest largest usage of N problems of the same size.
 
-    Contacts in one plane are solved by duality in three dimensions (`planar`); what is left, or not
-    certified, by a cone program.
+    Contacts in one plane are solved by duality in three dimensions (`planar`); what is left, or not proved,
+    by a cone program.
 
     Args:
         q: (N, n, k) tangential forces at z = 0, N.
@@ -149,8 +149,8 @@ def _minimise_planar(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> Minima
 def _minimise_general(q: np.ndarray, Q: np.ndarray, limits: np.ndarray) -> Minimax:
     """By Clarabel.
 
-    The problem is solved for u_i = (q_i + Q_i z) / l_i in an orthonormal basis P of the redistributions
-    and in units of the least-squares solution, whose usage is at most sqrt(n) times the optimum.
+    The problem is solved for u_i = (q_i + Q_i z) / l_i in an orthonormal basis P of the redistributions and
+    in units of the least-squares solution, whose usage is at most sqrt(n) times the optimum.
     """
     count, n, k = q.shape
     nz = Q.shape[3]

@@ -1,8 +1,8 @@
 """Optimality conditions of the full redistribution and Newton steps on them.
 
 The cone programs of `fractional` give a point and multipliers to some eight digits. From there, with the
-active contacts known, the conditions are a square system whose solution is exact to rounding, and whose
-signs prove the optimum: for the t found the cone program is convex, so that its conditions suffice.
+active contacts known, the conditions are a square system whose solution is exact to rounding, and whose signs
+prove the optimum: for fixed t the cone program is convex, so that its conditions suffice.
 """
 
 from __future__ import annotations

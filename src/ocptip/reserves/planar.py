@@ -1,11 +1,11 @@
-"""The least largest usage of the friction limits of contacts in one plane, by duality in three dimensions.
+"""The minimax usage of the friction limits of contacts in one plane, by duality in three dimensions.
 
-Tangential forces f_i (2,) at n contacts balance a load h of three components: sum J_i' f_i = h with
-J_i (2, 3), the columns of all J_i together orthonormal. The least largest usage |f_i| / l_i is the largest
-ratio of h . u to sum l_i |J_i u| over planar motions u: the power of the load against the friction of
-contacts that all slide. The maximum is at a rotation about a contact or at a smooth point, found by Newton
-steps on half the square of the friction's power minus h . u, which is convex. Forces and motion are two
-bounds that certify each other.
+Tangential forces f_i (2,) at n contacts balance a load h of three components: sum J_i' f_i = h with J_i (2,
+3), the columns of all J_i together orthonormal. The minimum over f of the largest usage |f_i| / l_i is the
+largest ratio of h . u to sum l_i |J_i u| over planar motions u: the power of the load against the friction of
+contacts that all slide. The maximum is at a rotation about a contact or at a smooth point; Newton steps reach
+it on half the square of the friction's power minus h . u, which is convex. Forces and motion are two bounds
+that prove each other.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _LEAST_LIMIT = 1e-6  # of a contact that carries load, relative to the largest
 
 
 def planar_forces(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (N, n, 2) with the least largest usage that balance what q balances, and pulls (N, n, 2).
+    """Forces (N, n, 2) with the minimax usage that balance what q balances, and pulls (N, n, 2).
 
     A pull is the velocity of its contact in the motion u, scaled so that the friction's power is 1. Whether
     they are optimal is for the caller to see: the largest usage and sum pull . q are upper and lower bound.
@@ -46,7 +46,7 @@ def usage_map(
     J: np.ndarray,
     derivatives: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The least largest usage as a function of the wrench, with two derivatives.
+    """The minimax usage as a function of the wrench, with two derivatives.
 
     Args:
         wrenches: (N, 6).
@@ -250,7 +250,8 @@ def solve_planar(loads, limits, bases, forces, pulls):
 
 @compiled
 def _best_pivot(load, limit, basis, pivots, v, u, pull, forces):
-    """Puts into u the best rotation about a contact; True if it is the optimum, else pull is the way out.
+    """Puts into u the best rotation about a contact; True if it is the optimum, else pull is a direction that
+    improves it.
 
     u is scaled so that the friction's power is the usage.
     """

@@ -1,9 +1,9 @@
-"""Slip reserve GT: the smallest share of the friction limits with which the contacts hold the base.
+"""Friction utilisation GT: the smallest share of the friction limits with which the contacts hold the base.
 
-The solver's basic solution puts forces on edges of the friction pyramid, which says nothing about the
-reserve. Therefore the forces are redistributed so that the largest usage |tangential force| / limit
-becomes as small as possible while the equation of motion (4.13) holds with the state's own accelerations.
-Source: thesis M, section 4.3, (4.12) to (4.18).
+The solver's basic solution puts forces on edges of the friction pyramid, which says nothing about the margin.
+Therefore the forces are redistributed so that the largest usage |tangential force| / limit becomes as small
+as possible while the equation of motion (4.13) holds with the accelerations of the state. Source: thesis M,
+section 4.3, (4.12) to (4.18).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _SHARE, _LEVEL = 0.95, 0.98  # share of the greatest that matters; ratio of the 
 
 @dataclass(frozen=True, eq=False)
 class SlipReserve:
-    """Slip reserves of N states; NaN where the contact state or the redistribution is not solved.
+    """Friction utilisation of N states; NaN where the contact state or the redistribution is not solved.
 
     Attributes:
         slip_ratio: (N,) smallest largest usage of the friction limits (4.12); 0 without a loaded contact; at
@@ -59,7 +59,7 @@ class SlipReserve:
             for contacts that carry no load.
         gradient: (N, 6) derivative of GT with respect to the wrench (1 per N, N m); None if not asked for.
             Zero for a slip ratio of zero, which is a kink.
-        solved: (N,) True where the optimum is certified.
+        solved: (N,) True where the optimum is proved.
         residual: (N,) the larger of the relative error of the equation of motion and the gap between the
             ratio and its lower bound (full: the estimated distance from the optimum).
         status: N sentences.
@@ -100,18 +100,18 @@ def known(GT: np.ndarray) -> np.ndarray:
 
 
 class Slip:
-    """Slip reserve of a support.
+    """Friction utilisation of a support.
 
-    Contacts take part that can carry a tangential force: those with a limit above zero at their normal
-    force. For ordinary contacts these are the loaded ones of the source; a preloaded clamp takes part even
-    if the solver happens to put no force on it.
+    Contacts take part that can carry a tangential force: those with a limit above zero at their normal force.
+    For ordinary contacts these are the loaded ones, as in thesis M; a preloaded clamp takes part even if the
+    solver happens to put no force on it.
 
     Args:
         support: the base on its contacts.
         redistribution: "tangential" keeps the normal forces of the state, as thesis M does. "full" also
             redistributes the normal forces (which are one choice of many with four or more feet, or where
             normals differ), within the convex piece of the force set in which the state's normal force lies.
-            It never gives a larger ratio. Where the base does not persist, sliding friction is bound to the
+            It never gives a larger ratio. Where a contact slides or lifts, sliding friction is bound to the
             normal force, and "full" is the same as "tangential". Where contacts can squeeze each other
             without limit, their normal forces end at LARGEST_SQUEEZE times the largest force or limit of the
             state, and the status says so. Default: "tangential" where normal forces are unique (three feet on
@@ -144,7 +144,7 @@ class Slip:
         least: float = 0.0,
         only_maximum: bool = False,
     ) -> SlipReserve:
-        """Slip reserves of states of this support.
+        """Friction utilisation of states of this support.
 
         A full redistribution takes a cone program per state. Forces that keep the state's normal forces are
         feasible, so that their usage is an upper bound, which costs a hundredth of that.
@@ -195,12 +195,12 @@ class Slip:
     def greatest(
         self, *wrenches: np.ndarray, values: Callable[[np.ndarray], np.ndarray] | None = None
     ) -> np.ndarray:
-        """GT (N,) under wrenches (N, 6), of which the greatest matter; NaN where it is not known.
+        """GT (N,) under wrenches (N, 6), exact near its maximum; NaN where it is not known.
 
-        What is at most 95 % of the greatest, and of 1, may stand there as one number between both.
+        Values of at most 95 % of the maximum, and of 1, may be replaced by one number between both.
 
         Args:
-            wrenches: of one array or several, that count together: half spaces are looked at for each.
+            wrenches: of one array or several, that count together: half spaces are evaluated for each.
             values: of the states at indices (k,), one for each; default: GT under the first wrenches.
         """
         values = values or (lambda some: self._of(wrenches[0][some], only_maximum=True))
@@ -347,7 +347,7 @@ class Slip:
 
 
 class SlipMap:
-    """The slip reserve as a function of the wrench, as programs want it: smooth beyond what holds.
+    """GT as a function of the wrench for nonlinear programs: smooth also where the base slides.
 
     Where three contacts on a plane stand, feet or clamps whose forces are one piece, at most one of them
     without friction, and GT is at most `up_to`, values are GT. Beyond, and where a clamp lets go, they are

@@ -1,21 +1,21 @@
 """The largest moment that can be added about a tipping axis of contacts in general position.
 
-Off a plane tangential forces act about a tipping axis, too, so that normal forces alone do not tell how far
-the base is from tipping. What counts is
+Off a plane tangential forces also act about a tipping axis, so that normal forces alone do not determine how
+far the base is from tipping. What counts is
 
     M_i(w) = max m  subject to  sum of contact wrenches + w + m e_i = 0,  contact forces in their true cones,
 
 w the wrench on the base and e_i a couple about axis i: the moment by which any admissible sharing of the
-forces can still be turned against the base, a max over forces; the reserve is the min over the axes.
+forces can still be turned against the base, a max over forces; the margin is the min over the axes.
 
 The rotation about axis k moves contact c with v_c. If no friction can hold it (the normal part of every v_c
-at least friction times the tangential part), the contacts let go where the moment of w about the axis,
-affine in w, vanishes. So the path w + m e_i ends where the first such axis k tips, if friction lasts till
-then: if the two contacts on axis k carry the wrench there alone, which two quadratic inequalities in the
-one free force along the axis tell (all wrenches that can be carried are a convex set). Then the affine moment
-of axis i stands, and the least of all axes is exact. Otherwise (an axis jams, friction ends first, clamps) a
-second-order cone program decides, with its multipliers as derivative. Where no admissible forces carry
-w + m e_i for any m, the affine moment stands, too: either the base tips, or the slip reserve is used up.
+at least friction times the tangential part), the contacts let go where the moment of w about the axis, affine
+in w, vanishes. So the path w + m e_i ends where the first such axis k tips, if friction lasts till then: if
+the two contacts on axis k carry the wrench there alone, which two quadratic inequalities in the one free
+force along the axis decide (all wrenches that can be carried are a convex set). Then the affine moment of
+axis i is valid, and the minimum over all axes is exact. Otherwise (an axis jams, friction ends first, clamps)
+a second-order cone program decides, with its multipliers as derivative. Where no admissible forces carry w +
+m e_i for any m, the affine moment is valid as well: either the base tips, or friction is used up.
 """
 
 from __future__ import annotations
@@ -208,7 +208,7 @@ class AddableMoments:
     def _solve(
         self, wrenches: np.ndarray, axis: np.ndarray, limits: ForceLimits, at: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """M (P,), derivatives (P, 6), forces (P, d n) by cone programs; NaN where none were found.
+        """M (P,), derivatives (P, 6), forces (P, d n) by cone programs; NaN where there are none.
 
         Unknown are -M and the contact forces, in units of the wrench or of the largest preload; moments over
         the support's length.

@@ -1,10 +1,10 @@
-"""Tip-over reserve GN: how far the base is from a rotation about a tipping axis.
+"""Tip-over index GN: how far the base is from a rotation about a tipping axis.
 
-A contact's normal reserve is the distance of its normal force from the end of its force set at which it
-lets go. About every potential tipping axis the reserves have a moment sum M_i; when the smallest one
-vanishes, the base tips. Source: thesis M, (4.5) to (4.11). There the axes are edges of a polygon, here
-they are found for contacts in any position. Off a plane, where tangential forces act about the axes, too,
-M_i is the largest moment that can be added about the axis (`tip_moments`); on a plane the two are the same.
+A contact's normal margin is the distance of its normal force from the end of its force set at which it lets
+go. About every potential tipping axis these margins have a moment sum M_i; when the smallest one vanishes,
+the base tips. Source: thesis M, (4.5) to (4.11). There the axes are edges of a polygon, here they are
+computed for contacts in any position. Off a plane, where tangential forces also act about the axes, M_i is
+the largest moment that can be added about the axis (`tip_moments`); on a plane the two are the same.
 """
 
 from __future__ import annotations
@@ -33,17 +33,16 @@ REFERENCE_SHARE = 0.1
 
 
 class TipOver:
-    """Tip-over reserve of a support; finds the potential tipping axes once.
+    """Tip-over index of a support; finds the potential tipping axes once.
 
-    A line through two contacts is a potential tipping axis if a rotation about it lifts at least one
-    contact, drives none into the ground and moves none along its normal that cannot: rigid and
-    force-variable clamps must lie on it (or move in their tangent plane). A force-constant two-sided clamp
-    yields in both directions, so that it may move either way.
+    A line through two contacts is a potential tipping axis if a rotation about it lifts at least one contact,
+    drives none into the ground and moves none along its normal that cannot: rigid and force-variable clamps
+    must lie on it (or move in their tangent plane). A force-constant two-sided clamp yields in both
+    directions, so that it may move in either.
 
-    Contacts on one line (or a single one; in the plane all at one point) transmit no moment about it:
-    nothing resists such a rotation, whatever the bindings. `free_rotation` is then True and the
-    tip ratio 1 for every state.
-    Without any axis (for example three rigid clamps) the base cannot tip: tip ratio 0.
+    Contacts on one line (or a single one; in the plane all at one point) transmit no moment about it: nothing
+    resists such a rotation, whatever the contact models. `free_rotation` is then True and the tip ratio 1 for
+    every state. Without any axis (for example three rigid clamps) the base cannot tip: tip ratio 0.
 
     Args:
         support: the base on its contacts.
@@ -106,7 +105,7 @@ class TipOver:
         return self.addable_moments.slope, self.addable_moments.offset
 
     def ratio(self, moments: np.ndarray) -> np.ndarray:
-        """GN (...) of least moments (...), N m, as tip-over is counted where no motion is looked at.
+        """GN (...) of minimum moments (...), N m, where the accelerations of the contacts are not known.
 
         M0 / (M0 + M), and where the base tips, M < 0, 1 - M / M0, instead of the lift acceleration (4.11).
         """
@@ -114,7 +113,7 @@ class TipOver:
         return reference / (reference + np.maximum(moments, 0.0)) - np.minimum(moments, 0.0) / reference
 
     def evaluate(self, states: ContactStates) -> TipOverReserve:
-        """Tip-over reserves of states of this support.
+        """Tip-over indices of states of this support.
 
         Raises:
             InputError: the states belong to another support.
@@ -171,7 +170,7 @@ class TipOver:
         return moments, slopes
 
     def _largest_moment(self) -> float:
-        """Largest min_i M_i of reserves >= 0 with the sum of the weight, N m (linear program)."""
+        """Largest min_i M_i of normal forces >= 0 whose sum is the weight, N m (linear program)."""
         weight = self.support.mass * float(np.linalg.norm(self.support.gravity))
         if weight == 0:
             raise InputError(
@@ -184,7 +183,7 @@ class TipOver:
 
 
 def largest_least(rows: np.ndarray) -> float | None:
-    """The largest min_i (A x)_i over x >= 0 with sum 1, of A (m, n) >= 0; None if it was not found.
+    """The largest min_i (A x)_i over x >= 0 with sum 1, of A (m, n) >= 0; None if the solver fails.
 
     Clarabel finds which rows and columns take part, their equations the value to rounding; it counts where a
     mean of rows shows that no x gives more. Where too many take part HiGHS decides, whose import takes longer
@@ -237,7 +236,7 @@ def _game(A: np.ndarray) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class TipOverReserve:
-    """Tip-over reserves of N states; NaN where the contact state is not solved.
+    """Tip-over indices of N states; NaN where the contact state is not solved.
 
     Attributes:
         tip_ratio: (N,) M0 / (M0 + min_i M_i), 1 means tipping. Set to 1 where a contact lifts off: on a
@@ -245,7 +244,7 @@ class TipOverReserve:
             rotation about two contacts.
         lift_acceleration: (N,) maximum normal acceleration of a contact (4.10), m/s^2: how fast it lifts;
             0 where no contact does.
-        moments: (N, axes) moment sums M_i of the normal reserves about the axes, N m.
+        moments: (N, axes) moment sums M_i of the normal margins about the axes, N m.
         nearest_axis: (N,) axis with the smallest moment sum, -1 for none.
         normal_reserves: (N, n) distance of the normal force from the nearer end of its set (4.7 to 4.9),
             N; infinite for contacts that cannot separate. `moments` use the end at which the contact lets
@@ -271,7 +270,7 @@ class TipOverReserve:
     def GN(self) -> np.ndarray:
         """(N,) tip ratio, below 1 where nothing lifts, plus the value of the lift acceleration.
 
-        The source publishes this sum (4.11). It only orders states: 1.3 is a contact that lifts at 0.3 m/s^2.
+        Thesis M publishes this sum (4.11). It only orders states: 1.3 is a contact that lifts at 0.3 m/s^2.
         """
         return self.tip_ratio + self.lift_acceleration
 
@@ -321,7 +320,7 @@ class TipOverReserve:
 
 
 class TipMap:
-    """Moments of the normal reserves about the tipping axes as functions of the wrench.
+    """Moments of the normal margins about the tipping axes as functions of the wrench.
 
     Args:
         tip_over: of the support.
@@ -368,9 +367,9 @@ class TipMap:
 
 
 def _product(reserves: np.ndarray, lifts: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Sums over the contacts of reserves (N, n, ...) times lifts (axes, n): (N, axes, ...).
+    """Sums over the contacts of margins (N, n, ...) times lifts (axes, n): (N, axes, ...).
 
-    Infinite reserves stand at contacts with no lift and must not turn into NaN.
+    Contacts with no lift have infinite margins, which must not turn into NaN.
     """
     used = np.any(lifts != 0, axis=0)
     axis = axis % reserves.ndim

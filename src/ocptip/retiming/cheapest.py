@@ -128,7 +128,7 @@ class CheapestProgram:
                 x = np.clip(x, *self.grid.bounds.T)  # up to the solver's tolerance it is
                 return x, scale * float(solution.obj_val_dual) + offset
         raise SolverError(
-            f"cheapest timing: none found to its accuracy (Clarabel: {status}); time as objective may help"
+            f"cheapest timing: no accurate solution (Clarabel: {status}); time as objective may help"
         )
 
     # columns: x and z of the nodes; per interval the cost of copper, standby and time (by joint: of standby

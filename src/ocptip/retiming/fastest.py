@@ -1,6 +1,6 @@
 """The fastest timing of a path: reachability on a grid of nodes (Pham and Pham 2018), rows at both ends.
 
-Backward, from which x at each node the rest of the path can be done; then forward, the greatest x. Rows hold
+Backward, from which x at each node the rest of the path can be done; then forward, the maximum x. Rows hold
 at both ends of every interval, so that there is no singularity where a coefficient of u vanishes.
 """
 
@@ -94,10 +94,10 @@ class Grid:
         ends: x at start and end, 1/s^2.
 
     Attributes:
-        places: nodes; those at which derivatives jump twice.
+        places: nodes; those at which derivatives have steps occur twice.
         left, right: (N,), the places at both ends of the intervals.
         widths: (N,).
-        bounds: (N + 1, 2), least and greatest x at the nodes.
+        bounds: (N + 1, 2), minimum and maximum x at the nodes.
     """
 
     def __init__(
@@ -149,12 +149,12 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class FastestTiming:
-    """x at the nodes, and why it is not greater.
+    """x at the nodes, and why it is not larger.
 
     Attributes:
         x: (N + 1,), 1/s^2.
         polygons: in which it lies.
-        controllable: (N + 1, 2), least and greatest x from which the rest can be done.
+        controllable: (N + 1, 2), minimum and maximum x from which the rest can be done.
         grid, extra: the nodes and further rows.
     """
 
@@ -166,7 +166,7 @@ class FastestTiming:
 
     @cached_property
     def active(self) -> tuple[str, ...]:
-        """(N,) names of the limits that decide in the intervals: those with the least room."""
+        """(N,) names of the limits that decide in the intervals: those with the minimum room."""
         return _deciding(self.grid, self.extra, self.polygons, self.x)
 
 
@@ -196,7 +196,7 @@ def enough(path: JointPath, count: int) -> int:
 
 
 def _eased(t: np.ndarray) -> np.ndarray:
-    """Way after a time t in [0, 1] of a ramp up, an even speed, and a ramp down."""
+    """Distance after a time t in [0, 1] of a trapezoidal velocity profile."""
     speed = 1 / (1 - _RAMP)
     early = np.minimum(t, 1 - t)
     half = np.where(early < _RAMP, 0.5 * speed * early**2 / _RAMP, speed * (early - 0.5 * _RAMP))
@@ -215,7 +215,7 @@ def _merged(path: JointPath, s: np.ndarray) -> np.ndarray:
 
 
 def fastest(grid: Grid, extra: ExtraRows) -> FastestTiming:
-    """The greatest x at all nodes.
+    """The maximum x at all nodes.
 
     Raises:
         InputError: the path cannot be timed; says where and why.
@@ -237,7 +237,7 @@ def fastest(grid: Grid, extra: ExtraRows) -> FastestTiming:
 
 
 def _deciding(grid: Grid, extra: ExtraRows, polygons: Polygons, x: np.ndarray) -> tuple[str, ...]:
-    """Which limit has the least room in each interval; of those with hardly more the one before it."""
+    """Which limit has the minimum room in each interval; of nearly equal ones the one before it."""
     names: list[str] = []
     for i, count in enumerate(polygons.counts):
         numbers, (a, b, c) = polygons.numbers[i, :count], polygons.rows[i, :count].T

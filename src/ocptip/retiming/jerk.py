@@ -1,9 +1,9 @@
-"""A limit of the jerk, as a second stage: a timing below a given one whose accelerations do not jump.
+"""A limit of the jerk, as a second stage: a timing below a given one with continuous accelerations.
 
 Between nodes the third derivative of s over t is constant. Unknown are ds/dt and d2s/dt2 at the nodes and the
-times between them; Ipopt looks for the least duration that keeps all rows, and the jerk of every joint,
-q''' s'^3 + 3 q'' s' s'' + q' s''', at both ends of every interval. The limit of the jerk is not convex, so
-that the solution is a local one.
+times between them; Ipopt minimises the duration subject to all rows, and to the jerk of every joint, q'''
+s'^3 + 3 q'' s' s'' + q' s''', at both ends of every interval. The limit of the jerk is not convex, so that
+the solution is a local one.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ def steady(grid: Grid, before: Trajectory, jerk: np.ndarray) -> Trajectory:
         jerk: (n,), rad/s^3 or m/s^3; infinite: not limited.
 
     Raises:
-        InputError: the path's curvature jumps where it does not stop: says where.
-        SolverError: none is found.
+        InputError: the path's curvature has a step where it does not stop: says where.
+        SolverError: Ipopt ends without one.
     """
     program = _Program(grid, before, jerk)
     rows = program.rows_at_nodes()
@@ -75,7 +75,7 @@ class _Program:
         bad = np.flatnonzero((jumps > _JUMP * np.max(np.abs(curvature))) & ~self.still[1:-1])
         if bad.size:
             raise InputError(
-                f"jerk: the path's curvature jumps at s = {grid.s[1 + bad[0]]:.4f}, and with it accelerations"
+                f"jerk: the path's curvature has a step at s = {grid.s[1 + bad[0]]:.4f}, also accelerations"
             )
 
     def start(self) -> np.ndarray:
@@ -107,7 +107,7 @@ class _Program:
         found = solver(x0=start, lbg=low, ubg=0.0, **self._bounds())
         if not solver.stats()["success"]:
             why = ending(solver.stats()["return_status"])
-            raise SolverError(f"jerk: no timing found within all limits ({why}); more jerk may help")
+            raise SolverError(f"jerk: no timing within all limits ({why}); more jerk may help")
         return np.array(found["x"])[:, 0]
 
     def _bounds(self) -> dict[str, np.ndarray]:
@@ -164,7 +164,7 @@ class _Program:
         return np.stack([self.nodes[own], found.alpha, found.beta, found.gamma])[:, bad]
 
     def motion(self, unknown: np.ndarray) -> Trajectory:
-        """The timing: cubics in t with the speeds and the times that were found."""
+        """The timing: cubics in t with the speeds and the times of the solution."""
         v = np.where(self.still, 0.0, np.maximum(unknown[: self.count + 1], 0.0)) / self.unit
         times = np.append(0.0, np.cumsum(unknown[2 * self.count + 2 :])) * self.unit
         return Trajectory.from_path(self.grid.path, self.grid.s, v**2, times)

@@ -117,17 +117,18 @@ def clipped(polygon, names, n, a, b, c, name, other, other_names):
 
 @compiled
 def _beyond(polygon, k, a, b, c):
-    """By how much corner k is beyond a p + b q <= c, and what of that is rounding: as its own size, not the
-    polygon's, which in short intervals is a strip to speeds that no neighbour allows."""
+    """By how much corner k is beyond a p + b q <= c, and what of that is rounding: relative to the corner,
+    not to the polygon, which in short intervals is a strip to speeds that no neighbour allows.
+    """
     p, q = a * polygon[k, 0], b * polygon[k, 1]
     return p + q - c, _ZERO * (abs(c) + abs(p) + abs(q))
 
 
 @compiled
 def controllable(counts, corners, bounds, found):
-    """From which x at the nodes the rest can be done: found (N + 1, 2), least and greatest.
+    """From which x at the nodes the rest can be done: `found` (N + 1, 2), minimum and maximum.
 
-    bounds (N + 1, 2) are the least and greatest x that are allowed. Returns -1, or the interval that fails.
+    bounds (N + 1, 2) are the minimum and maximum x that are allowed. Returns -1, or the interval that fails.
     """
     count = len(counts)
     polygon, names = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64)
@@ -150,7 +151,7 @@ def controllable(counts, corners, bounds, found):
 
 @compiled
 def greatest(counts, rows, numbers, found, x, active):
-    """The greatest x (N + 1,) from x[0] on, and the number of the row that ends it, (N,), -5: what follows.
+    """The maximum x (N + 1,) from x[0] on, and the number of the row that ends it, (N,), -5: what follows.
 
     Returns -1, or the interval in which nothing is left.
     """

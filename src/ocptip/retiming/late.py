@@ -1,8 +1,8 @@
-"""Rows for joints that are late, or overshoot where they jump, each by itself, on a path.
+"""Rows for delayed joints, and joints that overshoot acceleration steps, each by itself, on a path.
 
-What joints may be doing at a node, and the longest delay after it, `within.late_joints` says. On a path all
-of that is affine in x at a few neighbouring nodes. So are rows of the wrench with the worst of them: the
-limits stay convex, but join more than two nodes, which reachability cannot have and a cone program can.
+`within.late_joints` gives the possible states of joints at a node, up to the longest delay after it. On a
+path all of that is affine in x at a few neighbouring nodes. So are rows of the wrench with the worst of them:
+the limits stay convex, but join more than two nodes, which reachability cannot have and a cone program can.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Couplings:
 
 
 class LateJoints:
-    """Where joints that are late or overshoot break a limit of the contacts.
+    """Where joints that are delayed or overshoot break a limit of the contacts.
 
     Args:
         grid: the nodes, and limits with a tolerance.
@@ -83,7 +83,7 @@ class LateJoints:
 
     @staticmethod
     def wanted(tolerance: Uncertainty) -> bool:
-        """Whether joints may be late, or overshoot."""
+        """Whether joints may be delayed, or overshoot."""
         return bool(tolerance.delay or tolerance.overshoot)
 
     def broken(self, x: np.ndarray) -> tuple[float, Couplings]:
@@ -157,7 +157,7 @@ class LateJoints:
         return found
 
     def _before_all(self, at: _Nodes, time: float) -> list[tuple[tuple, _Made]]:
-        """The latest that it may be, within an interval, where accelerations change without a jump."""
+        """The state with the maximum delay, within an interval, where accelerations are continuous."""
         if time <= 0:
             return []
         node = int(np.searchsorted(at.t, time, side="right")) - 1
@@ -188,4 +188,4 @@ class _Nodes(NamedTuple):
 
 
 _Made = tuple[tuple[tuple[int, float], ...], tuple[tuple[int, bool, float], ...]]
-"""What a way is the sum of: speeds at nodes, with factors; accelerations after (True) or before nodes."""
+"""Terms of a displacement: speeds at nodes, with factors; accelerations after (True) or before nodes."""

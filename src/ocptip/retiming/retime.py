@@ -31,8 +31,9 @@ from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.trajectory import Trajectory
 
 FASTEST_NODES, CHEAPEST_NODES = 300, 100
-"""Intervals between nodes if nothing else is asked for: 0.1 % of the duration; costs are flatter. Late joints
-need cone programs, too."""
+"""Intervals between nodes if nothing else is asked for: 0.1 % of the duration; costs are flatter. Delayed
+joints also need cone programs.
+"""
 
 JERK_NODES = 150
 """The same with a limit of the jerk, whose program is the slowest."""
@@ -57,16 +58,16 @@ class Retimed:
     Attributes:
         motion: the result.
         check: of the motion, against all limits.
-        objective: what is least.
+        objective: what is minimised.
         active: (N,) which limit decides in the intervals between nodes of the fastest timing, whether it is
-            speeding up, braking or at its greatest speed.
-        curve: (N,), 1/s: greatest ds/dt that the limits at the begin of each interval allow by themselves.
+            speeding up, braking or at its maximum speed.
+        curve: (N,), 1/s: maximum ds/dt that the limits at the begin of each interval allow by themselves.
         curve_limits: (N,) by which limit.
-        fastest: s, duration of the fastest timing; where joints may be late, as if they were not.
-        cheapest: cost and its lower bound, on the grid; None for the fastest timing without late joints.
+        fastest: s, duration of the fastest timing, without delays of joints.
+        cheapest: cost and its lower bound, on the grid; None for the fastest timing without delayed joints.
         slower: factor of all times with which what got through between nodes keeps the limits.
         later: kinds of limits that no timing knows of, only the check.
-        jerk: (n,), rad/s^3 or m/s^3, that was asked for; None: accelerations may jump.
+        jerk: (n,), rad/s^3 or m/s^3, that was asked for; None: acceleration steps are allowed.
         seconds: that it took, with the check.
     """
 
@@ -85,7 +86,9 @@ class Retimed:
 
     @property
     def verified(self) -> bool:
-        """All limits hold in the check; with one of the jerk it holds, too, and no acceleration jumps."""
+        """All limits hold in the check; with a jerk limit that one also holds, and accelerations are
+        continuous.
+        """
         if self.jerk is None:
             return self.check.verified
         steps = np.max(self.motion.acceleration_steps / np.max(self.motion.acceleration_peaks))
@@ -93,7 +96,7 @@ class Retimed:
 
     @property
     def jerk_ratio(self) -> float:
-        """Greatest jerk of the motion as a share of what was asked for; 0 where that was nothing."""
+        """Maximum jerk of the motion as a share of what was asked for; 0 where that was nothing."""
         return 0.0 if self.jerk is None else float(np.max(self.motion.jerk_peaks / self.jerk))
 
     def to_dict(self) -> dict[str, Any]:
@@ -150,18 +153,18 @@ def retime(
     Args:
         robot: on its support.
         path: of its joints.
-        limits: default 0.9 for both reserves, the arm's torques, no collision. With a tolerance by which
-            joints are late or overshoot the fastest timing, too, is that of a cone program.
+        limits: default 0.9 for GN and GT, the arm's torques, no collision. With an uncertainty by which
+            joints are delayed or overshoot, the fastest timing is also that of a cone program.
         objective: `TIME`, `ENERGY` or `priced`.
-        nodes: intervals between nodes; default 300 (cheapest or with late joints 100), and more for paths on
-            which a joint turns back more than five times.
+        nodes: intervals between nodes; default 300 (cheapest or with delayed joints 100), and more for paths
+            on which a joint turns back more than five times.
         ends: ds/dt at start and end, 1/s, for stretches of longer motions.
-        jerk: greatest one of each joint, (n,) or one for all, rad/s^3 or m/s^3; accelerations then do not
-            jump. A second stage, nowhere faster than the first, a local solution. None: not limited.
+        jerk: maximum of each joint, (n,) or one for all, rad/s^3 or m/s^3; accelerations are then continuous.
+            A second stage, nowhere faster than the first, a local solution. None: not limited.
 
     Raises:
         InputError: the path does not fit the robot, or cannot be timed: says where, and by which limit; or
-            its curvature jumps, which no limit of the jerk allows.
+            its curvature has a step, which no limit of the jerk allows.
         SolverError: the program of the cheapest timing, or that of the jerk, is not solved.
     """
     begun, limits = perf_counter(), limits or Limits()
@@ -240,7 +243,7 @@ def _solve(
 ) -> _Solved:
     """On a grid, with rows between the nodes where they are broken, and with tangents.
 
-    `known` are rows of late joints of the same grid, of limits that are not tighter.
+    `known` are rows of delayed joints of the same grid, of limits that are not tighter.
     """
     grid, extra = Grid(robot, path, timing, s, ends), ExtraRows.none()
     late = LateJoints(grid) if LateJoints.wanted(timing.asked.tolerance) else None
@@ -294,7 +297,7 @@ def _improved(
 
 
 class _Between:
-    """Places between the nodes of a grid, and its ends: where rows are looked at again.
+    """Places between the nodes of a grid, and its ends: where rows are evaluated again.
 
     Args:
         grid: the nodes.
@@ -319,7 +322,7 @@ class _Between:
 
         Args:
             x: (N + 1,), the timing.
-            rows: look at all rows, not only at tangents.
+            rows: evaluate all rows, not only tangents.
         """
         found = [self._broken_rows(x)] if rows else []
         for places, intervals, shares in self._sides if self._grid.limits.curved else []:
@@ -363,7 +366,7 @@ def _duration(found: _Solved) -> float:
 
 
 def _curve(found: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Greatest ds/dt at the begin of each interval by the rows there alone, and which limit it is."""
+    """Maximum ds/dt at the begin of each interval by the rows there alone, and which limit it is."""
     polygons, speeds, names = found.fast.polygons, [], []
     extra = ExtraRows.none()
     plain = found.grid.polygons(extra)
@@ -417,7 +420,7 @@ def _tightened(robot: StandingMechanism, asked: Limits, limits: Limits, checked:
 def _slowed(
     robot: StandingMechanism, motion: Trajectory, limits: Limits, checked: MotionCheck
 ) -> tuple[Trajectory, MotionCheck, float]:
-    """The motion slowed down by the least factor, up to that of `execute`, that cures what timing can."""
+    """The motion slowed down by the minimum factor, up to that of `execute`, that cures what timing can."""
 
     def kept(factor: float) -> tuple[Trajectory, MotionCheck, float] | None:
         slower = motion.time_scaled(factor)

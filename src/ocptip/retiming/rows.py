@@ -64,7 +64,7 @@ class Places:
 
     @cached_property
     def caps(self) -> np.ndarray:
-        """(P,), 1/s^2: greatest x that limits of speeds allow."""
+        """(P,), 1/s^2: maximum x that limits of speeds allow."""
         robot, own = self.robot, self.robot.further_limits
         pace = 1 / np.maximum(np.max(np.abs(self.dq) / robot.limits.speed, axis=1), FASTEST**-0.5)
         if own.count:  # affine in the speeds
@@ -136,7 +136,7 @@ class TimingLimits:
 
     Attributes:
         curved: limits of which there are only tangents.
-        later: names of limits that a check sees, but no timing: of jumps and of stops.
+        later: names of limits that a check sees, but no timing: at acceleration steps and in stops.
     """
 
     def __init__(self, robot: StandingMechanism, asked: Limits) -> None:

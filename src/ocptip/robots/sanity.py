@@ -63,7 +63,7 @@ def refuse_impossible_links(
             found[names[0]] = reason
     if len(found) == arm.n and not arm.masses.any():
         raise InputError(
-            "no link that moves has a mass: a model to be looked at, not to be planned with; give its links "
+            "no link that moves has a mass: a model for display, not for planning; give its links "
             "<inertial> with mass and moments of inertia"
         )
     if found:

@@ -147,8 +147,8 @@ def _from_pinocchio(
     arm = _arm(reduced, base_at, tool_at, mimics.coupled, armature, acceleration)
     refuse_impossible_links(arm, _links(reduced), accept_inertia)
     reasons = {
-        "their limits leave no way (others in [arm.limits], by name, free them)": stuck,
-        "not on the way to the tool": at_rest,
+        "their limits leave no range (others in [arm.limits], by name, free them)": stuck,
+        "not in the chain to the tool": at_rest,
     }
     notes = [_locked_note(why, values) for why, values in reasons.items() if values]
     if arm.coupling is not None:
@@ -180,7 +180,7 @@ def _mimics(
             if joint.name in way:
                 name = joint.mimics[0]
                 raise InputError(
-                    f"joint {joint.name!r} mimics {name!r}, which is not there or mimics it, too"
+                    f"joint {joint.name!r} mimics {name!r}, which is missing or mimics it as well"
                 )
             continue
         number = robot.getJointId(leader.name)
@@ -188,9 +188,9 @@ def _mimics(
         if ratio and not fixed and leader.name in {*way} - {*locked} and not _stuck(robot, number):
             if joint.name not in way:
                 raise InputError(
-                    f"joint {joint.name!r}, beside the way to the tool, mimics {leader.name!r}, which moves; "
-                    "only couplings on the way are modelled: lock one of the two (locked_deg, locked_m), or "
-                    f"take a tool_frame before it, such as {file.joints[leader.name].parent!r}"
+                    f"joint {joint.name!r}, beside the chain to the tool, mimics {leader.name!r}, which "
+                    "moves; only couplings within the chain are modelled: lock one of the two (locked_deg, "
+                    f"locked_m), or take a tool_frame before it, such as {file.joints[leader.name].parent!r}"
                 )
             found.coupled[joint.name] = leader.name, ratio, offset
             continue

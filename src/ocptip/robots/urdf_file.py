@@ -402,7 +402,7 @@ def _loops(above: Mapping[str, list[str]], root: str) -> Iterator[str]:
         while at != root and at in above:
             at = above[at][0]
             if at == link:
-                yield f"link {link!r} is its own ancestor; a URDF is a tree"
+                yield f"link {link!r} is an ancestor of itself; a URDF is a tree"
                 return
             if at in seen:
                 break

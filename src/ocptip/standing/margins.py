@@ -17,7 +17,7 @@ from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 
 _HOLDS = 1 - 1e-6  # friction utilisation up to which feet hold the base beyond doubt
-_SHARED = "rigid contacts can share the load in several ways; normal forces are "
+_SHARED = "how rigid contacts share the load is not determined; normal forces are "
 _EQUAL, _ONE_OF_MANY = _SHARED + "those of equally compliant feet", _SHARED + "one of them"
 _UNITS = {"tipping_moment": "_Nm", "edge_distance": "_m", "normal_forces": "_N", "min_foot_force": "_N"}
 

@@ -359,7 +359,7 @@ def motion_sensitivities(
     words = f"{100 * SPEED:g} % faster"
     changes.append(_Change(words, "speed", SPEED, "", lambda e: stand(robot, 1 + e), 2 * inertial))
     if isinstance(robot, Robot):
-        own = f"{GRIPPER:g} kg more at the gripper point", "gripper_mass", GRIPPER, "kg"
+        own = f"{GRIPPER:g} kg more at the TCP", "gripper_mass", GRIPPER, "kg"
         changes.append(_load_change(nominal, *own, _held(robot, ONE_KILOGRAM, q, qd, qdd), per_kilogram))
         if (held := robot.arm.payload) is not None:
             own = "10 % heavier payload", "payload_mass", 0.1, ""

@@ -144,7 +144,7 @@ class Uncertainty:
         if np.ndim(self.base_mass):
             low, high = mass = finite_array("base_mass", self.base_mass, (2,))
             if not 0 < low <= high:
-                raise InputError(f"base_mass: expected 0 < least <= largest mass, kg, got {mass.tolist()}")
+                raise InputError(f"base_mass: expected 0 < minimum <= maximum mass, kg, got {mass.tolist()}")
             settle(self, base_mass=tuple(mass.tolist()))
         shares = [*_SHARES, *(() if np.ndim(self.base_mass) else ("base_mass",))]
         shares += [] if self.damping is None else ["damping"]

@@ -243,7 +243,7 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
 
 
 def _with_links(arm: ArmModel, table: Table) -> ArmModel:
-    """The arm with masses, centres and inertias of `[arm.links."JOINT"]` instead of its own."""
+    """The arm with masses, centres and inertias replaced by those of `[arm.links."JOINT"]`."""
     masses, centres, inertias = arm.masses.copy(), arm.centres.copy(), arm.inertias.copy()
     armature = np.array(arm.armature)
     for name in table:
@@ -271,7 +271,7 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
 
 
 def _part(table: Table) -> RigidBody:
-    """A part of a link, in the link's frame: its mass, and the rest in axes of its own at `position`."""
+    """A part of a link, in the link's frame: its mass, and the rest in the axes of the part at `position`."""
     mass, position = table["mass"], table["position"]
     turn, centre = table.rotation("", np.eye(3)), table["center_of_mass"]
     inertia = table.make(symmetric_matrix, table.get("inertia", np.zeros(3)))

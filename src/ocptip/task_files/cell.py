@@ -69,7 +69,7 @@ class CellTask:
         cycle: with its poses in world axes; the postures in it that belong to poses mean nothing.
         problem: where the base may stand: one gripper task per pose of the cycle, its loads what the gripper
             holds as it comes and as it goes, at rest.
-        tolerance: of the motions; the problem has the part that the search for places looks at.
+        tolerance: of the motions; the problem has the part that the search for places uses.
         data: the file's content.
         path: of the file.
     """
@@ -97,7 +97,7 @@ class CellTask:
             return replace(task, source=task_source(data, task.robot))
 
     def placed_data(self, placement: Placement) -> dict[str, Any]:
-        """The content of that file; its tip-over reserve has the reference moment of the placement."""
+        """The content of that file; its tip-over index has the reference moment of the placement."""
         back, origin = placement.base_rotation.T, placement.base_position
         data = {key: value for key, value in self.data.items() if key not in OF_PLACES}
         limits = {key: v for key, v in data.get("limits", {}).items() if key not in _only_of_places()}
@@ -124,8 +124,7 @@ def load_cell(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> Ce
     Raises:
         InputError: the file cannot be read or describes no cell; one line that names file and key.
 
-    Warns:
-        InputWarning: values that are hardly meant.
+    Warns: InputWarning: suspicious values.
     """
     path = Path(path)
     with Table.read(path, CELL) as data:

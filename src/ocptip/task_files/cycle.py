@@ -141,8 +141,7 @@ def load_cycle(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> C
     Raises:
         InputError: the file cannot be read or describes no cycle; one line that names file and key.
 
-    Warns:
-        InputWarning: values that are hardly meant.
+    Warns: InputWarning: suspicious values.
     """
     path = Path(path)
     with Table.read(path, CYCLE) as data:
@@ -252,7 +251,7 @@ def _require_use(data: Table, tables: list[_SegmentTable], key: str) -> None:
 
 
 def _doubts(task: CycleTask) -> Iterator[str]:
-    """What segments hardly mean."""
+    """Suspicious values of segments."""
     for number, (one, other) in enumerate(zip(task.segments[:-1], task.segments[1:], strict=True), 1):
         if one.task.robot is not other.task.robot and one.dwell == 0:
             yield f"segment[{number}]: the load of the gripper changes after it, in no time; give a dwell"

@@ -26,7 +26,7 @@ _PART = 0.01
 """A base has two links and more of at least this share of its mass; a single one is the foot of the arm."""
 
 _HEAVIER, _LEAST_MASS = 3.0, 80.0
-"""An invented base weighs this many times the arm, and at least so many kg."""
+"""Mass of an invented base: a multiple of that of the arm, and a minimum, kg."""
 
 _WIDE, _LEAST_HALF = 0.25, np.array([0.3, 0.25])
 """Feet of an invented base are this share of the arm's reach from its middle, and at least so far, m."""
@@ -68,7 +68,7 @@ class ExampleBase:
     def source(self) -> str:
         """Where the numbers come from, one sentence."""
         if not self.of_urdf:
-            return "mass, centre of mass, feet and height are invented, for the URDF has no base of its own"
+            return "mass, centre of mass, feet and height are invented, for the URDF has no base"
         feet = "those of its lowest solids" if self.feet_of_urdf else "invented, for no solid shows them"
         return f"mass and centre of mass are those of the URDF's links that rest; feet and height are {feet}"
 
@@ -160,7 +160,7 @@ class ExampleMotion:
     Attributes:
         start, goal: (n,), rad or m.
         clear: m, by how much the straight motion is known to be clear of all; None: it was not checked;
-            negative: no clear motion was found.
+            negative: the search has no clear motion.
     """
 
     start: np.ndarray
@@ -175,7 +175,7 @@ class ExampleMotion:
         if not np.isfinite(self.clear):
             return "start and goal are an example; no two solids can collide that do not always touch"
         if self.clear < 0:
-            return "start and goal are an example in which links overlap: no clear one was found"
+            return "start and goal are an example in which links overlap: the search has no clear one"
         return f"start and goal are an example {1e3 * self.clear:.2g} mm clear of arm and ground"
 
 

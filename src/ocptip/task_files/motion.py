@@ -1,7 +1,7 @@
 """Motion tasks from TOML files: any arm, or a parallel robot, on any support.
 
-Format: docs/motion-planner.md. Of several branches of a pose the task holds all pairs of start and goal that
-stand at rest within all limits, and as its own start and goal those with the shortest joint way.
+Format: docs/motion-planner.md. If a pose has several IK solutions, the task holds all pairs of start and goal
+that stand at rest within all limits. Its nominal start and goal are the pair with the shortest joint path.
 """
 
 from __future__ import annotations
@@ -213,8 +213,7 @@ def load_task(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> Mo
         InputError: the file cannot be read or describes no task, or a pose is out of reach (by how much); one
             line that names file and key.
 
-    Warns:
-        InputWarning: values that are hardly meant, such as angles in radians.
+    Warns: InputWarning: suspicious values, such as angles in radians.
     """
     path = Path(path)
     with Table.read(path, TASK) as data:
@@ -305,7 +304,7 @@ def ramp_task(
 
 
 def _durations(table: Table) -> dict[str, float]:
-    """Least and greatest duration, of [motion]."""
+    """Minimum and maximum duration, of [motion]."""
     key = table.one_of("duration")
     if key is None:
         return {}

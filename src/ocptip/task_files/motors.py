@@ -147,7 +147,7 @@ def read_gears(table: Table, arm: ArmModel) -> Gears | None:
     key = table.one_of("gear_damping")
     if found is None:
         if key is not None:
-            raise table.error("of gears without gear_stiffness; give that, too", key)
+            raise table.error("needs gear_stiffness; give that as well", key)
         return None
     stiffness = np.full(arm.n, np.inf)
     stiffness[~arm.prismatic] = np.where(np.isnan(found), np.inf, found)

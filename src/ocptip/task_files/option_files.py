@@ -65,7 +65,7 @@ def load_asked(path: str | os.PathLike[str], arm: ArmModel, poses: Mapping[str, 
     Args:
         path: of the file.
         arm: whose joints the poses are of.
-        poses: those that are always looked at, (n,) each.
+        poses: those that are always checked, (n,) each.
 
     Raises:
         InputError: a value is unknown or cannot be used; names its place.

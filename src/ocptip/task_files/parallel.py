@@ -274,7 +274,7 @@ class _Reader:
     def _serial(self, leg: Table, table: Table, rows: list[Table]) -> tuple[type, dict[str, Any]]:
         for part, name in ((table, "loops"), *((row, "after") for row in rows)):
             if name in part:
-                raise part.error("for legs that branch, with `ends`, but this leg has none", name)
+                raise part.error("for branched legs, with `ends`, but this leg has none", name)
         return SerialLeg, {
             "n": table.get("joints_to_coupling", REQUIRED),
             "coupling": self._point(leg, "coupling"),
@@ -285,9 +285,9 @@ class _Reader:
     def _branched(self, leg: Table, table: Table, rows: list[Table]) -> tuple[type, dict[str, Any]]:
         for name in ("coupling", "end_rotation", "branch"):
             if name in leg:
-                raise leg.error("a leg with ends has none of its own; give it in its ends", name)
+                raise leg.error("a leg with ends has none; give it in its ends", name)
         if "joints_to_coupling" in table:
-            raise table.error("not for legs with ends, whose rows branch", "joints_to_coupling")
+            raise table.error("not for legs with ends, which are branched", "joints_to_coupling")
         return BranchedLeg, {
             "parents": tuple(row.get("after", k, size=k) - 1 for k, row in enumerate(rows)),
             "loops": _loops(table),

@@ -92,7 +92,7 @@ def load_path(
 
     Args:
         path: the file.
-        task: whose robot moves; of a cycle each segment has a path of its own.
+        task: whose robot moves; each segment of a cycle has a separate path.
         tolerance: degrees (sliding joints, tool lines: mm): how far the path may be from what is given:
             corners are blended, noise is smoothed. Default: that of a file of waypoints, or none.
         unit, rate, columns: see `load_motion`; the task's start is where the robot is at 0 s.
@@ -123,7 +123,7 @@ def refuse_early(path: str | os.PathLike[str]) -> None:
     """Refuse a file of waypoints for what no robot is needed to see; other files are not checked.
 
     Raises:
-        InputError: no such file, no TOML, unknown keys, or an unknown way between waypoints.
+        InputError: no such file, no TOML, unknown keys, or an unknown interpolation between waypoints.
     """
     if Path(path).suffix.lower() == ".toml":
         with Table.read(path, PATH) as data:

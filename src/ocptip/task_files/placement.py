@@ -218,7 +218,7 @@ class PlacementTask:
 
     Attributes:
         name: for titles and files.
-        problem: what it asks for; its tolerance is what the search looks at.
+        problem: what it asks for; its tolerance is what the search uses.
         tolerance: all of the file's.
     """
 
@@ -243,8 +243,7 @@ def load_placement(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) 
         InputError: the file cannot be read or describes no placement problem; one line that names file and
             key. List entries are counted from 1.
 
-    Warns:
-        InputWarning: values that are hardly meant, such as lengths in millimetres.
+    Warns: InputWarning: suspicious values, such as lengths in millimetres.
     """
     path = Path(path)
     with Table.read(path, PLACEMENT) as data:
@@ -266,7 +265,7 @@ def read_problem(data: Table, tolerance: Uncertainty) -> PlacementProblem:
 
     Args:
         data: the file.
-        tolerance: what the search looks at.
+        tolerance: what the search uses.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.

@@ -1,4 +1,4 @@
-"""The folder that `ocptip plan` wrote, read back: task, motion, and what was said of them."""
+"""The folder that `ocptip plan` wrote, read back: task, motion, and the results on them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class PlanFolder:
     Attributes:
         path: of the folder.
         task: as it was planned, with its limits and objective.
-        motion: that was checked: of the controller that was named, or the ramps.
+        motion: that was checked: of the named controller, or trapezoidal velocity profiles.
         data: content of plan.json: seed, options, versions, worst values and more.
     """
 

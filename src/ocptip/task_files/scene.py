@@ -150,7 +150,7 @@ class Scene:
     Attributes:
         name: for messages and titles; that of the file by default.
         support: the base on its contacts.
-        loads: the loads besides the base's own weight.
+        loads: the loads besides the weight of the base.
         wrench: weight and loads about the base's centre of mass, N and N m, base axes; (6,), planar (3,).
         tolerance: how far base and floor may be off.
     """
@@ -241,7 +241,7 @@ def _contact(table: Table, common: dict[str, Any], dimension: int | None) -> Bin
 
     Args:
         table: of it.
-        common: parameters of contacts that have none of their own, by key.
+        common: parameters of contacts that do not set them, by key.
         dimension: that of the contacts before it, None for the first.
     """
     kind = table["kind"]

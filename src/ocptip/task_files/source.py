@@ -26,7 +26,7 @@ def task_source(data: Table, robot: StandingMechanism) -> TaskSource:
 
 
 class _Collection:
-    """Contents by names, of which every file gets its own."""
+    """Contents by names, a different name for every file."""
 
     def __init__(self) -> None:
         self.files: dict[str, bytes] = {}

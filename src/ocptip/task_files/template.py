@@ -37,8 +37,8 @@ class TaskTemplate:
     Attributes:
         text: its content.
         arm: the arm that it describes.
-        base_link, tool_frame: names that were given or found.
-        missing: mesh files of its collision geometry that were not found; None: it has no such geometry.
+        base_link, tool_frame: names that were given or detected.
+        missing: missing mesh files of its collision geometry; None: it has no such geometry.
         sources: where the numbers of the base and of the example motion come from.
     """
 
@@ -136,18 +136,18 @@ def _geometry(missing: list[str] | None, broken: str) -> Iterator[str]:
     elif missing is None:
         yield "# sphere_radius = 0.06  # m; no collision geometry in the URDF: else nothing is checked"
     elif any(name.startswith(PACKAGE) for name in missing):
-        yield _line(_OF_URDF, "package_dirs", '["."]', f"not found: {some(missing, 2)}", mark=True)
+        yield _line(_OF_URDF, "package_dirs", '["."]', f"missing: {some(missing, 2)}", mark=True)
     elif missing:
         yield _line(
-            _OF_URDF, "collision", "false", f"or get what is not found: {some(missing, 2)}", mark=True
+            _OF_URDF, "collision", "false", f"or add the missing files: {some(missing, 2)}", mark=True
         )
 
 
 def _limits(arm: ArmModel) -> Iterator[str]:
-    """Accelerations, which no URDF has, and what this one lacks; its own limits as comments."""
+    """Accelerations, which no URDF has, and what this one lacks; the limits of the URDF as comments."""
     limits, width = arm.limits, max(map(len, arm.joint_names))
     shown = *map(arm.in_degrees, (limits.angle_min, limits.angle_max, limits.speed)), limits.torque
-    yield "[arm.limits]  # the URDF's own count, unless keys here replace them:"
+    yield "[arm.limits]  # the URDF's limits count, unless keys here replace them:"
     for j, name in enumerate(arm.joint_names):
         low, high, speed, torque = (_limit(values[j]) for values in shown)
         units = ("m", "m/s", "N") if arm.prismatic[j] else ("deg", "deg/s", "N m")
@@ -189,7 +189,7 @@ def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
                 yield _line(end_keys(place, place), f"{place}_{key}", _list(values[own]), names, mark=True)
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
     first = ", ".join(map(toml_value, arm.joint_names[:3]))
-    yield f"# optimised = [{first}]  # only these; the others move in one ramp each"
+    yield f"# optimised = [{first}]  # only these; the others move in one trapezoidal profile each"
 
 
 def _near(example: ExampleMotion) -> Iterator[str]:

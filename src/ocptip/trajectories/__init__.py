@@ -1,1 +1,1 @@
-"""Motions as such: velocity ramps, whole arms, samples; no robot on a base needed."""
+"""Trajectories: velocity profiles, points, timed paths; no robot on a base needed."""

@@ -1,9 +1,10 @@
 """What a trajectory controller makes of a motion: the points that it gets, and the motion between them.
 
-A controller that interpolates cannot run ramps as they are unless their events are among its points and the
-points have angles and speeds only ("cubic"). One that is given accelerations, too ("quintic"), makes them
-continuous, and overshoots wherever those of the ramps jump. So it gets the points of S-curves (`s_curves`),
-whose pieces are cubics, which quintic polynomials between points at their events reproduce.
+A controller that interpolates runs trapezoidal velocity profiles exactly only on two conditions: their
+switching times are among its points, and the points have angles and speeds only ("cubic"). With accelerations
+as well ("quintic") it makes these continuous, and overshoots at acceleration steps. So it gets the points of
+S-curves (`s_curves`). Their pieces are cubics, which quintic polynomials between points at the switching
+times reproduce.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ocptip.trajectories.trajectory import Trajectory
 Controller = Literal["linear", "cubic", "quintic"]
 CONTROLLERS = ("linear", "cubic", "quintic")
 STEP = 0.01
-"""Distance of points, s, where they are only beside the events of a motion."""
+"""Distance of points, s, where there are no switching times."""
 
 UPDATE_RATE = 500.0
 """Updates of a controller per second where nobody says how many.
@@ -39,9 +40,10 @@ def controller_points(motion: Trajectory, controller: Controller, *, step: float
     Times are whole nanoseconds, as messages hold them.
 
     Args:
-        motion: of ramps or S-curves, or along a path.
-        controller: "linear": angles every `step`; "cubic": angles and speeds at all events and every `step`,
-            which are ramps exactly; "quintic": with accelerations, which are S-curves exactly.
+        motion: of trapezoidal velocity profiles or S-curves, or along a path.
+        controller: "linear": angles every `step`; "cubic": angles and speeds at all switching times and every
+            `step`, exact for trapezoidal velocity profiles; "quintic": with accelerations, exact for
+            S-curves.
         step: s; of a linear controller its period, default 2 ms; of the others 10 ms.
 
     Raises:
@@ -52,7 +54,7 @@ def controller_points(motion: Trajectory, controller: Controller, *, step: float
         raise InputError(f"controller: expected {', '.join(CONTROLLERS)}, got {controller!r}")
     step = usual_step(controller) if step is None else positive_number("step", step)
     if motion.end < SHORTEST:
-        raise InputError(f"motion: lasts {motion.end:.4g} s, too short for a controller's points")
+        raise InputError(f"motion: lasts {motion.end:.4g} s, which is too short for a controller's points")
     if controller == "linear":
         times = step * np.arange(np.ceil(motion.end / step) + 1)
         return Trajectory.from_points(stamped(times), motion.states(times)[0], period=step)
@@ -66,15 +68,13 @@ def controller_points(motion: Trajectory, controller: Controller, *, step: float
         return Trajectory.from_points(times, angles, speeds)
     if motion.timing is not None:
         if motion.timing.times is None:
-            raise InputError(
-                "quintic: timings without a limit of the jerk (--jerk) have accelerations that jump"
-            )
+            raise InputError("quintic: timings without a limit of the jerk (--jerk) have acceleration steps")
         times = _spread(motion.event_times, step)
         angles, speeds, accelerations = motion.states(times)
         angles[-1], speeds[[0, -1]], accelerations[[0, -1]] = motion.goal, 0.0, 0.0
         return Trajectory.from_points(times, angles, speeds, accelerations)
     if not all(motion.rise_times or [0.0]):
-        raise InputError("rise_time: must be > 0 for quintic, which cannot run accelerations that jump")
+        raise InputError("rise_time: must be > 0 for quintic, which cannot run acceleration steps")
     times = _spread(np.unique(np.concatenate(motion.breaks)), step)
     angles, speeds, accelerations = motion.states(times)
     _rest(motion, times, angles, speeds, accelerations)
@@ -87,9 +87,10 @@ def usual_step(controller: Controller) -> float:
 
 
 def _spread(events: np.ndarray, step: float) -> np.ndarray:
-    """Events and multiples of `step` between them, none too near to another one; both ends stay.
+    """Switching times and multiples of `step` between them, none too near to another one; both ends stay.
 
-    Multiples keep a tenth of a step from events: rounded times weigh more the shorter an interval is.
+    Multiples keep a tenth of a step from switching times: rounded times weigh more the shorter an interval
+    is.
     """
     end, kept = events[-1], [events[0]]
     for time in events[1:]:
@@ -106,7 +107,7 @@ def _rest(motion: Trajectory, times: np.ndarray, angles: np.ndarray, *rates: np.
     """Where a joint rests, make it rest exactly: rounded times would leave it a speed, and power a direction.
 
     Args:
-        motion: of ramps or S-curves.
+        motion: of trapezoidal velocity profiles or S-curves.
         times: (N,), s.
         angles, rates: (N, n), changed in place.
     """

@@ -1,11 +1,11 @@
 """A motion fitted to samples that hold positions only, or rounded, or measured with noise.
 
-Differences of rounded numbers are no accelerations, and splines through samples overshoot where the
-accelerations of the true motion jump between two of them. What is wanted is the calmest motion that can
-have been sampled: of all motions with piecewise constant accelerations, at rest at both ends, that pass the
-samples within a tolerance, the one whose accelerations vary least in total (the sum of their jumps). It does
-not overshoot: overshoot varies. The tolerance is half a unit of the last digit of the file, or what the noise
-of so many samples does not exceed, where there is more of that.
+Differences of rounded numbers are no accelerations, and splines through samples overshoot at acceleration
+steps of the true motion between two of them. What is wanted is the calmest motion that can have been sampled:
+of all motions with piecewise constant accelerations, at rest at both ends, that pass the samples within a
+tolerance, the one with the minimum total variation of acceleration (the sum of its steps). It does not
+overshoot: overshoot adds variation. The tolerance is half a unit of the last digit of the file. Where noise
+is larger, it is what the noise of as many samples does not exceed.
 
 What a fit cannot know: an acceleration that lasts so shortly that it moves the joint by less than the
 tolerance (an excess a over a time T moves it by about a T^2 / 8), or that begins and ends between two
@@ -15,8 +15,8 @@ Samples that stay within the tolerance for a while, all joints together, are a s
 there, and what lies between two of them is fitted by itself. So cycles can be parted where they rest.
 
 One linear program per joint, whose size grows with the number of samples; solved by Clarabel. Pieces of
-constant acceleration are as long as a jump in the middle of one stays within the tolerance: of noisy samples
-a piece has one or several. Events of the motion are the ends of pieces at which an acceleration jumps.
+constant acceleration are as long as a step in the middle of one stays within the tolerance: of noisy samples
+a piece has one or several. Switching times of the motion are the ends of pieces with an acceleration step.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def fitted(
 
 
 def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) -> list[tuple[int, int]]:
-    """First and last samples of the standstills on the way, without their edges.
+    """First and last samples of the standstills during the motion, without their edges.
 
     Args:
         times: (N,), s.
@@ -176,7 +176,7 @@ def noise_of(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Standard deviation of white noise per column, (n,), of the unit of the positions (N, n).
 
     Each sample is compared with polynomials through its neighbours, of degree 3 and 5: what both leave alike
-    is noise, otherwise it is curvature. The lower quartile counts, so that jumps of the acceleration do not.
+    is noise, otherwise it is curvature. The lower quartile counts, so that acceleration steps do not.
     """
     if len(times) < ENOUGH:
         return np.zeros(positions.shape[1])
@@ -243,7 +243,8 @@ class _Spline:
     def calmest(
         self, positions: np.ndarray, tolerance: float, held: tuple[bool, bool] = (False, False)
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The motion whose accelerations vary least: positions and speeds at the knots, then at the samples.
+        """The motion with minimum variation of acceleration: positions and speeds at the knots, then at the
+        samples.
 
         Args:
             positions: (N,) at the samples.
@@ -271,7 +272,9 @@ class _Spline:
         )
 
     def _added(self, near: np.ndarray, at: np.ndarray, slack: np.ndarray) -> np.ndarray:
-        """What to add to coefficients, of the linear program: least sum of jumps within the slack."""
+        """What to add to coefficients, of the linear program: minimum sum of acceleration steps within the
+        slack.
+        """
         size, count = len(near), len(self.knots)
         each, none = sp.identity(count), sp.csr_matrix((len(at), count))
         ends = self.speeds[[0, -1]]

@@ -2,7 +2,7 @@
 
 Polynomials in s, from s = 0 at the start to s = 1 at the goal. Positions are continuous everywhere. Where the
 direction turns at once there is a corner, at which a motion has to stop; elsewhere the first derivative is
-continuous, and the second one may jump at breakpoints only.
+continuous, and the second one may have steps at breakpoints only.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 GAP = 1e-9  # rad or m: jumps of positions at breakpoints that are rounding
 CORNER = 1e-6
-"""A jump of the first derivative by more than this share of itself is a corner."""
+"""A step of the first derivative by more than this share of itself is a corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,8 @@ class JointPath:
     """A path of n joints in K polynomial pieces.
 
     Attributes:
-        breakpoints: (K + 1,), increasing from 0 to 1: ends of the pieces; where the second derivative jumps.
+        breakpoints: (K + 1,), increasing from 0 to 1: ends of the pieces, where the second derivative may
+            have a step.
         coefficients: (D + 1, K, n), rad or m, of the powers D, ..., 0 of s - breakpoints[k] in piece k.
     """
 
@@ -38,7 +39,7 @@ class JointPath:
     coefficients: np.ndarray
 
     def __post_init__(self) -> None:
-        """Raise InputError if shapes do not fit, positions jump, or a piece stands still."""
+        """Raise InputError if shapes do not fit, positions have a gap, or a piece stands still."""
         ends = finite_array("breakpoints", self.breakpoints, (None,))
         if len(ends) < 2 or ends[0] != 0 or ends[-1] != 1 or np.any(np.diff(ends) <= 0):
             raise InputError("breakpoints: expected at least two, increasing from 0 to 1")
@@ -49,7 +50,7 @@ class JointPath:
         gaps = np.max(np.abs(self._at_ends(0)[1][:-1] - self._at_ends(0)[0][1:]), axis=1, initial=0.0)
         if np.any(gaps > GAP * (1 + np.abs(given).max())):
             k = int(np.argmax(gaps))
-            raise InputError(f"path: jumps by {gaps[k]:.3g} at s = {ends[k + 1]:.6g}")
+            raise InputError(f"path: has a gap of {gaps[k]:.3g} at s = {ends[k + 1]:.6g}")
         still = np.flatnonzero(~np.any(given[:-1], axis=(0, 2)))
         if still.size:
             k = int(still[0])
@@ -111,7 +112,7 @@ class JointPath:
 
     @cached_property
     def ranges(self) -> np.ndarray:
-        """Least and greatest position of each joint, exact, (n, 2), rad or m."""
+        """Minimum and maximum position of each joint, exact, (n, 2), rad or m."""
         found = []
         for joint, turns in enumerate(self.curve.derivative().roots(discontinuity=False, extrapolate=False)):
             places = np.concatenate([self.breakpoints, np.clip(turns[np.isfinite(turns)], 0, 1)])
@@ -127,7 +128,7 @@ class JointPath:
 
 
 def derivatives(coefficients: np.ndarray, places: np.ndarray, order: int) -> np.ndarray:
-    """Derivatives (N, n) of N polynomials (D + 1, N, n) at their own places (N, 1)."""
+    """Derivatives (N, n) of N polynomials (D + 1, N, n) at N places (N, 1), one for each."""
     for _ in range(order):
         powers = np.arange(len(coefficients) - 1, 0, -1).reshape(-1, *[1] * (coefficients.ndim - 1))
         coefficients = coefficients[:-1] * powers

@@ -5,7 +5,8 @@ differentiated: a spline with as few knots as a tolerance allows is fitted to th
 tolerance is refused, for the curvature of a path through noise is that of the noise.
 
 The parameter of all curves here is close to the length of the path, with 1 rad as long as 1 m, so that the
-first derivative never vanishes. A motion that rests on its way has a corner there, at which it rests again.
+first derivative never vanishes. A motion that rests between its ends has a corner there, at which it rests
+again.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ IN_RAMP = 100  # samples between two events of ramps
 STILL = 1e-6  # rad/s or m/s: a motion that is slower rests
 _MERGED = 0.1  # of the tolerance: points that are nearer to each other are nearly the same
 BACK = 0.2
-"""Lines whose unit vectors add up to less than this have no blend between them: the way turns back."""
+"""Lines whose unit vectors add up to less than this have no blend between them: the path turns back."""
 
 _SLOWER = 0.01  # of the time: fits that the pace of the motion suits worse are refined
 _TOO_SLOW = 0.1  # of the time: those that it still suits worse are refused
@@ -62,13 +63,14 @@ def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = No
     """The path that a motion takes; its times are forgotten.
 
     Args:
-        motion: of ramps, or samples. Samples of positions alone (those of a joint trajectory without
-            velocities) are points: a smooth curve goes through them, or within a tolerance straight lines.
-        tolerance: rad or m, or (n,): how far the path may be from it; default: almost not at all.
+        motion: of trapezoidal velocity profiles, or samples. Samples of positions alone (those of a joint
+            trajectory without velocities) are points: a smooth curve goes through them, or within a tolerance
+            straight lines.
+        tolerance: rad or m, or (n,): how far the path may be from it; default: nearly 0.
 
     Raises:
         InputError: it does not move, its samples are noisy beyond the tolerance, or a curve within the
-            tolerance cannot be followed at nearly its pace with its accelerations.
+            tolerance cannot be followed at nearly its speed with its accelerations.
     """
     if motion.timing is not None:
         path, ends = motion.timing.path, motion.timing.path.breakpoints
@@ -103,7 +105,7 @@ def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = No
 def _of_pace(
     motion: Trajectory, times: np.ndarray, tolerance: np.ndarray, breaks: Sequence[int] | np.ndarray
 ) -> Leg:
-    """The curve within a tolerance of a motion at times (M,), s, that can be followed at its pace, nearly."""
+    """The curve within a tolerance of a motion at times (M,), s, that can be followed at nearly its speed."""
     q, v, a = motion.states(times)
     least = motion.fit.tolerance if motion.fit else np.zeros(motion.n)
     leg = Leg.fitted(q, tolerance, breaks)
@@ -152,7 +154,7 @@ def blended_lines(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> Fi
     Args:
         points: the ends of the lines.
         tolerance: rad or m, or (n,): how far each joint may be from the lines at corners; 0: corners stay.
-            Curvature is continuous everywhere. Where the way turns back there is no blend.
+            Curvature is continuous everywhere. Where the path turns back there is no blend.
 
     Raises:
         InputError: there are fewer than two points that differ.
@@ -205,7 +207,7 @@ def blend_reach(bend: float | np.ndarray, tolerance: float | np.ndarray) -> floa
 def blend_rows(begin: np.ndarray, way: np.ndarray, bend: np.ndarray, reach: float) -> np.ndarray:
     """Coefficients (5, n): direction from `way` to `way + bend` over 2 `reach`, curvature 0 at both ends.
 
-    With y the distance from the begin and h = 2 reach: q' = way + bend (3 (y/h)^2 - 2 (y/h)^3).
+    With y the distance from the begin and h = 2 reach: `q' = way + bend (3 (y/h)^2 - 2 (y/h)^3)`.
     """
     h = 2 * reach
     return np.stack([-bend / (2 * h**3), bend / h**2, 0 * bend, way, begin])

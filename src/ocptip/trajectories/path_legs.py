@@ -1,4 +1,5 @@
-"""Smooth pieces of paths by their length: of lines and blends, of ramps as they are, fitted to samples.
+"""Smooth pieces of paths by their length: of lines and blends, of trapezoidal velocity profiles exactly,
+fitted to samples.
 
 Fitted is the quintic spline with as few knots as a tolerance allows: samples are not differentiated, so
 second derivatives of the piece are those of a curve, not of rounding.
@@ -56,10 +57,11 @@ class Leg:
 
     @classmethod
     def of_ramps(cls, motion: Trajectory, begin: float, end: float) -> Leg | None:
-        """The path of ramps as it is, its parameter their time; None of S-curves, and where they turn back.
+        """The exact path of trapezoidal velocity profiles by their time; None for S-curves, and where they
+        turn back.
 
-        Between its first two events, and its last two, it is a straight line: there the parameter is half the
-        square of the time from rest.
+        Between its first two switching times, and its last two, it is a straight line: there the parameter is
+        half the square of the time from rest.
         """
         if any(motion.rise_times):
             return None
@@ -88,7 +90,7 @@ class Leg:
         Args:
             samples: (M, n), close to each other.
             tolerance: (n,).
-            breaks: numbers of samples at which the curvature may jump.
+            breaks: numbers of samples at which the curvature may have a step.
 
         Raises:
             InputError: the samples have corners that no smooth curve passes within the tolerance.
@@ -124,10 +126,10 @@ class Leg:
         )
 
     def slower(self, times: np.ndarray, speeds: np.ndarray, accelerations: np.ndarray) -> float:
-        """By what share of the time, at least, it is slower than a motion, with accelerations as great.
+        """Minimum share of the time by which it is slower than a motion, within the same accelerations.
 
-        At the pace of the motion they are q' u + q'' (ds/dt)^2 with the ds/dt and u that come nearest; where
-        they are f > 1 times the greatest of the motion, it has to be passed sqrt(f) times slower.
+        At the speed of the motion they are q' u + q'' (ds/dt)^2 with the nearest ds/dt and u. Where they are
+        f > 1 times the maximum of the motion, the path has to be passed sqrt(f) times slower.
 
         Args:
             times: (M,), s, of all samples that were given; so are the others.
@@ -155,7 +157,7 @@ def _apart(places: Sequence[int], count: int) -> list[int]:
 
 
 def _supported(at: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> np.ndarray:
-    """Knots (k,) with enough samples between them; those at jumps stay."""
+    """Knots (k,) with enough samples between them; those at curvature steps stay."""
     kept: list[float] = []
     fixed = np.concatenate([[0.0], jumps, at[-1:]])
     for knot in knots:
@@ -168,7 +170,9 @@ def _supported(at: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> np.ndarr
 
 
 def _least_squares(at: np.ndarray, values: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> PPoly:
-    """The quintic spline nearest to values (M, n), exact at both ends; at jumps its slope is continuous."""
+    """The quintic spline nearest to values (M, n), exact at both ends; at curvature steps its slope is
+    continuous.
+    """
     inner = np.sort(np.concatenate([knots, np.repeat(jumps, _DEGREE - 2)]))
     edge = np.full(_DEGREE + 1, at[-1])
     t = np.concatenate([np.zeros(_DEGREE + 1), inner, edge])

@@ -1,8 +1,8 @@
 """A path with its timing: x = (ds/dt)^2 is linear in s between nodes, so that d2s/dt2 is constant there.
 
-Time is then known in closed form: ds/dt is linear in t between nodes. Accelerations jump at nodes, as those
-of ramps do at their events. Where the times of the nodes are given, s is the cubic in t between them that has
-these times and speeds: then accelerations need not jump.
+Time is then known in closed form: ds/dt is linear in t between nodes. There are acceleration steps at nodes,
+as at the switching times of trapezoidal velocity profiles. Where the times of the nodes are given, s is the
+cubic in t between them that has these times and speeds: then accelerations may be continuous.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class PathTiming:
 
     @property
     def _least_speed(self) -> float:
-        """Least ds/dt between nodes, before it is taken as 0."""
+        """Minimum ds/dt between nodes, before it is taken as 0."""
         u, third, h = self.u, self.third, np.diff(self.node_times)
         t = np.clip(np.divide(-u, third, out=np.zeros_like(u), where=third != 0), 0.0, h)
         return float(np.min(np.sqrt(self.x[:-1]) + t * (u + 0.5 * t * third)))

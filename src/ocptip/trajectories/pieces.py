@@ -162,7 +162,7 @@ def following(parts: Sequence[Pieces], begins: Sequence[float]) -> Pieces:
     """Pieces of the same joints one after the other, with rest between them.
 
     Args:
-        parts: each with its own time from 0.
+        parts: each with its time from 0.
         begins: s, of each.
     """
     orders = max(len(part.derivatives) for part in parts)

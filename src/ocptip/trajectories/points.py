@@ -3,21 +3,23 @@
 A check is about every instant, samples are at some. Which curve is meant between them decides the verdict:
 
 - Angles and speeds: the cubic Hermite polynomial of each interval, as trajectory controllers do with points
-  that have positions and speeds. Speeds are continuous, accelerations jump at samples. A ramp motion comes
-  back exactly if all its events are among the samples. Where its acceleration jumps between two samples, the
-  curve overshoots by up to a third of the jump, however dense the samples are.
+  that have positions and speeds. Speeds are continuous, accelerations have steps at samples. A motion of
+  trapezoidal velocity profiles comes back exactly if all its switching times are among the samples. With an
+  acceleration step between two samples, the curve overshoots by up to a third of the step, however dense the
+  samples are.
 - Angles, speeds and accelerations: the quintic one, as those controllers do with such points. Accelerations
-  are continuous; where those of the true motion jump between two samples, the curve overshoots, too.
-- Angles only: the cubic spline with rest at both ends. Accelerations are continuous. Where the true motion's
-  jump, the spline oscillates around the jump.
-- Angles and a controller's period: straight lines, as those controllers do with such points. Speeds jump at
-  the corners, which no arm can do; the drives are taken to spread every jump evenly over one period, half
-  of it before the corner. That is the mean of the lines over one period, whatever the distance of samples:
-  more samples on the same lines change nothing. The motion begins half a period before the first sample,
-  which is at its time 0, so that all times are half a period later.
+  are continuous; where those of the true motion have a step between two samples, this curve overshoots as
+  well.
+- Angles only: the cubic spline with rest at both ends. Accelerations are continuous. Where those of the true
+  motion have a step, the spline oscillates around it.
+- Angles and a controller's period: straight lines, as those controllers do with such points. Speeds have
+  steps at the corners, which no arm can follow; the drives are assumed to spread every step evenly over one
+  period, half of it before the corner. That is the mean of the lines over one period, whatever the distance
+  of samples: more samples on the same lines change nothing. The motion begins half a period before the first
+  sample, which is at its time 0, so that all times are half a period later.
 
-So samples of a ramp motion without its events get a verdict of their own, as a rule a stricter one than the
-commands. Of a robot that interpolates otherwise, or of a measurement's gaps, it says nothing.
+So samples of velocity profiles without their switching times get another verdict than the commands, usually a
+stricter one. Of a robot that interpolates otherwise, or of a measurement's gaps, it says nothing.
 
 Rounded numbers are differentiated twice: an error e of the angles becomes up to 6 e / h^2 in the
 accelerations between samples h apart. Samples of files are therefore fitted (`ocptip.trajectories.fit`)
@@ -58,7 +60,8 @@ class Points:
         angles: (N, n), rad.
         speeds: (N, n), rad/s, below 0.001 at both ends; None: rest at both ends, else from the spline.
         accelerations: (N, n), rad/s^2, with speeds only; None: not given.
-        before: (N, n), rad/s^2, those just before the samples, where they jump there; None: they do not.
+        before: (N, n), rad/s^2, those just before the samples, where there are acceleration steps; None:
+            there are none.
         period: s, between two updates of a controller that draws straight lines between samples; only
             without speeds.
         steps_from: breaks at which accelerations step by less than this share of the largest one are no
@@ -124,7 +127,7 @@ class Points:
 
     @property
     def passing_times(self) -> np.ndarray:
-        """When the motion is at its samples, (N,), s: straight lines are half a period late."""
+        """When the motion is at its samples, (N,), s: straight lines are delayed by half a period."""
         return (
             self.times
             if self.period is None
@@ -268,7 +271,9 @@ class Fit:
 
 
 def _snapped(instants: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Instants at the corners that they only miss by rounding: a line begins with its own speed exactly."""
+    """Instants at the corners that they only miss by rounding: a line begins with exactly the speed of this
+    line.
+    """
     after = np.clip(np.searchsorted(corners, instants), 1, len(corners) - 1)
     near = np.where(
         np.abs(instants - corners[after - 1]) < np.abs(instants - corners[after]),

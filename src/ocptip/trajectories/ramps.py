@@ -1,17 +1,19 @@
-"""Velocity ramps of one joint: commands to motion (5.2 to 5.9), motion to commands, states at any time.
+"""Trapezoidal velocity profiles of one joint: commands to motion (5.2 to 5.9), motion to commands, states.
 
-A drive takes commands (target angle, speed, acceleration) and moves by itself: it ramps its speed with
+A drive takes commands (target angle, speed, acceleration) and moves by itself: it changes its speed with
 constant acceleration to a peak, cruises, and brakes with the same acceleration to rest at the target. The
 next command is given when this braking would begin (t''), so only the last command brakes. n commands hence
-give 2 n + 1 phases of constant acceleration
+give 2 n + 1 phases of constant acceleration, with an acceleration phase for each command
 
-    ramp 1, cruise 1, ramp 2, cruise 2, ..., ramp n, cruise n, brake
+    accelerate 1, cruise 1, accelerate 2, cruise 2, ..., accelerate n, cruise n, brake
 
 with the speeds 0, w_1, w_1, w_2, w_2, ..., w_n, w_n, 0 at their boundaries. Phases may be empty (length 0; no
-cruise is the triangle of (5.3)). They stay in the arrays: phase 2 k - 2 always is the ramp of command k.
+cruise is the triangle of (5.3)). They stay in the arrays: phase 2 k - 2 always is the acceleration phase of
+command k.
 
-Symbols: phi angle, w speed, a acceleration (> 0), d_k ramp duration, c_k cruise duration, d_{n+1} brake
-duration; t'_k end of ramp, t''_k end of cruise. Angles in rad, times in s, start of the motion at t = 0.
+Symbols: phi angle, w speed, a acceleration (> 0), d_k duration of acceleration phase k, c_k cruise duration,
+d_{n+1} brake duration; t'_k end of acceleration, t''_k end of cruise. Angles in rad, times in s, start of the
+motion at t = 0.
 """
 
 from __future__ import annotations
@@ -57,7 +59,7 @@ class RampCommand:
 
 
 class ServoRamp(NamedTuple):
-    """What the drive does until it would brake: ramp to `peak` (rad/s, signed), cruise; durations in s."""
+    """The drive's motion until it would brake: to the speed `peak` (rad/s, signed), cruise; times in s."""
 
     peak: float
     ramp: float
@@ -67,8 +69,8 @@ class ServoRamp(NamedTuple):
 def servo_ramp(phi_a: float, w_a: float, phi_e: float, speed: float, acceleration: float) -> ServoRamp:
     """Return the drive's answer to a command given in the state (phi_a, w_a), (5.2) to (5.8).
 
-    With D+ and D- the ways covered by reaching +v or -v and braking at once (5.5): at least D+ to go: cruise
-    at +v; at most D-: cruise at -v; between: no cruise, a peak below v (5.8). If braking at once leads
+    With D+ and D- the distances covered by reaching +v or -v and braking at once (5.5): at least D+ to go:
+    cruise at +v; at most D-: cruise at -v; between: no cruise, a peak below v (5.8). If braking at once leads
     exactly to the target, and v is not below the speed, the peak is 0: the joint comes to rest at t' = t''.
 
     Args:
@@ -106,7 +108,7 @@ class JointRamps:
         times: boundaries of the phases, (2 n + 2,), s, from 0, not decreasing.
         angles: angle at the boundaries, (2 n + 2,), rad; the last is the last command's phi_e, exactly.
         speeds: speed at the boundaries, (2 n + 2,), rad/s.
-        accelerations: acceleration within the phases, (2 n + 1,), rad/s^2; 0 in a ramp of length 0.
+        accelerations: acceleration within the phases, (2 n + 1,), rad/s^2; 0 in a phase of length 0.
     """
 
     commands: tuple[RampCommand, ...]
@@ -166,12 +168,12 @@ class JointRamps:
 
     @property
     def peaks(self) -> np.ndarray:
-        """Speed w_k at the end of each command's ramp and during its cruise, (n,), rad/s."""
+        """Speed w_k at the end of each command's acceleration phase and during its cruise, (n,), rad/s."""
         return self.speeds[1:-1:2]
 
     @property
     def ramps(self) -> np.ndarray:
-        """Ramp durations d_1 .. d_n and the duration d_{n+1} of braking, (n + 1,), s."""
+        """Acceleration durations d_1 .. d_n and the duration d_{n+1} of braking, (n + 1,), s."""
         return self.durations[::2]
 
     @property
@@ -196,7 +198,9 @@ class JointRamps:
 
     @cached_property
     def crossings(self) -> np.ndarray:
-        """When the speed changes sign within each command's ramp, (n,), s, NaN where it does not (5.28)."""
+        """When the speed changes sign within each command's acceleration phase, (n,), s, NaN where it does
+        not (5.28).
+        """
         before, after = self.speeds[:-2:2], self.peaks
         crossing = self.times[:-2:2] + np.abs(before) / self._command_accelerations
         return np.where(before * after < 0, crossing, np.nan)
@@ -267,7 +271,7 @@ def phase_violations(
         peaks: w_1 .. w_n, signed, (n,), rad/s.
         ramps: d_1 .. d_n and the brake duration d_{n+1}, (n + 1,), s.
         cruises: c_1 .. c_n, (n,), s.
-        resolution: least margin of condition 5, rad: how finely targets are stored or sent.
+        resolution: minimum margin of condition 5, rad: how finely targets are stored or sent.
         tolerance: how much durations (s) may break conditions 1 and 3, and speeds (rad/s) condition 2.
 
     Raises:
@@ -286,11 +290,11 @@ def phase_violations(
         if w_k == 0 and w_a == 0 and d_k == 0 and c_k == 0:
             continue
         if w_k == 0 and not (k == n and c_k == 0 and w_a != 0):
-            found.append(f"{where}: no command makes a joint rest on its way; keep |w_{k}| > 0")
+            found.append(f"{where}: no command makes a joint rest between its ends; keep |w_{k}| > 0")
         elif d_k == 0 and w_k != w_a:
-            found.append(f"{where}: a jump of the speed; the ramp must last")
+            found.append(f"{where}: a step of the speed; the change must last")
         elif d_k > 0 and w_k == w_a:
-            found.append(f"{where}: a ramp that changes no speed; count its time as cruise")
+            found.append(f"{where}: a duration that changes no speed; count it as cruise")
         elif 1 < k < n and (margin := _margin(w_a, w_k, d_k, c_k)) <= resolution:
             found.append(
                 f"{where}: the target is {margin:.3g} rad from where braking at once leads, must be more "
@@ -300,7 +304,7 @@ def phase_violations(
     if d[-2] > 0 and w[-1] != w_a:
         wanted = abs(w[-1]) * d[-2] / abs(w[-1] - w_a)
         if abs(brake - wanted) > tolerance:
-            found.append(f"braking: lasts {brake:.6g} s, must last {wanted:.6g} s at the last ramp's rate")
+            found.append(f"braking: lasts {brake:.6g} s, must last {wanted:.6g} s at the last acceleration")
     elif (w[-1] == 0) != (brake == 0):
         found.append(f"braking: lasts {brake:.6g} s, but the speed before it is {w[-1]:.6g} rad/s")
     return found
@@ -318,10 +322,11 @@ def phases_to_commands(
 ) -> tuple[RampCommand, ...]:
     """Return the commands that make a joint run through these phases: the inverse of the servo law.
 
-    Command k has speed |w_k| (in a triangle, where more would change nothing: the peak), acceleration
-    a_k = |w_k - w_{k-1}| / d_k, and as target the angle where braking from w_k with a_k would end if begun at
-    the end of cruise k. Where a_k is free (no ramp: w_k = w_{k-1}) it is the one of the command before, for
-    the last command |w_n| / d_{n+1}. A ramp of small a_k puts its target far ahead: keep phi_e in the limits.
+    Command k has speed |w_k| (in a triangle, where more would change nothing: the peak), acceleration a_k =
+    |w_k - w_{k-1}| / d_k, and as target the angle where braking from w_k with a_k would end if begun at the
+    end of cruise k. Where a_k is free (no acceleration phase: w_k = w_{k-1}) it is the one of the command
+    before, for the last command |w_n| / d_{n+1}. A small a_k puts the target far ahead: keep phi_e in the
+    limits.
 
     Args:
         phi_start: angle before the motion, rad.
@@ -359,7 +364,9 @@ def phases_to_commands(
 def without_idle_ramps(
     peaks: np.ndarray, ramps: np.ndarray, cruises: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same phases, see :func:`phase_violations`; a ramp that changes no speed is cruise before it."""
+    """The same phases, see :func:`phase_violations`; a phase that changes no speed becomes part of the cruise
+    before it.
+    """
     ramps, cruises = ramps.copy(), cruises.copy()
     for k in range(1, len(peaks)):
         if peaks[k] == peaks[k - 1]:
@@ -380,7 +387,9 @@ def _phase_arrays(
 def _snapped(
     w: np.ndarray, d: np.ndarray, c: np.ndarray, tolerance: float
 ) -> tuple[list[float], list[float], list[float]]:
-    """Durations just below 0 as 0; no ramp where its length and its change of speed are next to nothing."""
+    """Durations just below 0 as 0; no acceleration phase where its length and its change of speed are nearly
+    0.
+    """
     speeds = [0.0, *w.tolist()]
     ramps, cruises = np.maximum(d, 0.0).tolist(), np.maximum(c, 0.0).tolist()
     for k in range(len(w)):
@@ -390,7 +399,7 @@ def _snapped(
 
 
 def _margin(w_a: float, w_k: float, d_k: float, c_k: float) -> float:
-    """Way left between the target of a command and where braking at once would lead, rad."""
+    """Distance between the target of a command and where braking at once would lead, rad."""
     way = abs(w_k) * c_k
     if d_k == 0:
         return way

@@ -34,16 +34,15 @@ def load_motion(
     """Read a motion from a file: profile commands, a joint trajectory, or CSV with samples.
 
     Ramp commands: JSON as :meth:`Trajectory.from_dict`; `plan.json` is one such file; where it names a
-    controller, the motion is what that makes of them. Joint trajectory: JSON
-    or YAML like `trajectory_msgs/JointTrajectory`, alone or in a message that holds one, angles in rad,
-    lengths in m; the motion is what ROS 2's
-    joint trajectory controller makes of it: quintic polynomials between points that have velocities and
-    accelerations, cubic ones where accelerations are empty, straight lines where velocities are empty, too
-    (whose corners the drives are taken to spread over one update of the controller).
-    CSV: a header that names time, positions and, if at hand, speeds and accelerations of all joints, in any
-    order, see `ocptip.trajectories.csv_columns`; other columns are left out. With accelerations that are
-    those of the motion between the samples, as in motion.csv, it is taken as it is; a time may be repeated
-    where they jump. All else is fitted (`ocptip.trajectories.fit`).
+    controller, the motion is what that makes of them. Joint trajectory: JSON or YAML like
+    `trajectory_msgs/JointTrajectory`, alone or in a message that holds one, angles in rad, lengths in m; the
+    motion is what ROS 2's joint trajectory controller makes of it: quintic polynomials between points that
+    have velocities and accelerations, cubic ones where accelerations are empty, straight lines where
+    velocities are empty as well (whose corners the drives are taken to spread over one update of the
+    controller). CSV: a header that names time, positions and, if at hand, speeds and accelerations of all
+    joints, in any order, see `ocptip.trajectories.csv_columns`; other columns are left out. With
+    accelerations that are those of the motion between the samples, as in motion.csv, it is taken unchanged; a
+    time may be repeated at acceleration steps. All else is fitted (`ocptip.trajectories.fit`).
 
     Args:
         path: the file.
@@ -137,7 +136,7 @@ def _as_run(motion: Trajectory, controller: Any) -> Trajectory:
 
 
 def _from_commands(data: Any, units: Sequence[str]) -> Trajectory:
-    """Ramp commands, or a path with its timing, as they are or as a controller runs them."""
+    """Profile commands, or a path with its timing, exact or as a controller runs them."""
     motion = Trajectory.from_dict(data)
     require_units(data.get("units", ["deg"] * motion.n), units)
     _refuse_huge_commands(motion)
@@ -174,5 +173,5 @@ def _json(text: str) -> Any:
     """The data of a text; certificates, which may be beside a motion, are none."""
     data = parse_json(text)
     if isinstance(data, dict) and str(data.get("format", "")).startswith(CERTIFICATE):
-        raise InputError("is a certificate; ocptip certify judges it")
+        raise InputError("is a certificate; ocptip certify checks it")
     return data

@@ -81,7 +81,7 @@ def csv_table(text: str) -> tuple[list[str], np.ndarray]:
 
 
 def require_units(given: Sequence[str], units: Sequence[str]) -> None:
-    """Refuse angles of joints that slide, and ways of joints that turn.
+    """Refuse angles of joints that slide, and lengths of joints that turn.
 
     Args:
         given: "deg", "rad" or "m" per joint.
@@ -127,7 +127,7 @@ def _cell(line: int, name: str, text: str) -> float:
 def _require_order(
     times: np.ndarray, numbers: Sequence[int], name: str, values: dict[str, np.ndarray]
 ) -> None:
-    """Refuse times that go back, and other states at the same time; accelerations may jump."""
+    """Refuse times that go back, and other states at the same time; acceleration steps are allowed."""
     later = np.diff(times)
     if (late := np.flatnonzero(later < 0)).size:
         row = int(late[0]) + 1

@@ -39,7 +39,7 @@ def trajectory_in(data: Any) -> dict[str, Any] | None:
         if isinstance(data, list):  # of a DisplayTrajectory
             if len(data) != 1:
                 raise InputError(
-                    f"trajectory: holds {len(data)} trajectories, expected one; give each its own file"
+                    f"trajectory: holds {len(data)} trajectories, expected one; give each a separate file"
                 )
             data = data[0]
     return data if isinstance(data, dict) else None
@@ -98,7 +98,7 @@ def motion_of_points(
     if period is not None and gap > max(FAR, period) * (1 + 1e-6):
         doubt(
             f"points: are up to {1e3 * gap:.4g} ms apart, with positions only: a controller draws straight "
-            "lines between them, at whose corners speeds jump; give velocities, or points at most "
+            "lines between them, with speed steps at the corners; give velocities, or points at most "
             f"{1e3 * FAR:g} ms apart"
         )
     return Trajectory(points=given, assumed=tuple(assumed))
@@ -117,7 +117,7 @@ def _first(time: float, names: Sequence[str], start: np.ndarray | None) -> np.nd
 
 
 def _left_out(joints: Sequence[str], names: Sequence[str], positions: np.ndarray) -> list[str]:
-    """What is said of joints that are none of the robot's; a warning where they move."""
+    """Notes on joints that the robot does not have; a warning where they move."""
     others = [k for k, name in enumerate(joints) if name not in names]
     if not others:
         return []

@@ -1,10 +1,11 @@
-"""S-curves of one joint: velocity ramps whose accelerations take a time to rise and fall (are trapezoids).
+"""S-curves of one joint: velocity profiles whose accelerations take a time to rise and fall (are trapezoids).
 
-The angle is the mean of the ramp motion's over the last `rise_time` tau seconds, and so are speed and
-acceleration. Where the ramps' acceleration jumps at t, that of the S-curve changes linearly until t + tau:
-all phases are cubics, every event is two. Targets stay, speeds and accelerations stay within those of the
-ramps, the jerk within the greatest change of the acceleration over tau, at most 2 a / tau; the motion takes
-tau longer. This is what drives make of ramps with a moving average of their set points.
+The angle is the mean of that of the trapezoidal velocity profile over the last `rise_time` tau seconds, and
+so are speed and acceleration. After an acceleration step of the profile at t, the acceleration of the S-curve
+changes linearly until t + tau: all phases are cubics, and every switching time becomes two. Targets stay;
+speeds and accelerations stay within those of the profile. The jerk stays within the maximum change of the
+acceleration over tau, at most 2 a / tau. The motion takes tau longer. Drives produce this with a moving
+average of their set points.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ocptip.trajectories.ramps import JointRamps
 
 
 def s_curve(ramps: JointRamps, rise_time: float) -> Pieces:
-    """Return the cubics of one joint whose ramps have accelerations that take `rise_time` (s) to change.
+    """Return the cubics of one joint whose profile has accelerations that take `rise_time` (s) to change.
 
     Raises:
         InputError: the rise time is not > 0.

@@ -1,7 +1,7 @@
 """Paths along which the gripper moves in straight lines, through inverse kinematics along each line.
 
 Orientations turn evenly about one axis from pose to pose. Corners between lines are rounded within a
-tolerance of the gripper point, or stay; then a motion has to stop there.
+tolerance of the TCP, or stay; then a motion has to stop there.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ocptip.trajectories.path_legs import Leg
 ARM_LENGTH = 0.5  # m: a rotation by 1 rad is as long as a way of this
 REACHED = 1e-8  # m and rad
 NEAR = 0.2
-"""rad or m: joints that move by more between samples next to each other are looked at more closely."""
+"""rad or m: where joints move by more between neighbouring samples, more samples are taken."""
 
 _FIRST, _MOST, _LEAST = 32, 4096, 513  # samples of a line
 _IN_BLEND = 96  # samples of a blend
@@ -56,11 +56,11 @@ def tool_lines(
 
     Args:
         arm: the arm.
-        poses: at least two. A gripper that may turn freely about an axis may do so all the way, if the first
-            pose says so.
+        poses: at least two. If the first pose lets the gripper turn freely about an axis, it may do so on the
+            whole path.
         starts: (k, n), rad (sliding joints: m): postures of the first pose, the best first. The first one
             from which all lines can be followed is taken.
-        tolerance: m, by which the gripper point may miss corners; 0: it stops there.
+        tolerance: m, by which the TCP may miss corners; 0: it stops there.
 
     Raises:
         InputError: there are fewer than two poses, two neighbours are the same, or a line cannot be followed:
@@ -254,12 +254,12 @@ def _refusal(arm: ArmModel, lines: _Lines, lengths: np.ndarray, q: np.ndarray) -
     joint = int(np.argmax(np.abs(other - q)))
     jump = arm.in_degrees(np.abs(other - q))[joint]
     return InputError(
-        f"{where}: cannot be followed further: joint {arm.joint_names[joint]} would have to jump by "
+        f"{where}: cannot be followed further: joint {arm.joint_names[joint]} would have to turn at once by "
         f"{jump:.1f} {arm.file_units[joint]} (an angle limit, or a singular pose)"
     )
 
 
 def tool_distance(arm: ArmModel, fit: FittedPath) -> float:
-    """Largest distance, m, of the gripper point on a path from where it is at the samples."""
+    """Largest distance, m, of the TCP on a path from where it is at the samples."""
     ours, given = (gripper_pose(arm, q)[0] for q in (fit.path.at(fit.places)[0], fit.samples))
     return float(np.linalg.norm(ours - given, axis=1).max())

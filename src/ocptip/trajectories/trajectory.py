@@ -1,8 +1,8 @@
 """The motion of all joints of a robot over time: a piecewise polynomial that knows its switching times.
 
 There is one class of trajectories, and several ways to make one: velocity profiles, points of a controller or
-samples, a path with its timing, several trajectories one after the other. What a way has to remember, such as
-the commands of profiles, is data of the trajectory.
+samples, a path with its timing, several trajectories one after the other. The data of each form, such as the
+commands of profiles, is an attribute of the trajectory.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Trajectory:
         profiles: commands to the drives, of which it is the trapezoidal velocity profiles or S-curves.
         points: points or samples between which it is interpolated.
         timing: its path, and when it is where on it.
-        parts: several trajectories one after the other, each with its own time from 0.
+        parts: several trajectories one after the other, each with its time from 0.
         pauses: s, standstill after each of `parts`; empty without these.
         fit: how it was fitted to samples, if it was.
         assumed: what the reader of a file had to assume, in words.
@@ -272,7 +272,7 @@ class Trajectory:
         """Switching times of all joints and all sign changes of their speeds, sorted, (S,), s (5.24), (5.26).
 
         From 0 to the end. Of those within 0.1 us of each other one stays, so that no interval is shorter. A
-        robot that does not move has the single one at 0. Of segments each has its own.
+        robot that does not move has the single one at 0. Each segment has such times.
         """
         if self.parts:
             pairs = zip(self.begins, self.parts, strict=True)
@@ -282,7 +282,7 @@ class Trajectory:
 
     @property
     def intervals(self) -> np.ndarray:
-        """Intervals between events, (S - 1, 2), s: within each, torque and power are smooth."""
+        """Intervals between switching times, (S - 1, 2), s: within each, torque and power are smooth."""
         return np.column_stack([self.event_times[:-1], self.event_times[1:]])
 
     def quadrature(self, order: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -297,7 +297,9 @@ class Trajectory:
         return gauss_legendre(self.intervals, order)
 
     def both_sides(self, spacing: float) -> np.ndarray:
-        """Start, end, both sides of all events, instants between them at most `spacing` apart, (N,), s."""
+        """Start, end, both sides of all switching times, instants between them at most `spacing` apart, (N,),
+        s.
+        """
         pieces = [self.event_times[[0, -1]]]
         for left, right in self.intervals:
             count = max(4, int(np.ceil((right - left) / spacing)) + 1)

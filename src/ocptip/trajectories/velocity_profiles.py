@@ -1,7 +1,7 @@
-"""Passive joints (5.12 to 5.19), and the motion of a whole arm: all joints' ramps, events, quadrature.
+"""Velocity profiles of all joints of an arm, and those of non-optimised joints (5.12 to 5.19).
 
-Only some joints, those near the base, are optimised. Each of the others gets one ramp from start to goal and
-ends with the motion. Angles in rad, times in s, start of the motion at t = 0.
+Only some joints, those near the base, are optimised. Each of the others gets one trapezoidal velocity profile
+from start to goal and ends with the motion. Angles in rad, times in s, start of the motion at t = 0.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from ocptip.trajectories.ramps import JointRamps, RampCommand
 from ocptip.trajectories.s_curves import s_curve
 
 SHORTEST_RISE = 1e-4
-"""Least rise time, s: far above the time within which events are one."""
+"""Minimum rise time, s: far above the time within which switching times are one."""
 _COMMAND_KEYS = ("phi_e", "speed", "acceleration")
 
 
 def earliest_end(way: ArrayLike, speed_limit: ArrayLike, acceleration_limit: ArrayLike) -> np.ndarray:
-    """Return the least duration (s) of a ramp from rest to rest over `way` (rad), (5.13), (5.14); broadcasts.
+    """Return the minimum duration (s) from rest to rest over `way` (rad), (5.13), (5.14); broadcasts.
 
     Args:
         way: angle to go, either sign, rad.
@@ -41,11 +41,11 @@ def earliest_end(way: ArrayLike, speed_limit: ArrayLike, acceleration_limit: Arr
 def passive_command(
     phi_start: float, phi_goal: float, end: float, speed_limit: float, acceleration_limit: float
 ) -> RampCommand:
-    """Return the one command that moves a passive joint from rest to rest within exactly `end` seconds.
+    """Return the one command that moves a non-optimised joint from rest to rest in exactly `end` seconds.
 
-    The ramp reaches the speed limit if it can, with the lowest acceleration that still ends in time (5.16):
-    t' = end - |way| / v_lim; else it is a symmetric triangle, t' = end / 2 (5.17). The command's speed is
-    v_lim in both. A joint that has nowhere to go does not move.
+    The profile reaches the speed limit if it can, with the lowest acceleration that still ends in time
+    (5.16): `t' = end - |way| / v_lim`; else it is a symmetric triangle, t' = end / 2 (5.17). The command's
+    speed is v_lim in both. A joint that has nowhere to go does not move.
 
     Args:
         phi_start: rad.
@@ -77,7 +77,7 @@ class VelocityProfiles:
 
     Attributes:
         joints: the joints' profiles, base first.
-        rise_times: (n,), s, of the joints' accelerations; empty: none, accelerations jump.
+        rise_times: (n,), s, of the joints' accelerations; empty: none, there are acceleration steps.
     """
 
     joints: tuple[JointRamps, ...]
@@ -117,7 +117,7 @@ class VelocityProfiles:
     def with_rise_times(self, rise_times: ArrayLike) -> VelocityProfiles:
         """Return the same commands with accelerations that rise within this time, s: one for all, or (n,).
 
-        0 for the ramps themselves.
+        0: trapezoidal velocity profiles.
 
         Raises:
             InputError: a rise time is below 0, or their number is wrong.
@@ -142,17 +142,18 @@ class VelocityProfiles:
     ) -> VelocityProfiles:
         """Return profiles with which the joints without commands end with the others (5.12 to 5.19).
 
-        The end is that of the last joint with commands, or the earliest possible end of the slowest passive
-        joint if that is later (5.15).
+        The end is that of the last joint with commands, or the earliest possible end of the slowest
+        non-optimised joint if that is later (5.15).
 
         Args:
-            start, goal: angles, (n,), rad; the goal is read for passive joints only.
-            commands: per joint its commands, or None if it is passive.
-            speed_limits: (n,), rad/s, read for passive joints only.
+            start, goal: angles, (n,), rad; the goal is read for non-optimised joints only.
+            commands: per joint its commands, or None if it is not optimised.
+            speed_limits: (n,), rad/s, read for non-optimised joints only.
             acceleration_limits: (n,), rad/s^2, likewise.
 
         Raises:
-            InputError: see :meth:`from_commands`; a limit of a passive joint is not > 0; shapes do not fit.
+            InputError: see :meth:`from_commands`; a limit of a non-optimised joint is not > 0; shapes do not
+                fit.
         """
         n = len(commands)
         start, goal = finite_array("start", start, (n,)), finite_array("goal", goal, (n,))
@@ -195,7 +196,7 @@ class VelocityProfiles:
     def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
         """Return `start` (degrees) and `commands`, per joint a list of commands in degrees and seconds.
 
-        S-curves have `rise_time_s`, too, one for all joints or a list.
+        S-curves also have `rise_time_s`, one for all joints or a list.
 
         Args:
             units: of the joints, "rad" or "m"; where one is "m", start and commands of that joint are in
@@ -245,7 +246,7 @@ def checked_rise_times(rise_times: Any, n: int, name: str = "rise_time") -> tupl
     """Return one rise time, none or (n,), s, as a tuple of n; empty if all are 0.
 
     Raises:
-        InputError: one is not a number or below 0, or too short to be told from none, or there are not n.
+        InputError: one is not a number or below 0, or too short to differ from none, or there are not n.
     """
     given = (
         list(rise_times) if _is_list(rise_times) or isinstance(rise_times, np.ndarray) else [rise_times] * n

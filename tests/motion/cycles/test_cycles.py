@@ -292,7 +292,7 @@ def test_standstills_that_are_not_clear_are_refused(plan):
     found = parts_of(task, through(a, 0.5 * (a + b), b, a))
     assert len(found.segments) == 2
     np.testing.assert_allclose(found.segments[0].goal, b)
-    with pytest.raises(InputError, match="stands still 0 times on its way; 2 segments of swing need 1"):
+    with pytest.raises(InputError, match="rests 0 times between its ends; 2 segments of swing need 1"):
         parts_of(task, through(a, b))
     with pytest.raises(InputError, match=r"which 1 of them .* is not clear \(several fit their goals\)"):
         parts_of(task, through(a, b, 0.5 * (a + b), b, a))
@@ -407,7 +407,7 @@ def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(
     assert [s.rest for s in at_once] == pytest.approx([0.0102] * 2, abs=2e-6)
     assert [s.rest for s in task.segments] == pytest.approx([0.3, 0.0102], abs=2e-6)
     assert [s.rest for s in plan.task.segments] == [0.3, 0.0]
-    short = "segment {} rests for {} ms, joints are late by up to 10.2 ms"
+    short = "segment {} rests for {} ms, joints are delayed by up to 10.2 ms"
     for pauses, closed, texts in (
         ((0.01, 0.0), False, [short.format("1 (out)", 10)]),
         ((0.02, 0.0), False, []),  # nothing comes after it

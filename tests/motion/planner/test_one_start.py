@@ -91,7 +91,7 @@ def test_a_motion_that_keeps_no_limits_is_told_in_words(task, monkeypatch):
     assert found is None
     assert re.fullmatch(
         r"no motion: limits stay broken, most of all [a-z -]+ by 0\.18 in its units "
-        r"\(no way back to where all of them are kept; Ipopt: Restoration_Failed\)",
+        r"\(the restoration reached no point where all of them are kept; Ipopt: Restoration_Failed\)",
         why,
     )
 

@@ -262,7 +262,7 @@ def test_refusals() -> None:
         robot.assembly_modes(np.ones(5))
     with pytest.raises(InputError, match="serial legs"):
         _example("delta_parallelograms").assembly_modes(np.ones(3))
-    with pytest.raises(InputError, match=r"leg 1: its passive joints \(R, R, R\) .* ball joints"):
+    with pytest.raises(InputError, match=r"leg 1: its unactuated joints \(R, R, R\) .* ball joints"):
         held_leg(ParallelRobot(rrr3()).kinematics.legs[0], {})
     with pytest.raises(InputError, match="leg 1: assembly modes need serial legs"):
         held_leg(_example("delta_parallelograms").kinematics.legs[0], {})

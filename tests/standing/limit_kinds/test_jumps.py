@@ -148,7 +148,7 @@ def test_slow_motions_and_continuous_accelerations_pass(task):
     assert slow.worst["jump_GN"].value < 0.5
     points = controller_points(task.reference.with_rise_times(0.02), "quintic")
     assert len(Jumps.of(points)) == 0
-    assert check_motion(task.robot, points, LIMITS).worst["jump_GN"].detail == "no jumps"
+    assert check_motion(task.robot, points, LIMITS).worst["jump_GN"].detail == "no acceleration steps"
 
 
 @pytest.mark.parametrize("merge", [0.0, 0.05])
@@ -170,7 +170,7 @@ def test_nodes_of_the_exact_program_have_the_loads_of_the_jumps(task, seed, merg
     about = {limit.name: JUMP in limit.node_kinds for limit in limits_of(task.robot, LIMITS)}
     for name, rows in program.near_rows(x, -100.0).masks.items():
         assert not rows[jumping != about[name]].any()
-    assert program.near_rows(x, -100.0)["slip at jumps"][jumping].all()
+    assert program.near_rows(x, -100.0)["slip at acceleration steps"][jumping].all()
 
 
 def ordered(task, seed, merge=0.0):
@@ -188,7 +188,7 @@ def ordered(task, seed, merge=0.0):
 def test_derivatives_of_the_rows_at_jumps(task, seed):
     program, x, _, _ = ordered(task, seed)
     rows = program.no_rows()
-    rows["tip-over at jumps"][program.nodes.kinds == JUMP] = True
+    rows["tip-over at acceleration steps"][program.nodes.kinds == JUMP] = True
     program, count = program.with_rows(rows), len(program.structure.lower)
     on = np.random.default_rng(seed).normal(size=len(program.bounds()[0]))
     on[:count] = 0.0
@@ -247,5 +247,5 @@ def written(folder, line):
 
 def test_other_tolerances_of_parallel_robots_are_refused(tmp_path):
     task = load_task(written(tmp_path, "damping = 0.05\nspeed = 0.03"))
-    with pytest.raises(InputError, match="tolerance: of parallel robots only damping is looked at"):
+    with pytest.raises(InputError, match="tolerance: parallel robots have only damping"):
         refusals(task)

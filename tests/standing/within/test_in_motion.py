@@ -254,7 +254,7 @@ def test_late_s_curves_are_no_worse_than_the_states_that_are_looked_at(task):
 
 def test_parallel_robots_are_refused():
     task = load_task(EXAMPLES / "tasks" / "delta_cart.toml")
-    with pytest.raises(InputError, match="tolerance: of parallel robots only damping is looked at"):
+    with pytest.raises(InputError, match="tolerance: parallel robots have only damping"):
         worst_case_of(task.robot, WORKSHOP)
 
 

@@ -1,11 +1,11 @@
 """Mode automata: which element of a pool replaces a leaving one.
 
-A binding lists the *admissible subsets* of its pool of non-negative scalars, each subset a contact mode.
-The list is closed if every facet of a subset (the subset minus one element) belongs to exactly two
-subsets: then each (subset, leaving element) has exactly one successor, and a complementary pivoting
-method ruled by the automaton can never be led into an undefined mode. If redundant subsets (which can
-never be non-negative, but cost no rank) are needed for that, the list is *neutrally* closed, otherwise
-*strongly* closed.
+A contact model lists the *admissible subsets* of its pool of non-negative scalars, each subset a contact
+mode. The list is closed if every facet of a subset (the subset minus one element) belongs to exactly two
+subsets: then each (subset, leaving element) has exactly one successor, and a complementary pivoting method
+ruled by the automaton can never be led into an undefined mode. If redundant subsets (which can never be
+non-negative, but cost no rank) are needed for that, the list is *neutrally* closed, otherwise *strongly*
+closed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ocptip.basics.errors import BindingDefinitionError
 
 @dataclass(frozen=True)
 class Mode:
-    """One admissible subset of a binding's pool.
+    """One admissible subset of the pool of a contact model.
 
     Attributes:
         name: what the contact does, e.g. "stick", "slide", "separate".
@@ -59,7 +59,7 @@ def build_automaton(kind: str, pool: tuple[str, ...], modes: tuple[Mode, ...]) -
     """Derive the automaton of a mode list and check that the list is closed.
 
     Args:
-        kind: name of the binding, for messages.
+        kind: name of the contact model, for messages.
         pool: names of the pool variables; subsets are stored as indices into it.
         modes: the admissible (and redundant) subsets.
 

@@ -1,7 +1,7 @@
-"""What a binding (contact type) is: a pool of non-negative scalars and the subsets that are its modes.
+"""The interface of contact models: a pool of non-negative scalars and the subsets that are its modes.
 
-A new binding is one subclass of :class:`Binding`; nothing else has to be changed. The solver, the
-verdicts, the reserves and the command line only use what is declared here.
+A new contact model is one subclass of :class:`Binding`; nothing else has to be changed. The solver, the
+verdicts, the margins and the command line only use what is declared here.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _NORMAL_TOLERANCE = 1e-12
 
 @dataclass(frozen=True)
 class PoolVariable:
-    """A non-negative scalar of a binding and how it enters the equations.
+    """A non-negative scalar of a contact model and how it enters the equations.
 
     Attributes:
         name: name used in the mode list, e.g. "g1" (acceleration), "l1" (force), "lb" (auxiliary).
         acceleration: its contribution to the contact point's acceleration, components (n, t1, t2) or
             (n, t) in the plane; None for none.
         force: its contribution to the contact force, same components; None for none.
-        auxiliary: its coefficient in each auxiliary row of the binding.
+        auxiliary: its coefficient in each auxiliary row of the contact model.
     """
 
     name: str
@@ -140,7 +140,7 @@ class Binding(ABC):
 
     @abstractmethod
     def pool(self) -> list[PoolVariable]:
-        """The binding's non-negative scalars."""
+        """The non-negative scalars of the contact model."""
 
     @abstractmethod
     def modes(self) -> list[Mode]:
@@ -173,7 +173,7 @@ class Binding(ABC):
 
     @property
     def planar(self) -> bool:
-        """True for a binding of a planar support."""
+        """True for a contact of a planar support."""
         return self.dimension == 2
 
     @cached_property
@@ -207,7 +207,7 @@ class Binding(ABC):
 
 @dataclass(frozen=True)
 class Columns:
-    """A binding's pool as matrices.
+    """The pool of a contact model as matrices.
 
     Attributes:
         names: pool variable names.
@@ -251,7 +251,7 @@ class Columns:
 
 
 def positive_parameters(binding: Binding, *names: str) -> None:
-    """Check that the named parameters of a binding are positive finite numbers and store them as floats."""
+    """Check that the named parameters of a contact are positive finite numbers and store them as floats."""
     for name in names:
         number = positive_number(name, getattr(binding, name))
         refuse_huge(name, number)
@@ -291,7 +291,7 @@ def sliding_variables(binding: Binding) -> list[PoolVariable]:
 
 
 def edge_vectors(binding: Binding, friction: float, side: float = 1.0) -> np.ndarray:
-    """Edge vectors of the binding's pyramid (S, 3) or planar cone (2, 2), see `pyramid.edges`."""
+    """Edge vectors of the friction pyramid (S, 3) or planar cone (2, 2), see `pyramid.edges`."""
     if binding.planar:
         return pyramid.planar_edges(friction, side)
     return pyramid.edges(friction, binding.facets, side)

@@ -1,4 +1,4 @@
-"""Five kinds of local clamps, each reduced to one contact point with its own set of admissible forces.
+"""Five kinds of local clamps, each reduced to one contact point with a set of admissible forces.
 
 The upper jaw (index o in thesis M) pushes the base along +n, the lower jaw (u) along -n. `K_n` is the
 normal force on the base at the reduced point. Source: thesis M, 3.2.1 to 3.2.5 and A.

@@ -2,7 +2,7 @@
 
 A contact force K = (K_n, K_t) and a contact acceleration a = (a_n, a_t) obey the laws if
 
-* K_n lies in the binding's range, a_n > 0 only at its lower and a_n < 0 only at its upper end;
+* K_n lies in the range of the contact model, a_n > 0 only at its lower and a_n < 0 only at its upper end;
 * K_t lies in the polygon (the pyramid's cross-section) that belongs to K_n;
 * no other force in that polygon would dissipate more: -a_t' K_t is the polygon's support function.
 
@@ -22,7 +22,7 @@ from ocptip.contact.bindings.binding import Binding
 
 
 def normal_range(binding: Binding) -> tuple[float, float]:
-    """Smallest and largest normal force (N) the binding can carry; infinite where it cannot give way."""
+    """Minimum and maximum normal force (N) that the contact can carry; infinite where it cannot yield."""
     pieces = binding.force_pieces()
     return min(p.normal_min for p in pieces), max(p.normal_max for p in pieces)
 
@@ -76,10 +76,10 @@ def law_violation(
     force_unit: float | np.ndarray,
     mass: float,
 ) -> np.ndarray:
-    """How far forces and accelerations of one binding are from obeying its laws.
+    """How far forces and accelerations of one contact are from obeying its laws.
 
     Args:
-        binding: the binding.
+        binding: the contact.
         force: (N, d) contact forces in contact axes, N.
         acceleration: (N, d) contact point accelerations in contact axes, m/s^2.
         force_unit: (N,) or number: force by which violations are divided, N.

@@ -76,7 +76,7 @@ class UnilateralContact(Binding):
         given = [name for name in names if getattr(self, name) is not None]
         if self.stiffness is None:
             if given:
-                raise InputError(f"{given[0]}: of a contact without stiffness; give that, too")
+                raise InputError(f"{given[0]}: needs stiffness; give that as well")
             return
         positive_parameters(self, "stiffness")
         if self.damping is not None and self.damping_ratio is not None:
@@ -140,15 +140,16 @@ class UnilateralContact(Binding):
 
 
 def feet(contacts: Sequence[Binding] | ArrayLike, friction: float | None = None) -> list[Binding]:
-    """Contacts as they are, or ordinary ones at positions (n, 3), m, with normal z, of one friction.
+    """Contacts unchanged, or ordinary ones at positions (n, 3), m, with normal z and one friction
+    coefficient.
 
     Raises:
-        InputError: no friction for positions, or friction beside contacts that have their own.
+        InputError: no friction for positions, or friction beside contacts that have one.
     """
     own = [contact for contact in contacts if isinstance(contact, Binding)] if np.iterable(contacts) else []
     if own:
         if friction is not None:
-            raise InputError("friction: for positions only; these contacts have their own")
+            raise InputError("friction: for positions only; these contacts already have a coefficient")
         return list(contacts)  # pyright: ignore[reportArgumentType] # others are refused by the support
     places = finite_array("contacts", contacts, (None, 3))
     if friction is None:

@@ -28,7 +28,7 @@ class ArmPose:
     Attributes:
         jacobian: (N, 6, n), columns are the spears of the axes, base frame; moments in m.
         rotation: (N, 3, 3), gripper axes to base axes.
-        position: (N, 3), m, gripper point in the base frame.
+        position: (N, 3), m, TCP in the base frame.
         inertias: (N, n), kg m^2: moment of inertia about axis i of everything it moves; None for an arm
             without masses.
     """
@@ -137,7 +137,7 @@ def arm_from_spears(
     Args:
         name: for messages and titles.
         spears: (n, 6), base frame, moments in m; axis 1 is next to the base.
-        tool_position: (3,), m: gripper point in the reference pose.
+        tool_position: (3,), m: TCP in the reference pose.
         tool_rotation: (3, 3): gripper axes to base axes in the reference pose; default identity.
         limits: joint limits; none by default.
 

@@ -195,7 +195,7 @@ class Curvatures:
     def worst(self) -> np.ndarray:
         """(4,) direction of the most negative curvature, in which a singularity is nearest to second order.
 
-        [Naw07] takes the curvature of smallest magnitude; that contradicts its own example.
+        [Naw07] takes the curvature of smallest magnitude; that contradicts the example given there.
         """
         return self.directions[0]
 
@@ -233,7 +233,7 @@ def stationary_curvatures(jacobian: np.ndarray) -> Curvatures:
 
 
 def stationary_motion_angle(curvatures: Curvatures, rates: object) -> float:
-    """Sigma in a stationary point: -pi/2 along the worst direction (either way), 0 across it (4.11).
+    """Sigma in a stationary point: -pi/2 along the worst direction (in either sense), 0 across it (4.11).
 
     Args:
         rates: (6,) joint rates.

@@ -42,7 +42,9 @@ class OperationIndices(Record):
 
     @property
     def worst_rates(self) -> np.ndarray:
-        """(N, n) joint rates that move the ellipsoid least; to be avoided where the index is small."""
+        """(N, n) joint rates that move the ellipsoid by the minimum amount; avoid them where the index is
+        small.
+        """
         return self.rates[..., -1, :]
 
     @property

@@ -98,7 +98,7 @@ class SymbolicArm:
 
         Args:
             ellipsoid: operation ellipsoid in the gripper frame.
-            speeds: (6,) in place of the ellipsoid's own `principal_speeds`: an ellipsoid of variable size.
+            speeds: (6,) instead of the `principal_speeds` of the ellipsoid: an ellipsoid of variable size.
         """
         jacobian, rotation, position = self._pose
         axes = rotation @ cs.SX(ellipsoid.axes)
@@ -211,20 +211,19 @@ def index_function(model: ArmModel, name: str, *, weighted: bool = False, **opti
 
 
 def manipulability_constraint(arm: SymbolicArm, least: float, *, sign: int) -> ConstraintBlock:
-    """MPB >= least, m^3, in the aspect of the given sign of det J."""
+    """MPB >= `least`, m^3, in the aspect of the given sign of det J."""
     margin = _checked_sign(sign) * arm.determinant - positive_number("least", least)
     return inequality(margin / arm.volume)
 
 
 def dm_2_constraint(arm: SymbolicArm, least: float, *, sign: int) -> ConstraintBlock:
-    """DM_2 >= least, rad, as sign * det J >= least * |g| with |g| slightly enlarged.
+    """DM_2 >= `least`, rad, as `sign * det J >= least * |g|` with |g| slightly enlarged.
 
     The enlargement keeps the root smooth and shuts out singularities of higher order (det J = 0, g = 0),
     which would count as far away. The squared form takes more iterations and fails more often.
 
     Args:
-        arm: the arm.
-        least: bound, rad.
+        arm: the arm. `least`: bound, rad.
         sign: of det J in the aspect, see `SymbolicArm.sign_at`.
     """
     det, gradient = _checked_sign(sign) * arm.determinant / arm.volume, arm.gradient / arm.volume
@@ -233,7 +232,7 @@ def dm_2_constraint(arm: SymbolicArm, least: float, *, sign: int) -> ConstraintB
 
 
 def dm_inf_constraint(arm: SymbolicArm, least: float, *, sign: int, name: str = "dm_inf") -> ConstraintBlock:
-    """DM_inf >= least, rad, with four auxiliary variables that bound |g_i|; arguments as for DM_2.
+    """DM_inf >= `least`, rad, with four auxiliary variables that bound |g_i|; arguments as for DM_2.
 
     `guess(q)` gives their start values.
     """
@@ -274,12 +273,11 @@ def pi_oe_constraint(
     method: Method = "ldl",
     p: int = 8,
 ) -> ConstraintBlock:
-    """PI_OE >= least: Z - least^2 DC identity is positive semidefinite.
+    """PI_OE >= `least`: `Z - least^2 DC identity` is positive semidefinite.
 
     Args:
         arm: the arm, six axes.
-        ellipsoid: operation ellipsoid in the gripper frame.
-        least: bound, 0 < least <= 1.
+        ellipsoid: operation ellipsoid in the gripper frame. `least`: bound, `0 < least <= 1`.
         method, p: see `psd_constraint`; "ldl" took the fewest iterations in our tests, "lifted" is the most
             robust.
 
@@ -308,7 +306,7 @@ def inv_cdn_oe_constraint(
     method: Method = "lifted",
     p: int = 8,
 ) -> ConstraintBlock:
-    """1/CDN_OE >= least; arguments, result and errors as for :func:`pi_oe_constraint`, but n >= 6 axes."""
+    """1/CDN_OE >= `least`; arguments, result and errors as for :func:`pi_oe_constraint`, but n >= 6 axes."""
     velocities = arm.velocities(ellipsoid)
     # The side of the end-effector: a third of the iterations that Z = V' V took.
     scaled = velocities @ velocities.T / (cs.sumsqr(velocities) / 6.0)
@@ -329,5 +327,5 @@ def _checked_sign(sign: int) -> int:
 
 def _checked_share(least: float) -> float:
     if positive_number("least", least) > 1.0:
-        raise InputError(f"least: the index is at most 1, got {least!r}")
+        raise InputError(f"the index is at most 1, got {least!r}")
     return float(least)

@@ -26,7 +26,7 @@ from ocptip.indices.reviewed import inv_cdn, inv_cdn_cl, inv_cdn_points, manipul
 from ocptip.robots.model import ArmModel
 
 DEFAULT_ELLIPSOID = OperationEllipsoid.sphere(0.1)
-"""Taken if no ellipsoid is given: a sphere of 0.1 m about the gripper point."""
+"""Taken if no ellipsoid is given: a sphere of 0.1 m about the TCP."""
 
 SIX_AXES = "defined for six axes only"
 

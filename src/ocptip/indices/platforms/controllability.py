@@ -1,14 +1,14 @@
 """Control number CTN of Stewart-Gough platforms and of planar RPR platforms.
 
 Near a singularity small changes of leg lengths move the platform uncontrollably. What can be measured of that
-are the angular velocities of the passive joints: with the sum of squared leg rates fixed to one, the sum of
-squared passive joint rates lies between lambda_- and lambda_+ (rad^2/m^2): CTN = sqrt(lambda_- / lambda_+).
-CTN is 0 exactly in singular poses and 1 where every motion moves the passive joints equally much. It depends
-on the anchors themselves, not only on the lines of the legs. Source: [Naw07] 6.3, (6.4) to (6.7), and 7.2 for
-the planar case.
+are the angular velocities of the unactuated joints: with the sum of squared leg rates fixed to one, the sum
+of squared rates of the unactuated joints lies between lambda_- and lambda_+ (rad^2/m^2): CTN = sqrt(lambda_-
+/ lambda_+). CTN is 0 exactly in singular poses and 1 where every motion moves the unactuated joints equally
+much. It depends on the anchors themselves, not only on the lines of the legs. Source: [Naw07] 6.3, (6.4) to
+(6.7), and 7.2 for the planar case.
 
-Numerically: with J the leg rates and A = Q R the passive joint rates per screw, the singular values of
-J R^-1 are 1/sqrt(lambda). That loses no digits near a singularity, as the eigenvalues of J'J would.
+Numerically: with J the leg rates and A = Q R the rates of the unactuated joints per screw, the singular
+values of J R^-1 are 1/sqrt(lambda). That loses no digits near a singularity, as the eigenvalues of J'J would.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ class ControlNumber(Record):
 
     Attributes:
         value: CTN, 0 (singular) to 1.
-        lambdas: (6,), in the plane (3,): stationary values of the sum of squared passive joint rates per sum
-            of squared leg rates, rad^2/m^2, smallest first; infinite where the legs hold still.
+        lambdas: (6,), in the plane (3,): stationary values of the sum of squared rates of the unactuated
+            joints per sum of squared leg rates, rad^2/m^2, smallest first; infinite where the legs hold
+            still.
         screws: (6, 6) column k is the screw of lambdas[k] in the base frame (angular velocity rad/s, then
-            velocity of the point at the origin m/s), scaled to a unit sum of squared passive joint rates.
-            In the plane (3, 3): rotation, then velocity. None where `indeterminate`.
+            velocity of the point at the origin m/s), scaled to a unit sum of squared rates of the unactuated
+            joints. In the plane (3, 3): rotation, then velocity. None where `indeterminate`.
         residual: largest |A'A-orthogonality or J'J-orthogonality defect| of the screws.
         indeterminate: True if a motion exists that no joint of any leg feels (all legs on one line or all
             parallel): the pose is singular and the eigenvalue problem is not defined.
@@ -94,6 +95,6 @@ _SUSPICIOUS = 1e-6
 """Above this share the Jacobian cannot be rank deficient."""
 
 _BLIND = 1e-12
-"""Pivots of the passive joint rates below this share of the largest are zero."""
+"""Pivots of the rates of the unactuated joints below this share of the largest are zero."""
 
 _TINY = np.finfo(float).tiny

@@ -91,9 +91,9 @@ class ParallelIndices:
         ellipsoid: operation ellipsoid in the platform frame, for 1/CDN_OE and 1/CDN_CL of hexapods.
 
     Attributes:
-        names: of the indices that it has: those of `PARALLEL`; of planar RPR robots and hexapods CTN; of
-            hexapods the others of `PLATFORM`, too.
-        usual: the ones to look at along a motion or over a workspace.
+        names: of its indices: those of `PARALLEL`; for planar RPR robots and hexapods CTN; for hexapods also
+            the others of `PLATFORM`.
+        usual: the ones to evaluate along a motion or over a workspace.
     """
 
     def __init__(self, robot: ParallelRobot, ellipsoid: OperationEllipsoid | None = None) -> None:

@@ -39,7 +39,7 @@ class PlanarPlatformPose(AnchoredPose):
 
     @cached_property
     def passive_map(self) -> np.ndarray:
-        """A: (2 n, 3) angular velocities of the passive joints per planar screw."""
+        """A: (2 n, 3) angular velocities of the unactuated joints per planar screw."""
         normal = np.column_stack([-self.legs[:, 1], self.legs[:, 0]]) / (self.lengths**2)[:, None]
         rows = []
         for points in (self.platform, self.base):

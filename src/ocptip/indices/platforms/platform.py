@@ -1,4 +1,5 @@
-"""Stewart-Gough platforms: anchor points, pose, legs as lines, the Jacobian and the passive joint rates.
+"""Stewart-Gough platforms: anchor points, pose, legs as lines, the Jacobian and the rates of the unactuated
+joints.
 
 A platform has n >= 6 legs from b_i on the base to p_i on the moving platform. A platform screw q = (angular
 velocity, velocity of the point at the origin of the base frame) causes the leg rates J q. The joints at both
@@ -146,7 +147,7 @@ class PlatformPose(AnchoredPose):
 
     @cached_property
     def passive_map(self) -> np.ndarray:
-        """A: (6 n, 6) angular velocities of all passive joints per screw, 1/s; |A q|^2 = sum of (6.5)."""
+        """A: (6 n, 6) angular velocities of all unactuated joints per screw, 1/s; |A q|^2 = sum of (6.5)."""
         directions, inverse = self.spears[:, :3], 1.0 / self.lengths
         across = skew(directions * inverse[:, None])
         rows = np.empty((2, self.n_legs, 3, 6))
@@ -162,7 +163,7 @@ class PlatformPose(AnchoredPose):
 
     @cached_property
     def Z(self) -> np.ndarray:
-        """(6, 6) q' Z q = sum of squared angular velocities of the passive joints."""
+        """(6, 6) q' Z q = sum of squared angular velocities of the unactuated joints."""
         return self.passive_map.T @ self.passive_map
 
     @property

@@ -119,7 +119,7 @@ def spans_a_plane(points: np.ndarray) -> bool:
 
 
 def best_complex(pose: PlatformPose) -> BestComplex:
-    """Best approximating linear complexes (6.2): two numbers, because translations need their own.
+    """Best approximating linear complexes (6.2): two numbers, because translations need a separate one.
 
     sigma_R^2 is the smallest eigenvalue of A - F G^-1 F', with the blocks A, F, G of J'J; computed here from
     the singular values of the moments' part orthogonal to the directions.

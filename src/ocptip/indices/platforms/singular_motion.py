@@ -1,6 +1,6 @@
-"""What a platform does near a singularity: its least controllable screws and the lines its legs are close to.
+"""What a platform does near a singularity: its screws of minimum control and the lines its legs are close to.
 
-Near a singularity the legs nearly are path normals of the least controllable screw e_+, i.e. lines of its
+Near a singularity the legs nearly are path normals of the screw of minimum control e_+, i.e. lines of its
 linear complex. If more eigenvalues lambda are about as large as lambda_+, the legs are close to the lines
 that all complexes of the spanned pencil or bundle have in common. Source: [Naw07] 6.3.3, (6.10).
 """
@@ -38,11 +38,11 @@ _DIMENSIONS = {1: "complex", 2: "pencil", 3: "bundle"}
 
 @dataclass(frozen=True, eq=False)
 class SingularMotion:
-    """The least controllable motion of a platform pose.
+    """The motion of minimum control of a platform pose.
 
     Attributes:
         control: the control number of the pose.
-        screw: (6,) the least controllable screw e_+, base frame; an exact self-motion in a singular pose.
+        screw: (6,) the screw of minimum control e_+, base frame; an exact self-motion in a singular pose.
         motion: its axis and pitch.
         screws: (6, k) all screws whose lambda is close to lambda_+, e_+ first.
         kind: "complex" (k = 1), "pencil" (2), "bundle" (3) or "more"; "none" far from a singularity.
@@ -75,7 +75,7 @@ class SingularMotion:
 def singular_motion(
     pose: PlatformPose, *, closeness: float = 0.25, tolerance: float | None = None, near: float = NEAR
 ) -> SingularMotion:
-    """Least controllable screw of a pose and the type of the line system its legs are close to (7.5).
+    """Screw of minimum control of a pose and the type of the line system its legs are close to (7.5).
 
     Args:
         pose: the platform.

@@ -79,7 +79,7 @@ class SymbolicPlatform:
 
     @property
     def Z(self) -> Symbolic:
-        """(6, 6) sum of squared passive joint rates."""
+        """(6, 6) sum of squared rates of the unactuated joints."""
         return self.forms[2]
 
     def W(self, ellipsoid: OperationEllipsoid) -> Symbolic:

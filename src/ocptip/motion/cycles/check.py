@@ -108,7 +108,7 @@ def cycle_check(task: Task, motion: Trajectory, checks: Sequence[MotionCheck]) -
         if jump > SAME
     ]
     jumps += [
-        f"{title} rests for {1e3 * pause:.3g} ms, joints are late by up to {1e3 * late:.4g} ms"
+        f"{title} rests for {1e3 * pause:.3g} ms, joints are delayed by up to {1e3 * late:.4g} ms"
         for number, (title, pause, segment) in enumerate(zip(task.titles(), pauses, segments, strict=True), 1)
         if (task.closed or number < len(segments))  # a closed cycle begins anew
         and pause < (late := segment.task.limits.tolerance.late)
@@ -134,14 +134,14 @@ def parts_of(task: CycleTask, motion: Trajectory) -> Trajectory:
     inner = _longest(points, [seam for seam in found if seam[1] < last])
     if len(inner) < wanted - 1:
         raise InputError(
-            f"stands still {len(inner)} times on its way; {wanted} segments of {task.name} need {wanted - 1}"
+            f"rests {len(inner)} times between its ends; {wanted} segments of {task.name} need {wanted - 1}"
         )
     if len(inner) > wanted - 1:
         ways = _assignments(task, [points.angles[begin] for begin, _ in inner])
         if len(ways) != 1:
             which = "none fits their goals" if not ways else "several fit their goals"
             raise InputError(
-                f"stands still {len(inner)} times on its way; which {wanted - 1} of them part the segments "
+                f"rests {len(inner)} times between its ends; which {wanted - 1} of them part the segments "
                 f"of {task.name} is not clear ({which}); check the plan.json, which says it"
             )
         inner = [inner[k] for k in ways[0]]

@@ -133,7 +133,7 @@ class NodeJacobian:
         Args:
             first: of the columns, not that of the power; one number or (R,).
         """
-        assert np.all(first > 0), "the power has slopes of its own"
+        assert np.all(first > 0), "the power has separate slopes"
         first = np.full(len(nodes), 1) * (first - 1)
         own = np.ascontiguousarray
         return _over_states(own(nodes), first, own(on), self.slopes, self.y.shape[1] - 1)
@@ -157,7 +157,7 @@ class NodeHessian:
 
     def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
         """Add second derivatives (R, k, k) at nodes (R,) over k columns of y from the first on."""
-        assert first > 0, "the power has slopes of its own"
+        assert first > 0, "the power has separate slopes"
         own, at = np.ascontiguousarray, self._at
         own_bends, m = own(bends), at.y.shape[1] - 1
         _add_bends_over_quantities(self.upper, own(nodes), first - 1, own_bends, at.slopes, m)

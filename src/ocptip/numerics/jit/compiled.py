@@ -20,8 +20,8 @@ class Kernel:
     """A function that Numba, loaded only then, compiles when it is called for the first time.
 
     The machine code is kept for the next start of the program if a cache exists. Numba refuses if it finds no
-    writable folder for it (a read-only installation of a user without a home): then the function is compiled
-    anew in every process. Machine code does not hold the interpreter's lock: several threads may run it.
+    writable folder for it (a read-only installation of a user without a home): then every process compiles
+    the function again. Machine code does not hold the interpreter's lock: several threads may run it.
     """
 
     def __init__(
@@ -110,10 +110,10 @@ def interpreted() -> Iterator[None]:
 
 
 def _watch(made: Any, callees: Iterable[Any]) -> None:
-    """Let kept machine code be stale, too, where a file has changed whose functions it contains.
+    """Make kept machine code stale where a file has changed whose functions it contains.
 
-    Numba compares the time and size of the function's own file only. (A version of Numba that keeps them
-    elsewhere does so as before.)
+    Numba only compares the time and size of the file that defines the function. (A version of Numba that
+    keeps them elsewhere does so as before.)
     """
     own, stamps = getattr(made, "_cache", None), [_stamp(one) for one in callees]
     if own is not None and stamps:

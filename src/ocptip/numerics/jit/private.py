@@ -48,7 +48,7 @@ def trusted(folder: Path) -> Path:
 
 @lru_cache
 def _instead(folder: Path, why: str) -> Path:
-    """A private folder instead of another one, said once."""
+    """A private folder instead of another one, with a warning, once."""
     made = _temporary()
     doubt(
         f"the cache folder {folder} {why}: machine code in it is not loaded, and a private folder is used "
@@ -70,7 +70,7 @@ def _temporary() -> Path:
 def read_private(path: Path) -> bytes | None:
     """The content of a file that only this user can have written; None without one.
 
-    Folder and file are opened first and judged then, so that nobody can exchange them in between.
+    Folder and file are opened first and checked then, so that nobody can exchange them in between.
     """
     with contextlib.suppress(OSError), _Folder(path.parent) as folder:
         return folder.read(path.name)

@@ -1,6 +1,6 @@
 """CasADi's SX functions run for many states at once: every instruction over a block of states.
 
-CasADi's own virtual machine takes one state at a time, so that decoding an instruction costs more than its
+CasADi's virtual machine takes one state at a time, so that decoding an instruction costs more than its
 arithmetic. Here an instruction is decoded once for a block of states and its loop over them uses the
 processor's vector units. Tapes that run often become machine code (`native`): six to ten times as fast, with
 the same results to the last bit.
@@ -30,13 +30,13 @@ _Op = IntEnum(
     """,
 )
 LOOK, WORTH = 3, 400
-"""Runs after which machine code is looked for on disk, and after which it is worth its compilation."""
+"""Runs after which machine code is searched on disk, and after which it is worth its compilation."""
 
 _CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
 
 
 def instruction_name(operation: int) -> str:
-    """What an instruction of CasADi's does, by a name of its own.
+    """The name here of what an instruction of CasADi does.
 
     Raises:
         NotImplementedError: it is not known here.
@@ -171,7 +171,7 @@ def _run_block(code, constants, inputs, outputs, work, start, n):
 
 @compiled
 def _value(operation, x, y):
-    """One of the operations that occur too seldom for a loop of their own."""
+    """One of the operations that occur too seldom for a separate loop."""
     if operation == _Op.DIV:
         return x / y
     if operation == _Op.TWICE:

@@ -56,10 +56,10 @@ class AssemblyMode(Record):
     Attributes:
         z: all coordinates of the platform that move: the free ones, then the dependent ones, m and rad.
         position: (3,), m; rotation: (3, 3), platform axes to world axes.
-        residual: how far the coupling points are from where the locked legs let them be, m.
-        certified: Kantorovich's theorem proves that there is a pose, and no other one nearby.
-        home_branches: True if the legs' branches of the home pose lead there, False if others do; None where
-            that was not checked (dependent coordinates).
+        residual: how far the coupling points are from where the locked legs let them be, m. `certified`:
+        Kantorovich's theorem proves that there is a pose, and no other one nearby.
+        home_branches: True if the legs reach it with the IK solutions of the home pose, False if with others;
+            None where that was not checked (dependent coordinates).
     """
 
     z: np.ndarray
@@ -97,7 +97,7 @@ class AssemblyModes(Record):
 
     @property
     def complete(self) -> bool:
-        """True if every path ended in a regular solution of its own, or where there is no pose.
+        """True if all paths ended in different regular solutions, or where there is no pose.
 
         Then there are no others: with probability one, since the paths begin at a random robot.
         """
@@ -344,7 +344,7 @@ def _general_solutions(
     ends = ends[np.isfinite(around) & (_norm_of_e(ends, entries) > 1e-8)]
     ends = ends[distinct(ends)]
     if not len(ends):
-        raise SolverError("assembly modes: no solution found of a general robot of this kind")
+        raise SolverError("assembly modes: no solution of a general robot of this kind")
     return ends
 
 

@@ -43,9 +43,9 @@ class Crossing(Record):
 def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE) -> tuple[Crossing, ...]:
     """Singular poses on a path, those between its samples included.
 
-    Joint positions follow the path from sample to sample, so that a leg keeps its branch. A path that only
-    touches a singular pose between two samples, without crossing it, is not seen; nor is type I of complete
-    legs with fewer than six joints.
+    Joint positions follow the path from sample to sample, so that a leg keeps its IK solution. A path that
+    only touches a singular pose between two samples, without crossing it, is not seen; nor is type I of
+    complete legs with fewer than six joints.
 
     Args:
         kinematics: of a robot with as many motors as coordinates.
@@ -88,7 +88,7 @@ def _between(
     q: Sequence[np.ndarray],
     signs: tuple[dict[str, float], dict[str, float]],
 ) -> list[Crossing]:
-    """One crossing per sign that differs, found by bisection."""
+    """One crossing per sign that differs, by bisection."""
     result = []
     a, b = ends
     for kind, first in signs[0].items():

@@ -1,7 +1,8 @@
 """Where a leg's coupling point can be while its motors are locked: sphere, circle, plane, cylinder, line.
 
-Also legs of spherical robots, of which two passive joints keep the angle between their axes, and legs whose
-last joint, or the whole end, is rigid with the platform: these hold axes and points of the base in it, too.
+Also legs of spherical robots, of which two unactuated joints keep the angle between their axes, and legs
+whose last joint, or the whole end, is rigid with the platform: these also hold axes and points of the base in
+it.
 """
 
 from __future__ import annotations
@@ -122,8 +123,8 @@ def leg_surface(
 
 
 def held_leg(leg: LegSolver, locked: dict[int, float]) -> LegSurface:
-    """What a leg without a ball joint at the platform holds: passive joints U and P, or U and R with parallel
-    last axes, or S and R, the last joint next to the platform.
+    """What a leg without a ball joint at the platform holds: unactuated joints U and P, or U and R with
+    parallel last axes, or S and R, the last joint next to the platform.
 
     Args:
         leg: assembled.
@@ -155,8 +156,8 @@ def held_leg(leg: LegSolver, locked: dict[int, float]) -> LegSurface:
             slots, radius = ((center, last, float(last @ arm)),), float(np.linalg.norm(p - center))
             return LegSurface(kappa, center, radius, angles=angles, slots=slots)
     raise InputError(
-        f"leg {leg.number + 1}: its passive joints ({', '.join(kind) or 'none'}) are none of those for which "
-        "assembly modes are known: ball joints at the platform, or UP, UR with parallel last axes or SR to it"
+        f"leg {leg.number + 1}: its unactuated joints ({', '.join(kind) or 'none'}) have no known assembly "
+        "modes; known are ball joints at the platform, or UP, UR with parallel last axes or SR to it"
     )
 
 

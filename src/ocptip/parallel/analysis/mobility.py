@@ -27,7 +27,7 @@ _SEED = 5
 
 @dataclass(frozen=True, eq=False)
 class Mobility(Record):
-    """Degrees of freedom of a robot, found numerically near its home pose.
+    """Degrees of freedom of a robot, computed numerically near its home pose.
 
     Attributes:
         dof: of the whole mechanism: joints and platform minus the rank of the closures.
@@ -38,7 +38,7 @@ class Mobility(Record):
         motors: number of motors.
         over_constraints: closure rows that are redundant.
         gap: smallest singular value counted divided by the largest one not counted.
-        poses: number of poses looked at; the numbers are those of the least mobile one.
+        poses: number of checked poses; the numbers are those of the pose with minimum mobility.
         problems: what makes the robot unusable, in words; empty if nothing.
     """
 
@@ -55,7 +55,7 @@ class Mobility(Record):
 
     @property
     def consistent(self) -> bool:
-        """True if the robot moves as described: no problem found."""
+        """True if the mobility is that of the description: no problems."""
         return not self.problems
 
 
@@ -114,7 +114,7 @@ def mobility(kinematics: Kinematics) -> Mobility:
 
 
 def require_mobility(kinematics: Kinematics) -> Mobility:
-    """Mobility of a robot that moves as described.
+    """Mobility of a robot, which must be that of its description.
 
     Raises:
         InputError: it does not; the message says why.
@@ -154,7 +154,7 @@ def _driven_idlers(kinematics: Kinematics) -> list[str]:
 
 
 def _at_home(solver: LegSolver) -> str:
-    """What else may be in the way: angles of coupling joints that nobody gave."""
+    """Another possible cause: angles of coupling joints that nobody gave."""
     leg = solver.leg
     given = not isinstance(leg, SerialLeg) or leg.end_rotation is not None or len(leg.guess) == solver.n
     if given or not 1 <= solver.n - solver.point <= 2:

@@ -1,8 +1,8 @@
 """Singular poses: of a leg (type I), of the platform (type II), of the Euler angles (thesis P, 5.5.3).
 
-Type I: a leg's own Jacobian loses rank, the platform loses a motion. Type II: locked motors no longer hold
-the platform, motor forces grow without bound. Both measures are made comparable by a characteristic length
-L: angles count as lengths L times angle.
+Type I: the Jacobian of one leg loses rank, the platform loses a motion. Type II: locked motors no longer hold
+the platform, motor forces grow without bound. Both measures are made comparable by a characteristic length L:
+angles count as lengths L times angle.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Singularity:
 
     @property
     def mechanical(self) -> tuple[str, ...]:
-        """The kinds that are the robot's own, not those of its Euler angles."""
+        """The kinds of the mechanism, not those of its Euler angles."""
         return tuple(kind for kind in self.kinds if kind != "representation")
 
     @property
@@ -206,7 +206,8 @@ def implicit_pair(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray]
 
 
 def free_screw(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], *, complete: bool) -> Screw:
-    """The motion of the platform that locked motors hold least: of the smallest singular value of J_a.
+    """The platform motion of the smallest singular value of J_a, which locked motors resist with minimum
+    force.
 
     Args:
         kinematics, z, q, complete: as for :func:`singularity`; legs must be regular.
@@ -261,7 +262,7 @@ def require_regular(
 def singular_everywhere(kinematics: Kinematics) -> str:
     """Why a robot is of no use if no pose about home is regular; "" if one is.
 
-    Looks at home, and if that is singular at random poses about it, up to 0.3 rad and 0.3 L away.
+    Checks home, and if that is singular random poses about it, up to 0.3 rad and 0.3 L away.
     """
     home = kinematics.description.home
     rng = np.random.default_rng(_SEED)
@@ -283,7 +284,7 @@ def singular_everywhere(kinematics: Kinematics) -> str:
             return ""
         if not k:
             reason = ", ".join(found.mechanical) + _not_held(kinematics, z, q, found, complete=True)
-    return f"singular in every pose looked at: at home {np.round(home, 6).tolist()} {reason}"
+    return f"singular in every checked pose: at home {np.round(home, 6).tolist()} {reason}"
 
 
 def elimination_order(description: RobotDescription, *, complete: bool = False) -> tuple[int, ...]:

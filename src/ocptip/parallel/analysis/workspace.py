@@ -1,8 +1,8 @@
-"""Workspaces: which poses of a grid a robot reaches within the ranges of its joints, passive ones included.
+"""Workspaces: which poses of a grid a robot reaches within the ranges of all its joints.
 
 A grid over one to three platform coordinates, the others fixed: a constant-orientation workspace (over x, y,
-z), an orientation workspace (over angles), or anything between. Every pose is looked at by itself, with the
-legs in the branches of the home pose.
+z), an orientation workspace (over angles), or anything between. Every pose is checked by itself, with the IK
+solutions of the legs in the home pose.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Workspace(Record):
         dexterity: (n1, n2, ...) volume that the unit rows of J_a span, angles counted as lengths (by the
             mean distance of the coupling points from the platform's origin): 1 where the motors act at right
             angles, 0 at type II singularities, negative beyond them as seen from home; NaN out of reach.
-        cause: (n1, n2, ...) number in `causes` of what is in the way first, -1 inside.
+        cause: (n1, n2, ...) number in `causes` of the first limit that fails, -1 inside.
         causes: "out of reach", "leg 1 joint 3", ...
         size: area, volume, length or angle inside, in products of m and rad.
     """
@@ -95,7 +95,7 @@ def workspace(
         ranges: coordinate name -> lower and upper end, m or rad; one to three of them.
         at: (m,) values of the other coordinates; default home.
         cells: per coordinate.
-        progress: told how many of how many poses are done, where each is looked at by itself.
+        progress: called with the numbers of poses done and of all poses, where each is checked by itself.
 
     Raises:
         InputError: unknown coordinates, empty ranges, or another number of motors.

@@ -1,6 +1,6 @@
 """C code of generated functions: source and header, written completely or not at all.
 
-The code allocates nothing, calls nothing but sin, cos and the like, and is free of branches except for the
+The code allocates nothing, calls nothing but sin, cos and the like, and has no conditional except for the
 sign of Coulomb friction.
 """
 
@@ -45,12 +45,12 @@ def write_c(
 ) -> CFiles:
     """Write functions as C source with a header beside it.
 
-    Matrices are stored column by column and densely. The comment at the top of the source lists all inputs
+    Matrices are stored column by column and densely. The comment at the top of the C file lists all inputs
     and outputs in order, with the names of the parameters and their values for the robot.
 
     Args:
         functions: one or several, of different names.
-        path: of the source, ending in .c; the header gets the same name with .h.
+        path: of the C file, ending in .c; the header gets the same name with .h.
         main: add a `main` that evaluates a function from the command line.
 
     Raises:

@@ -3,7 +3,7 @@
 The lean formulation goes through the coupling points and needs legs with as many joints up to there as there
 are free translations. Here all joints of the legs take part, see
 :mod:`ocptip.parallel.symbolic.complete_legs`; equations are chosen near the home pose. Joints without closed
-form are found by Newton's method from given ones.
+form follow from given ones by Newton's method.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def complete_function(
     returned.
 
     Args:
-        robot: legs without branches, as many motors as coordinates.
+        robot: with serial legs, as many motors as coordinates.
         outputs: any of "tau", "J_a", "qd" and "qdd" of all joints, leg by leg, and "W", derivative of "tau"
             with respect to inertia.
         name: of the function.
@@ -136,7 +136,7 @@ def newton_function(
     where it is not small call it again with `q` as start, or the pose cannot be reached from there.
 
     Args:
-        kinematics: of a robot whose legs have no branches.
+        kinematics: of a robot with serial legs.
         steps: at every call.
         near: (m,) pose near which equations are chosen; default near home.
 

@@ -50,7 +50,7 @@ OUTPUTS = ("tau", "M", "c", "g", "J_a", "qd", "qdd", "W", "W_M", "W_c", "W_g", "
 
 @dataclass(frozen=True, eq=False)
 class LeanFunction:
-    """A generated function and the robot's own numbers for it.
+    """A generated function and the numbers of the robot for it.
 
     Attributes:
         function: CasADi function with named inputs and outputs.
@@ -97,7 +97,7 @@ class LeanFunction:
             z: (m,) platform coordinates, m and rad.
             rates, accelerations: (m,) as the form wants them.
             q: (n, N) joint variables up to the coupling points, one column per leg.
-            inertia, geometry, gravity, joint_terms: instead of the robot's own.
+            inertia, geometry, gravity, joint_terms: instead of those of the robot.
             wrench: (6,) external force (N) and moment (N m) about the platform's origin, world axes; default
                 0.
 
@@ -146,8 +146,8 @@ class LeanFunction:
         """A callable without checks for inner loops: some microseconds instead of hundreds.
 
         Returns:
-            Function of (z, rates, accelerations, q) with the robot's own parameters that gives the outputs in
-            order.
+            Function of (z, rates, accelerations, q) with the parameters of the robot that gives the outputs
+            in order.
         """
         evaluate = PointFunction(self.function)
         own = {"inertia": self.inertia, "geometry": self.geometry, "gravity": self.gravity}

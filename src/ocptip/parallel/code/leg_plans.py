@@ -1,4 +1,4 @@
-"""Choice of how the code of each leg is written: the plan with the fewest operations, found by counting."""
+"""Choice of how the code of each leg is written: the plan with the fewest operations, by counting."""
 
 from __future__ import annotations
 

@@ -179,7 +179,7 @@ def _uses(graph: _Graph, outputs: list[dict[int, Value]]) -> list[int]:
 
 
 def _factored(graph: _Graph, outputs: list[dict[int, Value]]) -> tuple[_Graph, list[dict[int, Value]]]:
-    """One pass: sums and products are taken apart down to shared values, factored and written anew."""
+    """One pass: sums and products are taken apart down to shared values, factored and written again."""
     uses = _uses(graph, outputs)
     inner: set[int] = set()
     for node, key in enumerate(graph.nodes):

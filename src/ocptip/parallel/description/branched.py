@@ -1,4 +1,4 @@
-"""Legs with branches and inner loops, such as the arm of a Delta robot with its two parallel rods."""
+"""Branched legs, with inner loops, such as the arm of a Delta robot with its two parallel rods."""
 
 from __future__ import annotations
 

@@ -29,8 +29,8 @@ def moved_inertia(body: BodyInertia, frame: Frame) -> BodyInertia:
     """Inertia about another frame, in its axes.
 
     Args:
-        body: about its own frame.
-        frame: the body's own frame, given in the other one.
+        body: about the origin of its frame, in its axes.
+        frame: the frame of the body, given in the other one.
     """
     R, d = frame
     s, inertia, mass = R @ body.first_moment, R @ body.inertia @ R.T, body.mass

@@ -403,7 +403,7 @@ class RobotDescription:
             return f"the platform has dependent coordinates ({', '.join(along)})"
         for number, leg in enumerate(self.legs, start=1):
             if not isinstance(leg, SerialLeg):
-                return f"leg {number} branches or has loops of its own"
+                return f"leg {number} is branched or has closed loops"
             if leg.n != rows:
                 return f"leg {number} has {leg.n} joints up to its coupling point, not {rows}"
             if leg.idle:

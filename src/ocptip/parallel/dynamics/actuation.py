@@ -50,7 +50,7 @@ def motor_forces(
     weights: ArrayLike | None = None,
     least_squares: bool = False,
 ) -> MotorForces:
-    """Motor forces of least (weighted) norm.
+    """Motor forces of minimum (weighted) norm.
 
     Args:
         jacobian: J_a, (n_a, m): motor rates from the platform's quasi-velocities.

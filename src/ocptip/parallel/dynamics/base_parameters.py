@@ -2,7 +2,7 @@
 
 The regressor of the generalised force is stacked over closed configurations of the robot; its rank is the
 number of base parameters. Equal legs show one parameter less than leg by leg: a point mass at the end of all
-legs cannot be told from platform mass.
+legs cannot be separated from platform mass.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def _block(kinematics: Kinematics) -> tuple[Block, int]:
 
 
 def _joints_from_home(kinematics: Kinematics) -> Callable[[np.ndarray], Sequence[np.ndarray]]:
-    """Joint positions in any assembly near home; InputError where they are not found."""
+    """Joint positions in any assembly near home; InputError where the legs do not close."""
     start = [leg.home for leg in kinematics.legs]
     if complete_obstacle(kinematics.description):
         return lambda z: kinematics.joints(z, start).q
@@ -212,7 +212,9 @@ def rank_parameters(
 def _preferred(
     scaled: np.ndarray, columns: np.ndarray, layout: InertiaLayout, rank: int, tolerance: float
 ) -> list[int]:
-    """Independent columns, greedily: platform first, then masses and first moments, then late bodies."""
+    """Independent columns, greedily: platform first, then masses and first moments, then bodies far along the
+    leg.
+    """
     order = sorted(range(len(columns)), key=lambda k: _preference(int(columns[k]), layout))
     basis = np.zeros((len(scaled), 0))
     chosen: list[int] = []

@@ -2,7 +2,7 @@
 
 Lagrange multipliers give the wrenches at the leg ends (and at inner loops); from there Newton and Euler go
 body by body towards the base. With over-constrained closures, or more motors than coordinates, rigid bodies
-do not fix the multipliers: those of least norm are one choice, and `unique` says so.
+do not fix the multipliers: those of minimum norm are one choice, and `unique` says so.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A parallel robot in the formats of other programs: URDF and MJCF.
 
 Both hold the complete legs, all coupling joints included, with the platform on leg 1, and name things alike:
-links `leg1_link1` by the leg's rows, joints `leg1_joint1`, `platform`. Joint positions are ours. Lines from
-joint to joint are drawn as a sketch; they have no mass and touch nothing.
+links `leg1_link1` by the leg's rows, joints `leg1_joint1`, `platform`. Joint positions are those of
+`ParallelRobot`. Lines from joint to joint are drawn as a sketch; they have no mass and touch nothing.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def to_urdf(robot: ParallelRobot | RobotDescription) -> str:
     on; comments in the file list the pairs and the home positions of the joints. Drive inertia is lost.
 
     Args:
-        robot: it need not move as described, but legs must reach the home pose.
+        robot: its mobility may differ from the description, but legs must reach the home pose.
 
     Raises:
         InputError: it cannot be assembled, no leg holds the platform's orientation, or a body without mass

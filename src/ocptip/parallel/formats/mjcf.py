@@ -73,11 +73,11 @@ def to_mjcf(robot: ParallelRobot | RobotDescription) -> str:
 
     Motor forces are the controls, in the order of the description. Drive inertia and friction are the joints'
     `armature`, `damping` and `frictionloss`. The model starts in the home pose (by the joints' `ref`, so that
-    positions are ours): MuJoCo scales its constraints by the inertia there, and at zero joint positions legs
-    may be singular.
+    positions are those of `ParallelRobot`): MuJoCo scales its constraints by the inertia there, and at zero
+    joint positions legs may be singular.
 
     Args:
-        robot: it need not move as described, but legs must reach the home pose.
+        robot: its mobility may differ from the description, but legs must reach the home pose.
 
     Raises:
         InputError: it cannot be assembled, no leg holds the platform's orientation, or a body cannot be
@@ -158,7 +158,7 @@ class _LegSolids:
         return solid
 
     def _can_join(self, k: int, body: BodyInertia) -> bool:
-        """True if nothing but one moving row depends on a row's own body."""
+        """True if nothing but one moving row depends on the body of a row."""
         children = [j for j, parent in enumerate(self._parents) if parent == k]
         single = len(children) == 1 and self._rows[children[0]].sigma != FIXED
         return body.massless and single and k not in self._kept and self._rows[k].sigma != FIXED

@@ -33,7 +33,7 @@ class Closure:
         leg, row: of the first frame (from 0).
         other: row of the second frame, in the same leg; None: the second frame is on the platform.
         frame: the second frame in the platform frame, or in its row's (its origin only, for inner loops).
-        rigid: True if the axes coincide, too; else only the origins.
+        rigid: True if the axes also coincide; else only the origins.
         name: of the second frame.
     """
 

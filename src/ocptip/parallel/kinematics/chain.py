@@ -1,6 +1,6 @@
 """Kinematics and dynamics of one leg as compiled CasADi functions: straightforward form, world axes.
 
-A leg is a tree of bodies over MDH rows; a serial leg is the tree without branches. Dynamics by body Jacobians
+A leg is a tree of bodies over MDH rows; a serial leg is an unbranched tree. Dynamics by body Jacobians
 (thesis P, (3.19), generalised); the lean form for code generation is a separate module.
 """
 

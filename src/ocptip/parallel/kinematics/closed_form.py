@@ -1,10 +1,10 @@
 """Closed-form inverse kinematics of the five well-known leg types, up to the coupling point.
 
 The formulas are written once, for scalars: numbers or CasADi expressions. A target out of reach is refused in
-numbers. In expressions it is no error, so that an optimiser may step there and find its way back: the cosine
-or sine concerned is cut near +-1, and the leg's measures, which are not cut, are negative there.
+numbers. In expressions it is no error, so that an optimiser may step there and return: the cosine or sine
+concerned is cut near +-1, and the leg's measures, which are not cut, are negative there.
 
-A leg is recognised by the structure of its table. Branch signs (`SerialLeg.branch`) choose a solution:
+A leg is recognised by the structure of its table. Signs (`SerialLeg.branch`) choose an IK solution:
 
 ===== =========================================== ======================================
 leg   joints                                      signs
@@ -40,7 +40,7 @@ _CUT = 1.0 - 1e-7
 _SMALL = 1e-14  # m^2: keeps square roots differentiable at the origin
 
 SIGNS = {"RRR": 1, "RPR": 1, "PRRR": 1, "RUU": 2, "UPS": 2}
-"""Number of branch signs by leg type."""
+"""Number of signs by leg type."""
 
 
 def leg_type(leg: LegBase) -> str | None:
@@ -83,15 +83,15 @@ def leg_solution(
         length_of: what an entry of the table stands for; default its number.
 
     Raises:
-        InputError: there is no closed form, the number of branch signs is wrong, or a numeric target is out
-            of reach.
+        InputError: there is no closed form, the number of signs is wrong, or a numeric target is out of
+            reach.
     """
     kind = leg_type(leg)
     if kind is None:
         raise InputError(f"leg: its table has no closed-form inverse kinematics ({', '.join(SIGNS)} have)")
     signs = tuple(branch) or leg.branch or (1,) * SIGNS[kind]
     if len(signs) != SIGNS[kind]:
-        raise InputError(f"branch: a leg of type {kind} has {SIGNS[kind]} branch signs, got {signs!r}")
+        raise InputError(f"branch: a leg of type {kind} has {SIGNS[kind]} signs, got {signs!r}")
     return _SOLVERS[kind]([length_of(row.d) for row in leg.rows], target, signs)
 
 
@@ -99,7 +99,7 @@ def closed_form(leg: LegBase, target: np.ndarray, branch: Sequence[int] = ()) ->
     """Joint values (n,) of :func:`leg_solution`; None without a closed form or for a target out of reach.
 
     Raises:
-        InputError: wrong number of branch signs.
+        InputError: wrong number of signs.
     """
     if not isinstance(leg, SerialLeg) or leg_type(leg) is None:
         return None
@@ -110,7 +110,7 @@ def closed_form(leg: LegBase, target: np.ndarray, branch: Sequence[int] = ()) ->
 
 
 def nearest_branch(leg: SerialLeg, target: np.ndarray, q: np.ndarray) -> tuple[int, ...]:
-    """Branch signs of the closed-form solution nearest to given joint values (n,); angles modulo 2 pi.
+    """Signs of the closed-form solution nearest to given joint values (n,); angles modulo 2 pi.
 
     Raises:
         InputError: there is no closed form, or the target is out of reach.

@@ -48,7 +48,7 @@ class LegClosure:
     Attributes:
         n: number of joints, coupling joints included.
         point: number of joints up to the coupling point; n for branched legs.
-        locked: joints that are coordinates of their own (kinematic redundancy).
+        locked: joints that are additional coordinates (kinematic redundancy).
         drives: (3, n) drive inertia, viscous and Coulomb friction.
         end_rotations: (3, 3) platform axes to end frame, per end, or None where the orientation is free.
         idle: number of freedoms that neither platform nor motors notice.

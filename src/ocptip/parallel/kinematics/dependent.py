@@ -91,7 +91,7 @@ class DependentCoordinates:
 
     def solve(self, z: np.ndarray, guess: Sequence[np.ndarray] | None) -> tuple[Attempt, str]:
         """Joints of all legs, one after the other, and d at z; and where they come from: "guess", "home"
-        (continued along the straight way) or "search".
+        (continued along the straight line) or "search".
 
         Raises:
             InputError: no leg positions and dependent coordinates close at z.
@@ -114,7 +114,7 @@ class DependentCoordinates:
                 return found, "search"
             error = min(error, found[1])
         raise InputError(
-            f"pose: the legs do not close at z = {np.round(z, 6).tolist()} with any {self._names} found: "
+            f"pose: the legs do not close at z = {np.round(z, 6).tolist()} with any searched {self._names}: "
             f"closure error {error:.2g} (m, rad)"
         )
 

@@ -82,10 +82,10 @@ class LegSolver(LegClosure):
         self.home = q
 
     def find(self, way: Way, guess: np.ndarray | None) -> tuple[Attempt, str]:
-        """Joint positions at the end of a way, and where they come from.
+        """Joint positions at the end of a path, and where they come from.
 
-        "guess": by Newton's method from the guess. "home": without guess, by the closed form in its branch,
-        or without one continued along the way. "search": none of these closed the leg, a search did.
+        "guess": by Newton's method from the guess. "home": without guess, by the closed form with its signs,
+        or without one continued along the path. "search": none of these closed the leg, a search did.
 
         Raises:
             InputError: the leg does not reach the pose.
@@ -106,7 +106,7 @@ class LegSolver(LegClosure):
         return self.solve(r, R, guess, locked), "search"
 
     def _continued(self, way: Way) -> Attempt | None:
-        """From home along the way in steps so short that the assembly stays; None where it cannot."""
+        """From home along the path in steps so short that the assembly stays; None where it cannot."""
         return continued(self.home, lambda q, share: self.followed(q, *way(share)))
 
     def followed(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> Attempt | None:

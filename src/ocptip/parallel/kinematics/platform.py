@@ -29,11 +29,11 @@ class JointPositions(Record):
         q: per leg (n_f,), rad or m.
         residual: largest closure error, m or rad.
         iterations: Newton steps, all legs.
-        assembly: "home": that of the home pose, legs with closed forms in their branches, others connected to
-            home by the straight way in the coordinates; "guess": found from the guess; "search": some leg,
-            see `searched`, was closed by a search, in whatever assembly.
-        searched: legs from 0 that were: the straight way from home leads them through a singular pose or
-            out of reach, or the guess does not lead there.
+        assembly: "home": that of the home pose, legs with closed forms with their signs, others connected to
+            home by the straight line in the coordinates; "guess": by Newton's method from the guess;
+            "search": some leg, see `searched`, was closed by a search, in whatever assembly.
+        searched: legs from 0 that were: the straight line from home leads them through a singular pose or out
+            of reach, or the guess does not lead there.
     """
 
     q: tuple[np.ndarray, ...]
@@ -167,7 +167,7 @@ class Kinematics:
         Args:
             z: (m,).
             guess: per leg (n_f,), e.g. of the pose before; None: closed form, or from home on along the
-                straight way in the coordinates.
+                straight line in the coordinates.
 
         Raises:
             InputError: a leg does not reach the pose.
@@ -218,7 +218,7 @@ class Kinematics:
         way, found, origins = self._ways(z), [], []
         for i, leg in enumerate(self.legs):
             if not isinstance(leg.leg, SerialLeg) or leg.locked:
-                raise InputError(f"leg {i + 1}: has branches or redundant joints; use the complete leg")
+                raise InputError(f"leg {i + 1}: is branched or has redundant joints; use the complete leg")
             start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.point,))
             if start is None and not leg_type(leg.leg):
                 (q, error, used), origin = leg.find(way[i], None)
@@ -230,7 +230,7 @@ class Kinematics:
         return _joint_positions(found, origins)
 
     def _ways(self, z: np.ndarray) -> list[Way]:
-        """Per leg the straight way from home to z."""
+        """Per leg the straight line from home to z."""
         home = self.description.home
 
         def way(rho: list[int]) -> Way:
@@ -293,7 +293,7 @@ class Kinematics:
 
         Args:
             qa: (n_a,) motor positions, rad or m.
-            guess: (m,) pose to start from; default home. Which of several solutions is found depends on it.
+            guess: (m,) pose to start from; default home. It decides which of several solutions results.
             joints: joint positions at the guess, per leg.
 
         Raises:
@@ -319,7 +319,7 @@ class Kinematics:
             step *= min(1.0, STEP_LIMIT / max(np.abs(step).max(), 1e-300))
             z, state = self._walk(z, step, state, size, qa)
         raise SolverError(
-            f"forward kinematics: no pose found in {_ITERATIONS} steps from guess {start.tolist()}; motor "
+            f"forward kinematics: no pose reached in {_ITERATIONS} steps from guess {start.tolist()}; motor "
             f"positions still differ by {size:.2g}"
         )
 

@@ -2,7 +2,7 @@
 
 Blocks of one to three unknowns are solved by Cramer's rule, so that the only divisors are factors of the
 determinant: the code fails where the matrix is singular and nowhere else. Larger blocks are split by a Schur
-complement after the first three unknowns, whose own block must then be regular too.
+complement after the first three unknowns, whose block must then be regular as well.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class BlockSystem:
         return _substituted(transposed, [(columns, rows) for rows, columns in reversed(self.blocks)], right)
 
     def own_row(self, column: int) -> int | None:
-        """The row of a column that is a diagonal block of its own; None if its block is larger."""
+        """The row of a column that is a diagonal block by itself; None if its block is larger."""
         for rows, columns in self.blocks:
             if columns == [column]:
                 return rows[0]
@@ -124,7 +124,7 @@ def _schur(matrix: Matrix, right: Sequence[cs.SX]) -> list[cs.SX]:
 
 
 def _matching(pattern: np.ndarray) -> list[int] | None:
-    """For each column a row of its own with an entry there (augmenting paths); None if there is none."""
+    """For each column a different row with an entry there (augmenting paths); None if there is none."""
     size = len(pattern)
     column_of: dict[int, int] = {}
 

@@ -35,8 +35,8 @@ class CompleteLeg:
         system: its rows and columns.
         idle, momentum: (n,) motion of all joints with the end at rest, and what rates are multiplied with to
             get their part along it: their momentum, or themselves for a leg without inertia there.
-        free: the leg with its own inertia in numbers and without friction, None if there is no inertia along
-            the idle motion. (Motor forces remain linear in the inertia that `model` has.)
+        free: the leg with the robot's inertia in numbers and without friction, None if there is no inertia
+            along the idle motion. (Motor forces remain linear in the inertia that `model` has.)
         held: wrenches at the end, world axes, that do no work along the joints, one per other row.
     """
 
@@ -72,9 +72,9 @@ class CompleteLeg:
 
     @property
     def moved(self) -> ChainState:
-        """Its motion, once found."""
+        """Its motion, once computed."""
         if self.motion is None:
-            raise RuntimeError("the motion of the legs has not been found")
+            raise RuntimeError("the motion of the legs has not been computed")
         return self.motion
 
     def followed(self, linear: Vector, angular: Vector) -> Scalars:

@@ -49,7 +49,7 @@ def complete_obstacle(description: RobotDescription) -> str:
         return "joints are redundant"
     for number, leg in enumerate(description.legs, start=1):
         if not isinstance(leg, SerialLeg):
-            return f"leg {number} branches or has loops of its own"
+            return f"leg {number} is branched or has closed loops"
         if leg.idle > 1:
             return f"leg {number} has {leg.idle} idle freedoms, code knows one"
         if not all(body.massless for body in leg.bodies[leg.n_joints :]):
@@ -80,7 +80,7 @@ class CompleteArguments:
 def own_arguments(
     description: RobotDescription, z: cs.SX, s: cs.SX, sd: cs.SX, q: cs.SX
 ) -> CompleteArguments:
-    """With the robot's own inertia and gravity, in quasi-velocities."""
+    """With the inertia and gravity of the robot, in quasi-velocities."""
     values = inertia_values(description, complete=True)
     gravity = cs.SX(cs.DM(description.gravity))
     return CompleteArguments(z, s, sd, q, cs.SX(cs.sparsify(cs.DM(values))), gravity, True)
@@ -161,7 +161,7 @@ class CompleteEquations:
         return rows
 
     def force(self, *, motors_too: bool = True) -> tuple[Scalars, dict[tuple[int, int], cs.SX]]:
-        """tau_s (m,), and efforts of the motors' own joints: parts of it, or left out of it."""
+        """tau_s (m,), and efforts of the motor joints: parts of it, or left out of it."""
         force, moment = platform_wrench(self._own, self.platform, self.gravity)
         own = {}
         for number, leg in enumerate(self.legs):
@@ -174,7 +174,9 @@ class CompleteEquations:
         return self._projected(self._generalized(force, moment)), own
 
     def motor_forces(self) -> cs.SX:
-        """J_a^T tau_a = tau_s, with the motors' own efforts added after the passive ones are balanced."""
+        """J_a^T tau_a = tau_s, with the efforts of the motor joints added after the unactuated ones are
+        balanced.
+        """
         right, own = self.force(motors_too=False)
         rows, order = self.rows(), list(elimination_order(self.description, complete=True))
         system = BlockSystem([[rows[k][c] for k in order] for c in range(len(right))])

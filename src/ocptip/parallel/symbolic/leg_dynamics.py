@@ -36,8 +36,8 @@ class ChainState:
 
     Attributes:
         rates, accelerations: q' and q''.
-        omegas, alphas, matrices, origins: per body, in its own frame: angular velocity and acceleration, Om
-            of both, and acceleration of the origin minus gravity.
+        omegas, alphas, matrices, origins: per body, in its frame: angular velocity and acceleration, Om of
+            both, and acceleration of the origin minus gravity.
     """
 
     rates: list[cs.SX]
@@ -62,7 +62,7 @@ class LegState(ChainState):
 
 @dataclass(frozen=True)
 class DrivenForce:
-    """A leg's load, split so that its passive joints are free of moments.
+    """A leg's load, split so that its unactuated joints are free of moments.
 
     The force F on the platform side cancels the passive moments; `effort` remains at the driven joint. A
     force lambda along `direction` at the coupling point adds `lever` lambda to it.

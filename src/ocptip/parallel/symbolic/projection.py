@@ -1,7 +1,7 @@
 """Inverse dynamics of a parallel robot in minimal coordinates by coupling points, in symbols (3.37)-(3.54).
 
 tau_s = tau_P + sum U_i^T J_Bi^-T tau_i is summed directly, without mass matrices. Motor forces come from the
-platform's equilibrium with the passive joints already free of moments, so that no leg Jacobian is inverted
+platform's equilibrium with the unactuated joints already free of moments, so that no leg Jacobian is inverted
 for them.
 """
 
@@ -74,7 +74,7 @@ def projection_arguments(
     gravity: ArrayLike | None = None,
     load: ArrayLike | None = None,
 ) -> Arguments:
-    """With the robot's own numbers: pose, rates and accelerations, then the joints.
+    """With the numbers of the robot: pose, rates and accelerations, then the joints.
 
     Args:
         gravity: (3,), m/s^2, world axes; default the robot's.

@@ -2,7 +2,7 @@
 
 A vector is a list of three SX scalars. A rotation is a chain of turns about coordinate axes, so that passing
 a vector between two frames costs four multiplications and two additions per turn, nothing for multiples of
-pi/2, and zero components stay zero for CasADi's own simplification.
+pi/2, and zero components stay zero for the simplification of CasADi.
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ def leg_model(
         geometry: symbols of the named parameters.
         inertia: (10 n,) parameters about the frames' origins, zeros where eliminated.
         joint_terms: (3, n) drive inertia, viscous and Coulomb friction.
-        complete: with all joints, those behind the coupling point, too; else up to it.
+        complete: with all joints, also those behind the coupling point; else up to it.
     """
     leg = description.legs[index]
     count = leg.n_joints if complete else leg.n

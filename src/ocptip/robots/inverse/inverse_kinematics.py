@@ -277,6 +277,6 @@ def _limits_message(model: ArmModel, branches: np.ndarray) -> str:
         for value in (branches[branch, joint], low[joint], high[joint])
     )
     return (
-        f"pose: reachable only beyond joint limits ({len(branches)} branches); the nearest needs "
+        f"pose: reachable only beyond joint limits ({len(branches)} IK solutions); the nearest needs "
         f"{model.joint_names[joint]!r} at {at} {'m' if slides else 'degrees'}, limits {least} to {most}"
     )

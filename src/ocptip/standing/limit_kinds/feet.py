@@ -88,7 +88,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
 class JumpFootForceLimit(AtJumps, FootForceLimit):
     """The same under the loads at jumps with their overshoot."""
 
-    name, result, setting = "foot force at jumps", "jump_foot_force_N", "jump_foot_force"
+    name, result, setting = "foot force at acceleration steps", "jump_foot_force_N", "jump_foot_force"
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
@@ -98,7 +98,7 @@ class JumpFootForceLimit(AtJumps, FootForceLimit):
         jumps = Jumps.of(at.motion)
         forces = self.forces(jumps.loads(self.robot, self.asked.overshoot))
         if not len(jumps):
-            return [self.found(np.inf, np.nan, "no jumps")]
+            return [self.found(np.inf, np.nan, "no acceleration steps")]
         i, k = np.unravel_index(np.argmin(forces), forces.shape)
         detail = f"contact {k + 1}, {jumps.words(int(i))}"
         return [self.found(float(forces[i, k]), float(jumps.times[i]), detail)]

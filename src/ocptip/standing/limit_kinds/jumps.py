@@ -111,7 +111,7 @@ class AtJumps(AskedLimit):
 class JumpLimit(AtJumps, NominalLimit):
     """A quantity of the contacts under the loads at jumps with their overshoot."""
 
-    words = "{} at jumps", "jump_{}"
+    words = "{} at acceleration steps", "jump_{}"
     after_steps = True
 
     def near(self, at: Instants, share: float) -> np.ndarray:
@@ -120,7 +120,7 @@ class JumpLimit(AtJumps, NominalLimit):
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         jumps = Jumps.of(at.motion)
         if not len(jumps):
-            return [self.found(0.0, np.nan, "no jumps")]
+            return [self.found(0.0, np.nan, "no acceleration steps")]
         values = self.quantity.measure_still(jumps.loads(self.robot, self.asked.overshoot))
         values = np.where(np.isnan(values), np.inf, values)
         k = int(np.argmax(values))

@@ -153,13 +153,13 @@ def remarks_of(robot: Robot) -> list[str]:
     if rotors := real_bodies(robot.arm).rotors:
         joints = ", ".join(f"{rotor.joint + 1}" for rotor in rotors)
         found.append(
-            f"drives of joints {joints} have rotors of their own, since their links' inertias are such as no "
-            "body has without: the base feels the same, the torque of these joints moves the rotor, too"
+            f"drives of joints {joints} have separate rotors: without them no body has the inertias of these "
+            "links; the load on the base is the same, the torque of these joints also moves the rotor"
         )
     if robot.chain is not None:
         found.append("gears do not give here")
     if robot.arm.process is not None:
-        one = f"the process is actuator {PROCESS!r}, which acts as described at control 1 (all keyframes)"
+        one = f"the process is actuator {PROCESS!r}, with its nominal load at control 1 (all keyframes)"
         six = f"the process varies: controls of {', '.join(_COMPONENTS)} are what it is; keyframes have it"
         found.append(one if robot.varying is None else six)
     if not np.all(robot.arm.with_payload(None).masses):

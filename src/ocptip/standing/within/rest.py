@@ -153,7 +153,7 @@ def scene_within(
         InputError: a planar scene, or one without gravity; a base mass outside its interval.
     """
     if support.dimension != 3:
-        raise InputError("tolerance: looked at for spatial scenes only (--tolerance none)")
+        raise InputError("tolerance: only for spatial scenes (--tolerance none)")
     if not np.any(support.gravity):
         raise InputError("tolerance: without gravity there is no tilt and no weight (--tolerance none)")
     own = tolerance.only(*(name for name in LOOKED_AT if name in tolerance.given))

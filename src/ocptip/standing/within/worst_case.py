@@ -75,9 +75,7 @@ class WorstCase:
 
     def __init__(self, robot: StandingMechanism, tolerance: Uncertainty) -> None:
         if not isinstance(robot, Robot):
-            raise InputError(
-                "tolerance: of parallel robots only damping is looked at, in [tolerance] (--tolerance none)"
-            )
+            raise InputError("tolerance: parallel robots have only damping in [tolerance] (--tolerance none)")
         self.deviations: Deviations = deviations_of(robot, tolerance)
         self.robot = _weakest(robot, tolerance)
         self.reference = robot.tip_over.reference_moment or 0.0
