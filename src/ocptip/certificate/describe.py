@@ -33,13 +33,13 @@ _LIMITS = "angle_min angle_max speed acceleration torque"
 
 
 def motion_data(motion: Trajectory) -> dict[str, Any]:
-    """Pieces of a motion: between its events, and the rest before and after it.
+    """Pieces of a motion: between its switching times, and the rest before and after it.
 
     Of each piece `times`, (2,), s, and `angles`, (n, 6): coefficients of 1, u, u^2 ... with u from -1 to 1
     over the piece, rad or m. They are those of the motion, moved to the middle of the piece: exact up to
     rounding for polynomials of degree 5. Pieces of higher degree are cut until they are as near to such ones
-    as `unlike` wants them, if few halvings are enough. Events within 0.1 us are one, so a joint's polynomial
-    may end as much before its piece.
+    as `unlike` wants them, if few halvings are enough. Switching times within 0.1 us are one, so a joint's
+    polynomial may end as much before its piece.
     """
     ends = motion.intervals
     angles, off = _polynomials(motion, ends)

@@ -1,6 +1,6 @@
 """Find a certificate: bounds near the sampled worst values, forces of the contact solver, bisection.
 
-Nothing here has to be trusted; what is found is judged by `checker`.
+Nothing here has to be trusted: `checker` checks the result.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def certify(
 
 
 def _goal(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
-    """What to claim of a reserve within a tolerance; hardly more than a limit that is kept."""
+    """The bound to claim of an index within an uncertainty; close to a limit that is kept."""
     if name not in worst:
         return HIGHEST
     value, limit = worst[name].value, getattr(limits, name)
@@ -309,7 +309,7 @@ class _Search:
         return batch, margins
 
     def _forces(self, piece: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
-        """(rules, contacts, 3, N) that hold the wrench, and the wrench with each couple, in two ways."""
+        """(rules, contacts, 3, N) that hold the wrench, and the wrench with each couple, by two rules."""
         left, right = np.array(self.motion["times"])[piece].T
         acting = self.robot.acting(0.5 * (left + right) + 0.5 * (right - left) * u)
         wrenches = self.robot.loads(*states_at(self.motion, piece, u), acting)[1]

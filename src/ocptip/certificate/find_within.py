@@ -1,6 +1,6 @@
-"""Find what a certificate says within a tolerance: intervals, contact forces, weights of rules, bounds.
+"""Find the part of a certificate for an uncertainty: intervals, contact forces, weights of rules, bounds.
 
-Nothing here has to be trusted; what is found is judged by `checker`.
+Nothing here has to be trusted: `checker` checks the result.
 """
 
 from __future__ import annotations
@@ -66,12 +66,12 @@ class _Judged:
 
 
 class SearchWithin:
-    """Looks for bounds of GN and GT within a tolerance, and for what proves them.
+    """Searches bounds of GN and GT within an uncertainty, and what proves them.
 
     Args:
-        robot: with the least friction.
+        robot: with the minimum friction.
         model, motion, tolerance: of a certificate.
-        goals: bounds that are good enough; what is proved beyond is not looked for.
+        goals: bounds that are good enough; better ones are not searched.
         knots: s, at which what acts on the gripper bends.
     """
 
@@ -94,8 +94,9 @@ class SearchWithin:
         self._parts: list[_Judged] = []
 
     def _run(self, most_short: float) -> bool:
-        """Judge intervals; where something is missing take joints apart, then divide; False: they are too
-        many, or more than this share of them is short at first."""
+        """Check intervals; where a proof is missing take joints apart, then divide the interval. False: there
+        are too many intervals, or more than this share of them lacks a proof at first.
+        """
         late = self._sharing.late
         starts, ends = self._first()
         apart = np.zeros((len(starts), late.joints), dtype=bool)
@@ -150,8 +151,9 @@ class SearchWithin:
     def _take_apart(
         self, rows: Rows, part: _Judged, wanted: np.ndarray, apart: np.ndarray, most: int
     ) -> None:
-        """Further joints of intervals of some rows, those first whose accelerations tip the base most, while
-        combinations are at most so many."""
+        """Further joints of intervals of some rows, those first whose accelerations tip the base most, up to
+        `most` combinations.
+        """
         n, terms = self._sharing.late.joints, part.terms
         boxed = ~apart[rows.interval].T & (rows.branches > 1)  # (n, R)
         wanted = wanted & np.any(boxed, axis=0)
@@ -315,7 +317,7 @@ class SearchWithin:
         return Found(bounds, self._cover(), [])
 
     def _proved_share(self) -> float:
-        """The least share of friction that is found to be enough for all rows."""
+        """The minimum share of friction that is proved to be enough for all rows."""
         low, high = self._goals[SLIP_WITHIN], HIGHEST
         some = [_some(part, part.beyond & part.holds) for part in self._parts]
         if not any(len(part.interval) for part in some):
@@ -366,7 +368,7 @@ class SearchWithin:
 
 
 def _without_idle(weights: np.ndarray) -> np.ndarray:
-    """Weights (contacts, 2, R) with which contacts carry nothing that hardly carry anything."""
+    """Weights (contacts, 2, R) in which contacts with negligible loads carry nothing."""
     idle = weights[:, :1] < _IDLE * np.max(weights[:, :1], axis=0)
     return np.where(idle, 0.0, weights)
 

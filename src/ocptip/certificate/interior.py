@@ -21,7 +21,7 @@ _TANGENTIAL = np.array([False, True, True])
 
 
 class Interior:
-    """Moves forces that hold a wrench with the least friction away from the ends of their sets.
+    """Moves forces that hold a wrench with minimum friction away from the ends of their sets.
 
     Args:
         support: the base on its contacts.

@@ -93,7 +93,7 @@ class Certificate:
     def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
         """What is proved of motions one after the other: of every bound the weakest, times from the first.
 
-        Its data are those of the motions, in their order; each is judged by itself.
+        Its data are those of the motions, in their order; each is checked by itself.
 
         Args:
             others: of the motions after this one.
