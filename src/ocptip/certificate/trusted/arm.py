@@ -1,7 +1,7 @@
 """Torques and base wrench of a serial arm, and where its links are, over intervals of time, in Taylor forms.
 
-Newton and Euler's recursion in link axes, written for forms on its own; `robots.dynamics` has the same for
-numbers and symbols. Plain data and NumPy only.
+Newton and Euler's recursion in link axes, written again for forms; `robots.dynamics` has the same for numbers
+and symbols. Plain data and NumPy only.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _into(A: np.ndarray, turn: tuple[Form, Form] | None, v: Form) -> Form:
 
 
 def _out_of(A: np.ndarray, turn: tuple[Form, Form] | None, v: Form) -> Form:
-    """The other way."""
+    """The inverse of `_into`."""
     return _apply(A, _turned(v, turn, 1.0))
 
 

@@ -1,9 +1,9 @@
 """Check a certificate: at every instant of a motion the base stands and every limit is kept.
 
 A reader has to trust the modules of this folder and nothing else: NumPy and plain data, no solver, no
-optimiser. For the world as described these are `checker`, `plain` (are the data of that form), `forms`
+optimiser. For the nominal model these are `checker`, `plain` (are the data of that form), `forms`
 (arithmetic), `arm` (the recursion), `contacts`, `distances` and `described`; for parallel robots `program`,
-for tolerances `late`, `bodies`, `within`, `twists`, `sharing` and `drives`, too. What is assumed, and one
+for uncertainties also `late`, `bodies`, `within`, `twists`, `sharing` and `drives`. What is assumed, and one
 interval worked by hand, are in docs/certificate.md.
 
 A certificate is plain data:
@@ -13,12 +13,11 @@ A certificate is plain data:
 - `motion`: pieces of time, on each of which every joint's coordinate is a polynomial of u in [-1, 1];
 - `tolerance`: how far the world may be off, or null;
 - `bounds`: what is claimed, one number each for the whole motion;
-- `cover`: per piece the ends -1 = u_0 < u_1 < ... = 1 of its intervals, contact forces at both ends of
-  each, and directions that separate solids (pairs of late joints are counted after the pairs);
+- `cover`: per piece the ends -1 = u_0 < u_1 < ... = 1 of its intervals, contact forces at both ends of each,
+  and directions that separate solids (pairs for delayed joints are counted after the pairs);
 - `cover_within`: for the tolerance the ends t_0 < t_1 < ... of intervals (from 0 to the delay after the
-  motion; if nothing is late, from 1 s before it to 1 s after it), joints that are taken apart on each,
-  contact forces and weights of every combination of what these may be doing there while they are late, or
-  null;
+  motion; without delays, from 1 s before it to 1 s after it), joints that are taken apart on each, contact
+  forces and weights of every combination of the possible states of these delayed joints, or null;
 - `sha256`: of model, motion and tolerance.
 """
 
@@ -62,9 +61,9 @@ class Verdict:
     Attributes:
         holds: everything that it claims.
         problems: why not, one sentence each.
-        bounds: claimed: greatest GN, GT and torque_ratio, least clearance, m; within a tolerance greatest
-            GN_worst_case and GT_worst_case and, if anything is claimed of them, torque_ratio_worst_case and
-            the least clearance_worst_case.
+        bounds: claimed: maximum GN, GT and torque_ratio, minimum clearance, m; within an uncertainty maximum
+            GN_worst_case and GT_worst_case and, if claimed, torque_ratio_worst_case and the minimum
+            clearance_worst_case.
         moments: N m: what is proved to be left about every tipping axis, by the same names. GN is a share of
             a reference moment that the certificate may choose; this is not.
         intervals: number of them, and of rows within a tolerance.
@@ -80,7 +79,7 @@ class Verdict:
 
 
 def check_certificate(data: Mapping[str, Any]) -> Verdict:
-    """Judge a certificate, from its data alone."""
+    """Check a certificate, from its data alone."""
     try:
         with np.errstate(all="ignore"):  # what is not a number is not proved
             problems, intervals = _problems(data)
@@ -151,7 +150,7 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
 
 
 def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
-    """Of the claims about the world as described."""
+    """Problems of the claims about the nominal model."""
     motion, model, found = data["motion"], data["model"], []
     checker = Checker(model, data["bounds"], data["tolerance"], motion)
     shape = (2, 1 + len(checker.contacts.couples), checker.contacts.count, 3)

@@ -3,9 +3,9 @@
 Forces are named at both ends of an interval, interpolated, and corrected by one fixed linear map so that they
 hold the base exactly. If these stay in their sets, the contacts can hold the base throughout. A contact
 without friction is given no tangential force, neither by name nor by the map, so that no rounding of one has
-to be zero. The least share
-of their friction with which that is shown bounds GT from above. A moment about a tipping axis is bounded from
-below: with all contacts on one plane it is affine in the wrench, else forces are shown that bear it as well.
+to be zero. The minimum share of their friction with which that is shown bounds GT from above. A moment about
+a tipping axis is bounded from below: with all contacts on one plane it is affine in the wrench, else forces
+are shown that bear it as well.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Contacts:
 
     Attributes:
         count: number of contacts.
-        sets: of each contact pieces (least, greatest normal force, N, radius, N, slope): the tangential force
-            is at most radius + slope times the normal force.
+        sets: of each contact pieces (minimum, maximum normal force, N, radius, N, slope): the tangential
+            force is at most radius + slope times the normal force.
         bears: (3 count,) bool: force components that contacts may have; without friction the normal ones.
         grasp, rounded: (6, 3 count) wrench about the base's centre of mass per contact force; its rounding.
         scale: N: forces are measured in weights of the base.
@@ -41,7 +41,7 @@ class Contacts:
         axes, added: (axes, 6) and (axes,): such a moment is the first times the wrench plus the second.
         blurred: (1, 6) error of such a row.
         unit, needed: N m: M0, and what must be left about each axis.
-        couples: (axes, 6): wrenches to be borne besides the base's own, each alone, if not flat.
+        couples: (axes, 6): wrenches to be borne besides that on the base, each alone, if not flat.
     """
 
     def __init__(self, model: Mapping[str, Any], most: float, friction: float = 1.0) -> None:

@@ -1,6 +1,6 @@
-"""What is claimed of a motion in the world as described: contacts, limits and distances over intervals.
+"""Claims about the nominal motion: contacts, limits and distances over intervals.
 
-Torques and distances within a tolerance are looked at here, too: they take no contact forces.
+Torques and distances within an uncertainty are also checked here: they need no contact forces.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ocptip.certificate.trusted.program import run
 TORQUES = "torque_ratio_worst_case"
 """Claim: within the tolerance no drive needs more than this share of its limit."""
 CLEARANCE = "clearance_worst_case"
-"""Claim: however late joints are within the tolerance, m, what may collide is so far apart."""
+"""Claim: minimum distance, m, of what may collide, for all delays of joints within the tolerance."""
 RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
 ANGLE = 1e-7  # rad or m, likewise
 
@@ -63,7 +63,7 @@ class Loads:
         torques: (n, N), N m or N.
         wrench: (6, N) on the base.
         frames: of an arm with anything that may collide, see `Arm.frames`.
-        late: (n, N) coordinates of late joints, see `Late.places`; None where nothing is claimed of them.
+        late: (n, N) coordinates of delayed joints, see `Late.places`; None where nothing is claimed of them.
         further: (k, N): of a parallel robot distances from singular poses and motor speeds.
     """
 
@@ -80,7 +80,7 @@ class Checker:
     Args:
         model, bounds: of a certificate.
         tolerance: of it, for what is claimed of drives and distances; None where that is nothing.
-        motion: of it, for distances of joints that are late.
+        motion: of it, for distances with delayed joints.
 
     Attributes:
         contacts: with what is asked of them.
@@ -173,8 +173,9 @@ class Checker:
         return self._late.places(at.ends[0] - blur, at.ends[1] + blur)
 
     def _late_gaps(self, late: Form, directions: Directions) -> np.ndarray:
-        """Distances beyond what is claimed of joints that are late, (N,), m; directions of pairs of theirs
-        have numbers after those of all pairs."""
+        """Distances beyond what is claimed for delayed joints, (N,), m; directions of their pairs have
+        numbers after those of all pairs.
+        """
         assert self.arm is not None  # programs have no bodies
         frames, count = self.arm.frames(self.arm.turns(late)), len(self.pairs)
         asked = self.bounds[CLEARANCE]
@@ -198,6 +199,6 @@ _UPPER = ("angle_max", "speed", "acceleration", "torque")
 
 
 def _share(values: Form, limits: np.ndarray) -> np.ndarray:
-    """Greatest share of limits (n,) that values (n, N) use."""
+    """Maximum share of limits (n,) that values (n, N) use."""
     low, high = values.range
     return np.max(np.maximum(high, -low) / limits[:, None], axis=0) * (1 + U)

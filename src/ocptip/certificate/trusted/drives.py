@@ -1,10 +1,10 @@
 """Torques (of sliding joints: forces) of the drives within a tolerance, over intervals of time, from above.
 
 All joints are on time here. Then a torque is a sum over bodies: a weight in an interval times what the body
-asks of the joint, which is a part that goes with the square of the pace and one that is linear in gravity.
-The greatest over weights, paces, tilted gravity and a push at the gripper has a closed form that is convex in
-these parts. They are polynomials of s, and so means of their Bernstein coefficients: on the whole interval no
-torque is greater than the form's largest value at these. Plain data and NumPy only.
+asks of the joint. That has a part proportional to the square of the speed factor, and one that is linear in
+gravity. The maximum over weights, speed factors, tilted gravity and a push at the gripper has a closed form
+that is convex in these parts. They are polynomials of s, and so means of their Bernstein coefficients: on the
+whole interval no torque is greater than the form's largest value at these. Plain data and NumPy only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, linear,
 
 
 class Drives:
-    """Greatest torques.
+    """Maximum torques.
 
     Args:
         model, tolerance: of a certificate.
@@ -92,11 +92,11 @@ class Drives:
         """The closed form.
 
         Args:
-            weights: (2, bodies, 1), least and greatest.
-            pace: (n, bodies, N), what goes with the square of the pace.
+            weights: (2, bodies, 1), minimum and maximum.
+            pace: (n, bodies, N), proportional to the square of the speed factor.
             pulls: three of these, by the components of gravity.
             pushes: three (n, N), by those of a push at the gripper.
-            process, rotor: (n, N), what is always there, and what goes with the pace besides.
+            process, rotor: (n, N), constant, and proportional to the square of the speed factor for rotors.
         """
         g, tilt, push = self._gravity, float(self._own["tilt"]), float(self._own["push"])
         mean, half = 0.5 * (weights[0] + weights[1]), 0.5 * (weights[1] - weights[0])
@@ -148,7 +148,7 @@ def _cross(about: Form, lever: Form, axis: int) -> Form:
 
 
 def _over_cap(along: np.ndarray, across: np.ndarray, tilt: float) -> np.ndarray:
-    """Greatest y . g, g tilted by up to so much, of y . g and norm(y x g) before."""
+    """Maximum y . g with g tilted by up to `tilt`, from y . g and norm(y x g) before."""
     rim = along * np.cos(tilt) + across * np.sin(tilt)
     inside = (along > 0) & (across * np.cos(tilt) <= along * np.sin(tilt))
     return np.where(inside, np.hypot(along, across), rim)

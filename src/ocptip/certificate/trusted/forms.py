@@ -48,7 +48,7 @@ _DROPPED = np.array([[float((a + b, i + j) not in _DEGREES) for b, j in _DEGREES
 
 @lru_cache
 def numbers_of(count: int) -> tuple[int, np.ndarray, np.ndarray]:
-    """Of forms with so many coefficients: m, and the pairs i <= j."""
+    """For forms with `count` coefficients: m, and the pairs i <= j."""
     m = next(m for m in range(count) if length(m) == count)
     return m, *np.triu_indices(m)
 
@@ -127,7 +127,7 @@ class Form:
 
     @property
     def range(self) -> tuple[np.ndarray, np.ndarray]:
-        """A lower and an upper bound: the least and the greatest Bernstein coefficient, and the errors."""
+        """A lower and an upper bound: the minimum and the maximum Bernstein coefficient, and the errors."""
         b = np.tensordot(BERNSTEIN, self.c[:K], axes=1)
         slack = (self.r + U * self.size + np.abs(self.c[K:]).sum(axis=0)) * (1 + U) + TINY
         return b.min(axis=0) - slack, b.max(axis=0) + slack

@@ -1,12 +1,12 @@
-"""States that an arm may be in within an interval of time if every joint by itself is late, in Taylor forms.
+"""States of an arm within an interval of time whose joints are delayed independently, in Taylor forms.
 
-A joint that is late by up to d is, at a time t, where it should be at a time T in [t - d, t]. Where its
-acceleration jumps inside that interval, T is before the jump, or after it, or at the jump itself, when the
-acceleration overshoots. Each of these ways is a branch: a piece of the motion, T between two lines of t, and
-an addition to the acceleration. All combinations of the joints' branches are rows; over a row the joints'
+A joint with a delay of up to d is, at a time t, where it should be at a time T in [t - d, t]. If there is an
+acceleration step inside that interval, T is before it, or after it, or at the step itself, when the
+acceleration overshoots. Each of these is a case: a piece of the motion, T between two lines of t, and an
+addition to the acceleration. All combinations of the joints' cases are rows. Over a row the joints'
 coordinates are forms in s, the place within the interval, and in e_1 ... e_n, one for each joint's T.
 
-A branch may hold more states than there are: a line that is replaced by one further out, a piece that is
+A case may hold more states than there are: a line that is replaced by one further out, a piece that is
 continued beyond its end. Plain data and NumPy only.
 """
 
@@ -47,7 +47,7 @@ class _Branch:
 
 @dataclass(frozen=True)
 class _Box:
-    """Branches of a joint on an interval from start to end, s."""
+    """Cases of a joint on an interval from start to end, s."""
 
     joint: int
     start: float
@@ -57,7 +57,7 @@ class _Box:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Combinations of branches, R of them.
+    """Combinations of cases, R of them.
 
     Attributes:
         number: (R,) in the order of intervals, of combinations of each.
@@ -77,15 +77,15 @@ class Rows:
 
 
 class Late:
-    """What joints that are late, and overshoot where they jump, may be doing.
+    """Possible states of joints that are delayed, and overshoot at acceleration steps.
 
     Args:
         motion: of a certificate.
         delay: s, of every joint by itself, at most.
-        overshoot: share of its height by which a jump of an acceleration is exceeded.
+        overshoot: share of its height by which an acceleration step is exceeded.
 
     Attributes:
-        delay: a little more, s; 0 if nothing is late and nothing overshoots.
+        delay: a little more, s; 0 without delay and overshoot.
         joints: number of them.
         events: (E,) times between pieces, s.
         start, end: s: everything rests before, and from then on.
@@ -121,7 +121,9 @@ class Late:
         return found, blur
 
     def _differs(self, event: int, joint: int, reach: float) -> np.ndarray:
-        """(3,): by how much coordinates, speeds and accelerations of the pieces at an event differ within."""
+        """(3,): by how much coordinates, speeds and accelerations of the pieces at a switching time differ
+        within `reach`.
+        """
         size = np.abs(self._step[event, joint]) + self._blur[event, joint]
         k = np.arange(len(size))
         first, second = k[1:], k[2:]
@@ -164,8 +166,8 @@ class Late:
 
         Args:
             starts, ends: (N,) of the intervals, s.
-            apart: (N, n) joints whose branches are looked at one by one; of those of others a box is made,
-                any of their accelerations with any T. None: all joints.
+            apart: (N, n) joints whose cases are rows of their combinations; the cases of other joints become
+                one box, with any of their accelerations at any T. None: all joints.
         """
         branches, boxes, chosen, interval, ways = self._combined(starts, ends, apart)
         states, spread = self._states(branches), np.zeros(len(branches))
@@ -183,8 +185,9 @@ class Late:
         return found
 
     def places(self, starts: np.ndarray, ends: np.ndarray) -> Form:
-        """Coordinates (n, N) in s and e_1 ... e_n of joints that are late, over intervals from start to end,
-        (N,), s; what their accelerations do does not matter."""
+        """Coordinates (n, N) in s and e_1 ... e_n of delayed joints, over intervals from start to end, (N,),
+        s; what their accelerations do does not matter.
+        """
         none = np.zeros((len(starts), self.joints), dtype=bool)
         branches, boxes, chosen, _, _ = self._combined(starts, ends, none)
         every = self._states(branches)[0]
@@ -195,8 +198,9 @@ class Late:
     def _combined(
         self, starts: np.ndarray, ends: np.ndarray, apart: np.ndarray | None
     ) -> tuple[list[_Branch], list[_Box], np.ndarray, np.ndarray, np.ndarray]:
-        """Branches, boxes, which of them joints take (n, R), boxes counted after the branches, and of each
-        combination its interval (R,) and how many branches joints have there (n, R)."""
+        """Cases, boxes, which of them joints take (n, R), boxes counted after the cases, and for each
+        combination its interval (R,) and how many cases joints have there (n, R).
+        """
         branches: list[_Branch] = []
         boxes: list[_Box] = []
         interval, chosen, ways, most = [], [], [], 0
@@ -222,7 +226,7 @@ class Late:
         return branches, boxes, index, np.array(interval), np.array(ways).T
 
     def _states(self, branches: list[_Branch]) -> list[Form]:
-        """Coordinates, speeds and accelerations (branches,), with one coefficient of e and one of e s."""
+        """Coordinates, speeds and accelerations (cases,), with one coefficient of e and one of e s."""
         piece, joints = np.array([(b.piece, b.joint) for b in branches], dtype=int).reshape(-1, 2).T
         low, high = np.array([(b.low, b.high) for b in branches]).reshape(-1, 2, 2).transpose(1, 2, 0)
         middle, rate = 0.5 * self._times[piece].sum(axis=1), self._rate[piece]
@@ -288,7 +292,7 @@ class Late:
         return found, spread
 
     def _placed(self, states: list[Form], index: np.ndarray, spread: np.ndarray) -> list[Form]:
-        """States of branches and boxes, coordinates first, at their joints' numbers: (n, R)."""
+        """States of cases and boxes, coordinates first, at their joints' numbers: (n, R)."""
         n, count = index.shape
         if not self.delay:
             return [

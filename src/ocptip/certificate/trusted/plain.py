@@ -39,7 +39,7 @@ def require(condition: Any, text: str) -> None:
 
 
 def numbers(name: str, value: Any, shape: tuple[int | None, ...], least: float = -LARGEST) -> np.ndarray:
-    """An array of such a shape (None: any length) of numbers, none below least or larger than LARGEST."""
+    """An array of such a shape (None: any length) of numbers, none below `least` or larger than LARGEST."""
     array = np.array(value)
     fits = array.ndim == len(shape) and all(
         n is None or n == own for n, own in zip(shape, array.shape, strict=True)
@@ -116,7 +116,7 @@ def require_motion(motion: Mapping[str, Any], joints: int) -> None:
     order, sign = np.arange(c.shape[2]), (-1.0) ** np.arange(c.shape[2])
     ways = np.sum(np.abs((c @ sign)[1:] - c.sum(axis=2)[:-1]), axis=0)
     speeds = np.sum(np.abs((rate * (c @ (order * -sign)))[1:] - (rate * (c @ order))[:-1]), axis=0)
-    add_up = f"jumps add up to {np.max(ways):.3g} and {np.max(speeds):.3g} per s"
+    add_up = f"gaps add up to {np.max(ways):.3g} and {np.max(speeds):.3g} per s"
     require((ways <= JUMP) & (speeds <= 100 * JUMP), f"motion: pieces do not meet, {add_up}")
 
 

@@ -1,8 +1,8 @@
 """Contacts hold the base within a tolerance: by forces that follow the wrench by one linear rule per row.
 
 A rule shares a change of the wrench among the contacts in proportion to given weights. Every facet of a
-contact's friction cone is then a functional of the wrench, and so is a moment about a tipping axis; what is
-least of it comes from `within`. Any forces and any weights prove a bound. Plain data and NumPy only.
+contact's friction cone is then a functional of the wrench, and so is a moment about a tipping axis; its
+minimum comes from `within`. Any forces and any weights prove a bound. Plain data and NumPy only.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Sharing:
 
     Attributes:
         late: what the joints may be doing.
-        contacts: with the least friction, and what is asked of them.
+        contacts: with the minimum friction, and what is asked of them.
     """
 
     def __init__(
@@ -54,8 +54,8 @@ class Sharing:
 
         Args:
             terms: of R rows.
-            forces: (2, 1 + couples, contacts, 3, R) for the world as described, at both ends of their
-                intervals; what they miss is shared by the rule.
+            forces: (2, 1 + couples, contacts, 3, R) for the nominal model, at both ends of their intervals;
+                what they miss is shared by the rule.
             weights: (contacts, 2, R) of the rule, normal and tangential. A contact without any, and without
                 force, carries none.
         """
@@ -178,7 +178,7 @@ class Sharing:
     ) -> np.ndarray:
         """(R,): of a normal force and one piece of its set; the friction is not negative.
 
-        Any wrench of the boxes is looked at first.
+        Any wrench of the boxes is tried first.
         """
         low, high, radius, slope = piece
         if slope == 0 and not radius >= 0:
@@ -225,7 +225,7 @@ class Sharing:
         rows: list[tuple[np.ndarray, float]],
         in_box: bool = False,
     ) -> np.ndarray:
-        """Least of row . force + number, per weight, (R,); or of any wrench of the boxes."""
+        """Minimum of row . force + number, per weight, (R,); or of any wrench of the boxes."""
         rule, constant, error = place  # (R, 3, 6), (2, 3, R), (3, R)
         if not rows:
             return np.full(len(rule), np.inf)

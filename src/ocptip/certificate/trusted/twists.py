@@ -6,9 +6,9 @@ velocity that y gives to the i-th contact. So they can hold a wrench w exactly i
 
     y . w + sum c_i |v_i(y)| >= 0.
 
-The twists are cut into triangles. In one of them |v_i| is at least d_i . v_i, with any |d_i| <= 1: what is
-left is linear in y, and least at a corner. There it is a functional of the wrench, as the limits are. What is
-not shown in a triangle is looked at in its four quarters. NumPy only.
+The twists are cut into triangles. In one of them |v_i| is at least d_i . v_i, with any |d_i| <= 1: the rest
+is linear in y, with its minimum at a corner. There it is a functional of the wrench, as the limits are. What
+is not shown in a triangle is tried in its four quarters. NumPy only.
 """
 
 from __future__ import annotations
@@ -108,12 +108,12 @@ class Twists:
         self._blur += most @ (blurred.T @ np.abs(basis)).reshape(-1, 2, 3).sum(axis=1)  # of velocities
 
     def room(self, least: Least, patient: bool) -> np.ndarray:
-        """(R,): the least over all twists, or what stands in the way of a proof; proved where >= 0.
+        """(R,): the minimum over all twists, or the value that prevents a proof; proved where >= 0.
 
         Args:
-            least: of rows (K,), functionals (A, 6, K) of the wrench, constants (2, A, K), and whether to look
-                most closely: lower bounds (A, K) of their sum.
-            patient: rows are given up late.
+            least: function of rows (K,), functionals (A, 6, K) of the wrench, constants (2, A, K), and
+                whether to use the tightest bound; gives lower bounds (A, K) of their sum.
+            patient: more subdivisions before a row is given up.
         """
         most, deepest = _MOST[patient], _DEPTH[patient]
         room, lost = np.full(len(self._middle), np.inf), np.zeros(len(self._middle), dtype=bool)

@@ -1,11 +1,11 @@
 """The worst that a tolerance allows for the contacts, over intervals of time, from below.
 
 With the joints' states given, the wrench on the base is a sum of terms, one per body: a weight times what the
-body needs, which is affine in gravity and in the square of the pace. A moment about a tipping axis, and every
-facet of a friction cone under a fixed rule that shares the wrench among the contacts, is a functional h of
-the wrench. Its least value within the tolerance is least over all combinations of linear functions of the
-terms, so a concave function of them. The terms are polynomials of s, and so means of their Bernstein
-coefficients: the least value is at least that at one of these. There it is a closed form.
+body needs, which is affine in gravity and in the square of the speed factor. A moment about a tipping axis,
+and every facet of a friction cone under a fixed rule that shares the wrench among the contacts, is a
+functional h of the wrench. Its minimum within the tolerance is a minimum of linear functions of the terms, so
+a concave function of them. The terms are polynomials of s, and so means of their Bernstein coefficients: the
+minimum is at least that at one of these. There it is a closed form.
 
 Plain data and NumPy only.
 """
@@ -35,9 +35,9 @@ class Terms:
     Attributes:
         low, high: (T,) ends of the weights.
         masses: (T,) kg: times gravity it is a term's force.
-        process: forms (6, R): what acts on the gripper, at any pace, whatever the weights.
+        process: forms (6, R): what acts on the gripper, for any speed factor and any weights.
         parts: forms (T, 9, R): first moment about the reference point, kg m, and the wrench that its motion
-            needs, at the motion's pace.
+            needs, at speed factor 1.
         tool: index of the term of a unit mass at the gripper.
         gravity: (3,), m/s^2.
         size, error: (6, R) bounds of absolute values of the wrench, and of errors.
@@ -85,7 +85,7 @@ class Terms:
 
 
 class Within:
-    """Least values of functionals of the wrench.
+    """Minimum values of functionals of the wrench.
 
     Args:
         model, tolerance: of a certificate.
@@ -139,7 +139,7 @@ class Within:
         return self._terms(ends, stack(*(part for *_, part in found)), process, tool)
 
     def _terms(self, ends: np.ndarray, parts: Form, process: Form, tool: int) -> Terms:
-        """With bounds of what the terms can be at any pace and with gravity tilted anywhere."""
+        """With bounds of the terms for any speed factor and any tilt of gravity."""
         low, high, masses = ends
         most = np.maximum(np.abs(low), np.abs(high))[:, None, None]
         fast, off, push = self._paces[1], np.full(3, self._off), np.full(3, self._own["push"])
@@ -215,7 +215,7 @@ class Within:
         doubt: np.ndarray,
         error: np.ndarray,
     ) -> np.ndarray:
-        """The same with both ends of the two weights that are most in doubt: what is least is concave."""
+        """The same with both ends of the two weights that are most in doubt: the minimum is concave."""
         chosen = np.argsort(doubt, axis=0)[-2:]
         doubt = doubt.copy()
         np.put_along_axis(doubt, chosen, 0.0, axis=0)
@@ -248,7 +248,7 @@ class Within:
     def _pushed_base(self, h: np.ndarray, weights: np.ndarray, sure: np.ndarray) -> np.ndarray:
         """(A, R): what a push at the base's centre of mass takes at most, wherever that is in its box.
 
-        At the worst push the least is a concave function of that place, so it is at a corner of the box. At
+        At the worst push the minimum is a concave function of that place, so it is at a corner of the box. At
         corners that the weights (T, A, R) of the shifts do not name, each such weight brings at least `sure`,
         (T, A, R), more.
         """
@@ -264,7 +264,7 @@ class Within:
         return most
 
     def _least_at_nodes(self, X: np.ndarray) -> np.ndarray:
-        """Least values (vertices, A, R) over pace, gravity, pushes at the tool and the numbers e."""
+        """Minimum values (vertices, A, R) over speed factor, gravity, pushes at the tool and numbers e."""
         m, i, j = numbers_of(len(X))
         at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, 8, A, R)
         push_, free = np.s_[:, 4:7], np.s_[:, 7]
@@ -300,7 +300,7 @@ class Within:
         return best
 
     def _under_cap(self, y: np.ndarray) -> np.ndarray:
-        """Least y . g of y (V, 3, A, R) and gravity g tilted by up to the tolerance."""
+        """Minimum y . g of y (V, 3, A, R) and gravity g tilted by up to the tolerance."""
         along = np.tensordot(self._gravity, y, axes=(0, 1))
         g = self._gravity
         across = np.sqrt(
