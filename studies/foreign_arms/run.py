@@ -121,7 +121,8 @@ def task_text(
         key = line.removeprefix(MARK).split("=")[0].strip()
         if line.startswith(MARK) and key == "package_dirs":  # comes with the geometry, if it is wanted
             continue
-        lines += [f"{key} = {values[key]}" if line.startswith(MARK) else line, *more.get(key, [])]
+        own = line.startswith(MARK) or key in values.keys() & {"start_deg", "goal_deg", "start_m", "goal_m"}
+        lines += [f"{key} = {values[key]}" if own else line, *more.get(key, [])]
     if "optimised" in arm:
         lines.append(f"optimised = {json.dumps(arm['optimised'])}")
     return "\n".join(lines) + "\n"

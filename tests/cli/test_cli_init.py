@@ -21,10 +21,6 @@ VALUES = {
     "feet": "[[0.4, 0.3, 0], [0.4, -0.3, 0], [-0.4, -0.3, 0], [-0.4, 0.3, 0]]",
     "friction": "0.6",
     "mount_position": "[0, 0, 0.4]",
-    "start_deg": "[-40, 30]",
-    "goal_deg": "[40, -20]",
-    "start_m": "[0.1]",
-    "goal_m": "[0.3]",
 }
 
 
@@ -60,7 +56,7 @@ def test_file_is_complete_but_for_its_marks(here, capsys):
     (here / "lift.toml").write_text(filled(text, VALUES), encoding="utf-8")
     task = load_task("lift.toml")
     assert task.robot.names == ("lift", "turn_1", "turn_2")
-    np.testing.assert_allclose(task.start, [0.1, *np.deg2rad([-40, 30])])
+    np.testing.assert_allclose(task.goal - task.start, [0.1, *np.deg2rad([30, 30])], atol=1e-4)  # an example
     np.testing.assert_allclose(task.robot.limits.acceleration, 2 * task.robot.limits.speed, rtol=1e-5)
     # What init chose stands in the file; what else was chosen is said.
     assert [note.split(",")[0] for note in task.robot.notes] == ["locked"]

@@ -10,7 +10,9 @@ from jsonschema import Draft202012Validator
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.task import refusals
+from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
+from ocptip.task_files.example import example_base
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.reference import json_schema
 from ocptip.task_files.task_scene import ROBOT_BASE
@@ -107,17 +109,98 @@ def cart():
     return parts
 
 
-def test_a_base_in_the_urdf_gives_mass_centre_height_and_feet(tmp_path):
+def test_a_base_in_the_urdf_gives_mass_centre_inertia_and_contacts(tmp_path):
     urdf = written(tmp_path, *cart(), *folded_arm("chassis"))
     template, task = unmarked(tmp_path, urdf)
+    assert template.to_fill == ["friction"]  # all else stands in the URDF
     support = task.robot.support
     assert support.mass == pytest.approx(48.0)  # by hand: 40 + 4 * 2
-    np.testing.assert_allclose(support.center_of_mass, [40 * 0.05 / 48, 0, 0.1 + 40 * 0.1 / 48], atol=1e-3)
-    feet = np.array([contact.position for contact in support.contacts])
-    np.testing.assert_allclose(feet[:, 2], 0, atol=1e-9)
-    np.testing.assert_allclose(np.abs(feet[:, 0]), 0.3, atol=0.02)  # wheels touch below their axes
-    np.testing.assert_allclose(np.abs(feet[:, 1]), 0.27, atol=1e-6)  # and as far as they are wide
-    assert template.sources[0].startswith("mass and centre of mass are those of the URDF's links that rest")
+    np.testing.assert_allclose(support.center_of_mass, [40 * 0.05 / 48, 0, 0.1 + 40 * 0.1 / 48], atol=1e-6)
+    total = sum(body.mass for body in pin.buildModelFromUrdf(str(urdf)).inertias)
+    assert support.mass + task.robot.arm.masses.sum() == pytest.approx(total, rel=1e-9)
+    # By hand, about the common centre: five links of 0.05 kg m^2 and where their masses are.
+    parts = [(40.0, (0.05, 0.0, 0.1)), *((2.0, (x, y, 0.0)) for x in (-0.3, 0.3) for y in (-0.25, 0.25))]
+    middle = sum(m * np.array(at) for m, at in parts) / 48
+    inertia = 5 * 0.05 * np.eye(3)
+    for m, at in parts:
+        r = np.array(at) - middle
+        inertia += m * (r @ r * np.eye(3) - np.outer(r, r))
+    np.testing.assert_allclose(support.inertia, inertia, rtol=1e-5, atol=1e-6)
+    contacts = np.array([contact.position for contact in support.contacts])
+    np.testing.assert_allclose(np.abs(contacts), np.tile([0.3, 0.25, 0.0], (4, 1)), atol=1e-9)
+    assert "wheel_fl: wheel, radius 0.1 m, axle (0, 1, 0)" in template.text
+    assert "it stands on 4 wheels of its geometry" in template.sources[0]
+
+
+def caster(name, at, shape='<sphere radius="0.05"/>', kind="fixed"):
+    solid = SOLID.format("0 0 0", "0 0 0", shape)
+    joint = f'<joint name="j_{name}" type="{kind}"><parent link="chassis"/><child link="{name}"/>'
+    return [link(name, 0.2, solid=solid), f'{joint}<origin xyz="{at}"/><axis xyz="0 0 1"/></joint>']
+
+
+def two_wheels():
+    """The chassis on its two front wheels alone."""
+    return [part for part in cart() if not ("wheel_b" in part or "roll_b" in part)]
+
+
+def base_of(folder, *parts):
+    """Kinds and places of the contacts of a base with an arm, and their reasons."""
+    urdf = written(folder, *parts, *folded_arm("chassis"))
+    base = example_base(read_urdf(urdf), arm_from_urdf(urdf, tool_frame="tool0"))
+    kinds = [(contact.kind, *np.round(contact.position, 3)) for contact in base.contacts]
+    return base, kinds, " ".join(contact.reason for contact in base.contacts)
+
+
+WHEELS = [("wheel", 0.3, 0.25, 0.0), ("wheel", 0.3, -0.25, 0.0)]
+
+
+def test_casters_are_known_by_name_and_have_no_friction(tmp_path):
+    urdf = written(tmp_path, *two_wheels(), *caster("rear_caster", "-0.4 0 -0.05"), *folded_arm("chassis"))
+    template, task = unmarked(tmp_path, urdf)
+    assert [contact.kind for contact in template.base.contacts] == ["wheel", "wheel", "caster"]
+    assert [contact.friction for contact in task.robot.support.contacts] == [0.5, 0.5, 0.0]
+    assert "rear_caster: caster by its name" in template.text
+
+
+def test_a_wheel_that_swivels_beside_its_axle_is_a_caster(tmp_path):
+    fork = JOINT.format("swivel", "continuous", "chassis", "fork", "-0.4 0 0.05", "0 0 1")
+    axle = JOINT.format("axle", "continuous", "fork", "rear", "-0.04 0 -0.1", "0 1 0")
+    solid = SOLID.format("0 0 0", "1.57079633 0 0", '<cylinder radius="0.05" length="0.03"/>')
+    parts = [link("fork", 0.5), link("rear", 0.3, solid=solid), fork, axle]
+    _, kinds, reasons = base_of(tmp_path, *two_wheels(), *parts)
+    assert kinds == [*WHEELS, ("caster", -0.44, 0.0, 0.0)]
+    assert "rear: caster that swivels freely, 40 mm behind its swivel, radius 0.05 m" in reasons
+
+
+def test_wheels_that_are_all_called_casters_are_driven(tmp_path):
+    _, kinds, _ = base_of(tmp_path, *(part.replace("wheel_", "caster_") for part in cart()))
+    assert [kind for kind, *_ in kinds] == 4 * ["wheel"]
+
+
+def test_a_base_that_its_wheels_do_not_carry_stands_on_its_lowest_points(tmp_path):
+    _, kinds, reasons = base_of(tmp_path, *two_wheels())
+    assert kinds[:2] == WHEELS
+    assert sorted(kinds[2:]) == [("caster", x, y, 0.0) for x in (-0.4, 0.4) for y in (-0.25, 0.25)]
+    assert "150 mm above that of the wheels, for the wheels alone do not carry the base" in reasons
+
+
+def test_wheels_without_solids_touch_where_the_footprint_is(tmp_path):
+    parts = [part.replace(part[part.find("<collision>") : part.rfind("</link>")], "") for part in cart()]
+    foot = '<link name="base_footprint"/>' + (
+        '<joint name="up" type="fixed"><parent link="base_footprint"/><child link="chassis"/>'
+        '<origin xyz="0 0 0.12"/></joint>'
+    )
+    base, _, reasons = base_of(tmp_path, foot, *parts)
+    assert reasons.count("radius 0.12 m") == 4
+    assert base.height == 0.0
+
+
+def test_an_endless_joint_of_an_idle_arm_is_no_wheel(tmp_path):
+    """Its link reaches the ground, but it is not round about its joint."""
+    rod = SOLID.format("0 0 -0.3", "0 0 0", '<cylinder radius="0.02" length="0.6"/>')
+    joint = JOINT.format("elbow", "continuous", "chassis", "idle", "0.6 0 0.5", "0 1 0")
+    _, kinds, _ = base_of(tmp_path, *cart(), link("idle", solid=rod), joint)
+    assert len(kinds) == 4
 
 
 def test_what_is_invented_is_said_at_each_number(tmp_path):
@@ -158,8 +241,14 @@ def test_joints_that_drive_a_base_are_no_joints_of_the_arm(tmp_path, links, expe
 
 
 @pytest.mark.parametrize("kind", ["planar", "floating"])
-def test_a_planar_or_floating_base_stands(tmp_path, kind):
+@pytest.mark.parametrize("between", [False, True])
+def test_a_planar_or_floating_base_stands(tmp_path, kind, between):
     drive = f'<joint name="drive" type="{kind}"><parent link="world"/><child link="chassis"/></joint>'
+    if between:  # as on many robots: a frame without mass on the ground
+        drive = drive.replace("chassis", "base_footprint") + (
+            '<link name="base_footprint"/><joint name="up" type="fixed"><parent link="base_footprint"/>'
+            '<child link="chassis"/></joint>'
+        )
     urdf = written(tmp_path, '<link name="world"/>', drive, *cart(), *folded_arm("chassis"))
     template, task = unmarked(tmp_path, urdf)
     assert template.base_link == "chassis"

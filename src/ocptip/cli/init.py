@@ -47,6 +47,14 @@ class InitReport(Report):
             "units": template.arm.file_units,
             "assumed": template.arm.notes,
             "examples": template.sources,
+            "base": {
+                "from_urdf": template.base.of_urdf,
+                "mass": template.base.mass,
+                "contacts": [
+                    {"kind": own.kind, "position": own.position.tolist(), "reason": own.reason}
+                    for own in template.base.contacts
+                ],
+            },
             "collision_geometry": template.missing is not None,
             "missing_meshes": template.missing or [],
             "to_fill": template.to_fill,

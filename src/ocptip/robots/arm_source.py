@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.inertia import RigidBody
 from ocptip.robots.collision.urdf import geometry_from_urdf
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import PinocchioModel
@@ -54,10 +55,10 @@ def arm_from(
     return arm.with_usual_accelerations("the URDF")
 
 
-def resting_base(source: str | os.PathLike[str] | PinocchioModel, arm: ArmModel) -> tuple[float, np.ndarray]:
-    """Mass, kg, and centre of mass (3,), m, in the frame of `base_link`, of the source's links that rest."""
+def resting_base(source: str | os.PathLike[str] | PinocchioModel, arm: ArmModel) -> RigidBody:
+    """The source's links that rest as one body, in the frame of `base_link`; zeros: it has none."""
     if not isinstance(source, str | os.PathLike):
-        return 0.0, np.zeros(3)
+        return 0.0, np.zeros(3), np.zeros((3, 3))
     with file_of(source) as path:
         return resting_body(path, arm)
 

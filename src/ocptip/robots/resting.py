@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ocptip.numerics.inertia import RigidBody, union
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import PinocchioModel, load_pinocchio
 from ocptip.robots.urdf_file import UrdfFile
@@ -35,17 +36,16 @@ def resting_links(file: UrdfFile, arm: ArmModel) -> list[str]:
     return [link for link in file.links if moving.isdisjoint(joint.name for joint in file.way(link))]
 
 
-def resting_body(urdf: str | os.PathLike[str], arm: ArmModel) -> tuple[float, np.ndarray]:
-    """Mass (kg) and centre of mass (3,), m, in the frame of the arm's base link, of all links that rest."""
+def resting_body(urdf: str | os.PathLike[str], arm: ArmModel) -> RigidBody:
+    """All links that rest as one body, in the frame of the arm's base link; zeros if they have no mass."""
     pin = load_pinocchio()
     robot = pinocchio_model(Path(urdf))
     data, moving = robot.createData(), {robot.getJointId(name) for name in arm.chain_names}
     pin.framesForwardKinematics(robot, data, resting_configuration(robot, arm))
     to_base = data.oMf[robot.getFrameId(arm.base_link, pin.FrameType.BODY)].inverse()
-    mass, moment = 0.0, np.zeros(3)
+    whole = 0.0, np.zeros(3), np.zeros((3, 3))
     for joint in range(robot.njoints):  # joint 0 is the universe, to which the root link is fixed
-        if moving.isdisjoint(robot.supports[joint]):
-            body = robot.inertias[joint]
-            mass += body.mass
-            moment += body.mass * (to_base * data.oMi[joint] * body.lever)
-    return mass, moment / mass if mass else moment
+        if moving.isdisjoint(robot.supports[joint]) and robot.inertias[joint].mass > 0:
+            body = robot.inertias[joint].se3Action(to_base * data.oMi[joint])
+            whole = union(whole, (body.mass, body.lever, body.inertia))
+    return whole

@@ -55,6 +55,7 @@ class UrdfJoint:
         kind: one of `KINDS`.
         parent, child: links.
         mimics: master joint (it may be missing in the file), multiplier and offset (rad or m), or None.
+        axis: (3,), axes of the child; None: the file gives none.
     """
 
     name: str
@@ -62,6 +63,7 @@ class UrdfJoint:
     parent: str
     child: str
     mimics: tuple[str, float, float] | None
+    axis: tuple[float, ...] | None = None
 
     @property
     def slides(self) -> bool:
@@ -108,13 +110,14 @@ class UrdfFile:
 
         Simulators put such joints between a root without mass and the base: a planar or a floating one, or
         two sliding ones and perhaps one that turns, whose links have no mass. The wheels are their drives.
+        Fixed joints may be between them.
         """
         link, kinds = self.root, []
         while not self.masses.get(link):
             behind = [joint for joint in self.joints.values() if joint.parent == link]
-            if len(behind) != 1 or behind[0].kind == "fixed":
+            if len(behind) != 1:
                 break
-            kinds.append(behind[0].kind)
+            kinds += [behind[0].kind] if behind[0].kind != "fixed" else []
             link = behind[0].child
         slides = [kind == "prismatic" for kind in kinds]
         drives = slides[:2] == [True, True] and len(kinds) <= 3 and not any(slides[2:])
@@ -448,8 +451,8 @@ def _parser_complaints(joint: ElementTree.Element) -> Iterator[str]:
 
 
 def _joint(element: ElementTree.Element) -> UrdfJoint:
-    parent, child, mimic = (element.find(tag) for tag in ("parent", "child", "mimic"))
-    mimics = None
+    parent, child, mimic, axis = (element.find(tag) for tag in ("parent", "child", "mimic", "axis"))
+    mimics, along = None, "" if axis is None else axis.get("xyz", "")
     if mimic is not None:
         factor, offset = mimic.get("multiplier", "1"), mimic.get("offset", "0")
         if _are_numbers(f"{factor} {offset}", 2):
@@ -460,4 +463,5 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
         "" if parent is None else parent.get("link", ""),
         "" if child is None else child.get("link", ""),
         mimics,
+        tuple(map(float, along.split())) if _are_numbers(along, 3) else None,
     )

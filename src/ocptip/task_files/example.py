@@ -5,19 +5,25 @@ The base is that of the URDF if it has one, else one that carries the arm.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
+from ocptip.numerics.inertia import ROUNDED, why_impossible
 from ocptip.robots.collision.gaps import Collisions, random_postures
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.dynamics import STANDARD_GRAVITY, evaluate_dynamics
 from ocptip.robots.geometry import floor
+from ocptip.robots.ground_contacts import GroundContact, ground_contacts, inside
 from ocptip.robots.model import ArmModel
 from ocptip.robots.resting import resting_body, resting_links
 from ocptip.robots.urdf_file import UrdfFile
+
+PLURALS = {"wheel": "wheels", "caster": "casters", "foot": "feet"}
 
 _SHARE = 0.5
 """Links that rest are a base if they weigh at least this share of the arm; lighter ones are its foot."""
@@ -34,105 +40,91 @@ _WIDE, _LEAST_HALF = 0.25, np.array([0.3, 0.25])
 _CENTRED = 0.2
 """The centre of mass of a base keeps this share of the distance of the feet's middle from their edges."""
 
-_UP = np.array([0.0, 0.0, 1.0])
 _HEIGHT = 0.5
 """m, of an invented base."""
 
-_LEVEL, _BELOW = 0.02, 0.005
-"""m: solids within `_LEVEL` of the lowest one touch the ground, within `_BELOW` of their ends."""
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ExampleBase:
     """A base whose origin is on the ground below the origin of the arm's base link.
 
     Attributes:
         mass: kg.
         center_of_mass: (3,), m.
-        feet: (k, 3), m.
+        inertia: (3, 3), kg m^2, about the centre of mass; None: of an invented base, or one that no body has.
+        contacts: points on the ground, from the origin.
         height: m, of the base link's frame.
-        of_urdf: mass and centre of mass are those of the URDF's links that rest.
-        feet_of_urdf: feet and height follow from the URDF's collision geometry.
+        of_urdf: mass, centre of mass and inertia are those of the URDF's links that rest.
+        contacts_of_urdf: contacts and height follow from the URDF's geometry.
         foot_mass: kg, of resting links that an invented base has to contain.
     """
 
     mass: float
     center_of_mass: np.ndarray
-    feet: np.ndarray
+    inertia: np.ndarray | None
+    contacts: tuple[GroundContact, ...]
     height: float
     of_urdf: bool
-    feet_of_urdf: bool
+    contacts_of_urdf: bool
     foot_mass: float = 0.0
+
+    @property
+    def feet(self) -> np.ndarray:
+        """(k, 3), m, positions of the contacts."""
+        return np.array([contact.position for contact in self.contacts])
 
     @property
     def source(self) -> str:
         """Where the numbers come from, one sentence."""
         if not self.of_urdf:
             return "mass, centre of mass, feet and height are invented, for the URDF has no base"
-        feet = "those of its lowest solids" if self.feet_of_urdf else "invented, for no solid shows them"
-        return f"mass and centre of mass are those of the URDF's links that rest; feet and height are {feet}"
+        kinds = Counter(contact.kind for contact in self.contacts)
+        contacts = " and ".join(f"{n} {kind if n == 1 else PLURALS[kind]}" for kind, n in kinds.items())
+        shown = "of its geometry" if self.contacts_of_urdf else "that are invented, for no solid shows them"
+        body = "mass, centre of mass and inertia are those of the URDF's links that rest"
+        return f"{body}; it stands on {contacts} {shown}"
 
 
-def example_base(file: UrdfFile, arm: ArmModel, geometry: ArmGeometry | None) -> ExampleBase:
-    """The base for an arm.
+def example_base(file: UrdfFile, arm: ArmModel) -> ExampleBase:
+    """The base for an arm: that of its URDF, or one that carries it.
+
+    A URDF has a base if its links that rest have wheels, or are driven over the ground by joints, or are
+    several of some mass that stand by themselves.
 
     Args:
         file: the URDF.
         arm: read from it, not mounted.
-        geometry: its collision geometry, if there is any.
     """
     carried = float(arm.masses.sum())
-    mass, centre = resting_body(file.path, arm)
-    parts = sum(file.masses.get(link, 0.0) > _PART * mass for link in resting_links(file, arm))
+    mass, centre, inertia = resting_body(file.path, arm)
+    try:
+        contacts = ground_contacts(file, arm, centre)
+    except InputError:  # that the geometry cannot be read is said where collisions are
+        contacts = []
     half = np.maximum(_LEAST_HALF, np.round(_WIDE * arm.reach * np.array([1.0, 0.8]), 2))
-    feet = np.array([[x, y, 0.0] for x, y in half * [[1, 1], [1, -1], [-1, -1], [-1, 1]]])
-    ground = None if geometry is None else _ground_points(arm, geometry)
-    if mass < _SHARE * carried or parts < 2 or (ground is not None and not _stands(ground, centre)):
+    invented = tuple(
+        GroundContact("foot", np.array([x, y, 0.0]), "invented")
+        for x, y in half * [[1, 1], [1, -1], [-1, -1], [-1, 1]]
+    )
+    parts = sum(file.masses.get(link, 0.0) > _PART * mass for link in resting_links(file, arm))
+    drives = any(contact.kind != "foot" for contact in contacts) or arm.base_link != file.root
+    stands = mass >= _SHARE * carried and parts > 1 and (not contacts or _stands(contacts, centre))
+    if not mass or not (stands or (drives and arm.base_link == file.standing)):
         heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10), np.ceil(mass))
-        return ExampleBase(heavy, np.array([0.0, 0.0, 0.3]), feet, _HEIGHT, False, False, mass)
-    height = _HEIGHT if ground is None else -float(ground[0, 2])
-    if ground is not None:
-        feet = ground * [1.0, 1.0, 0.0]
-    return ExampleBase(mass, centre + height * _UP, feet, height, True, ground is not None)
+        middle = np.array([0.0, 0.0, 0.3])
+        return ExampleBase(heavy, middle, None, invented, _HEIGHT, False, False, mass)
+    height = -float(contacts[0].position[2]) if contacts else _HEIGHT
+    lifted = tuple(replace(own, position=own.position * [1.0, 1.0, 0.0]) for own in contacts)
+    about = None if why_impossible(inertia, ROUNDED * np.abs(inertia).max()) else inertia
+    return ExampleBase(
+        mass, centre + np.array([0.0, 0.0, height]), about, lifted or invented, height, True, bool(contacts)
+    )
 
 
-def _ground_points(arm: ArmModel, geometry: ArmGeometry) -> np.ndarray | None:
-    """Points (k, 3), m, base link, where resting solids touch a level ground, at its height; None: no area.
-
-    Of all such points these are the outermost in four directions: what stands on them stands on all.
-    """
-    outlines = []
-    for item in geometry.shapes:
-        if item.body == 0:
-            shape = item.shape.placed(arm.mount_rotation, arm.mount_position)
-            outlines.append(shape.outline() - [0.0, 0.0, shape.thickness])
-    if not outlines:
-        return None
-    level = min(points[:, 2].min() for points in outlines)
-    touching = [points for points in outlines if points[:, 2].min() < level + _LEVEL]
-    low = np.vstack([points[points[:, 2] < points[:, 2].min() + _BELOW] for points in touching])
-    diagonals = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
-    chosen = list(dict.fromkeys(np.argmax(low[:, :2] @ diagonals.T, axis=0).tolist()))
-    corners = low[chosen]
-    x, y = corners[:, 0], corners[:, 1]
-    area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    return np.column_stack([x, y, np.full(len(corners), level)]) if area > 1e-3 else None
-
-
-def _stands(feet: np.ndarray, centre: np.ndarray) -> bool:
-    middle = feet[:, :2].mean(axis=0)
-    inside = inside_feet(feet, np.array([centre[:2], middle]))
-    return bool(inside[0] >= _CENTRED * inside[1])
-
-
-def inside_feet(feet: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N,) m, how far points (N, 2) are inside the convex polygon of the feet (k, 3)."""
-    corners = feet[:, :2]
-    turned = corners - corners.mean(axis=0)
-    corners = corners[np.argsort(np.arctan2(turned[:, 1], turned[:, 0]))]
-    edges = np.roll(corners, -1, axis=0) - corners
-    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    return np.min(np.einsum("nkj,kj->nk", points[:, None] - corners, normals), axis=1)
+def _stands(contacts: Sequence[GroundContact], centre: np.ndarray) -> bool:
+    feet = np.array([contact.position for contact in contacts])
+    within = inside(feet, np.array([centre, feet.mean(axis=0)]))
+    return bool(within[0] >= _CENTRED * within[1])
 
 
 TURN, SLIDE = np.deg2rad(30), 0.1
@@ -215,7 +207,7 @@ def _held(arm: ArmModel, base: ExampleBase, q: np.ndarray) -> np.ndarray:
     masses = weight / -STANDARD_GRAVITY[2]
     whole = (masses[:, None] * carried + base.mass * base.center_of_mass[:2]) / (masses + base.mass)[:, None]
     middle = base.feet[:, :2].mean(axis=0)
-    return strong & (inside_feet(base.feet, whole) >= _INSIDE * inside_feet(base.feet, middle[None]))
+    return strong & (inside(base.feet, whole) >= _INSIDE * inside(base.feet, middle[None]))
 
 
 def _starts(arm: ArmModel, zero: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from ocptip.basics.toml import MARK
 from ocptip.basics.toml_text import toml_value
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.collision.urdf import PACKAGE, geometry_from_urdf, missing_meshes
+from ocptip.robots.ground_contacts import GroundContact
 from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
@@ -38,6 +39,7 @@ class TaskTemplate:
         text: its content.
         arm: the arm that it describes.
         base_link, tool_frame: names that were given or detected.
+        base: on which it stands.
         missing: missing mesh files of its collision geometry; None: it has no such geometry.
         sources: where the numbers of the base and of the example motion come from.
     """
@@ -46,14 +48,14 @@ class TaskTemplate:
     arm: ArmModel
     base_link: str
     tool_frame: str
+    base: ExampleBase
     missing: list[str] | None
     sources: tuple[str, str]
 
     @property
     def to_fill(self) -> list[str]:
         """Keys of the marked lines."""
-        lines = (line for line in self.text.splitlines() if line.startswith(MARK))
-        return [line.removeprefix(MARK).split("=")[0].strip() for line in lines]
+        return marked(self.text)
 
 
 def task_template(
@@ -84,23 +86,57 @@ def task_template(
         geometry = None if missing is None or missing else geometry_from_urdf(urdf, arm)
     except InputError as error:
         broken = str(error)
-    foot = example_base(file, arm, geometry)
+    foot = example_base(file, arm)
     example = example_motion(arm, geometry, foot)
     of_arm = (
-        *_arm(file, arm, base, tool, folder, foot.height),
+        *_arm(file, arm, base, tool, folder, foot),
         *_inertia(doubtful),
         *_geometry(missing, broken),
     )
-    sections = (_base(foot), of_arm, _limits(arm), _motion(arm, example), _near(example))
+    of_base = (_base(foot), *map(_contact, _rolling(foot)))
+    sections = (*of_base, of_arm, _limits(arm), _motion(arm, example), _near(example))
+    body = "\n\n".join(filter(None, ("\n".join(lines) for lines in sections))) + "\n"
     head = [
         "#:schema ./task.schema.json",
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
-        f"# The lines that begin with {MARK} are examples: put your numbers there and take the mark away.",
+        *(f"# {group}: {', '.join(items)}." for group, items in _groups(foot, marked(body)).items()),
         "# SI units; keys in degrees say so. All keys: `ocptip schema --page`.",
         f"name = {toml_value(file.name)}",
     ]
-    text = "\n\n".join(filter(None, ("\n".join(lines) for lines in (head, *sections)))) + "\n"
-    return TaskTemplate(text, arm, base, tool, missing, (foot.source, example.source))
+    text = "\n".join(head) + "\n\n" + body
+    return TaskTemplate(text, arm, base, tool, foot, missing, (foot.source, example.source))
+
+
+def marked(text: str) -> list[str]:
+    """Keys of the marked lines."""
+    lines = (line for line in text.splitlines() if line.startswith(MARK))
+    return [line.removeprefix(MARK).split("=")[0].strip() for line in lines]
+
+
+def _groups(foot: ExampleBase, to_fill: Sequence[str]) -> dict[str, list[str]]:
+    """What comes from where, for people who check a file."""
+    known, usual = ["joints, links and their limits"], ["motors", "start and goal, an example"]
+    if foot.of_urdf:
+        known.insert(0, "mass, centre of mass and inertia of the base")
+    if foot.contacts_of_urdf:
+        known.insert(1, f"{len(foot.contacts)} contacts and their distance from the base link")
+    if any(contact.kind == "caster" for contact in foot.contacts):
+        usual.insert(0, "casters without friction")
+    groups = {"From the URDF": known, "From a default": ["acceleration limits", *usual]}
+    groups[f"To be given, in the lines that begin with {MARK}"] = list(to_fill)
+    return groups
+
+
+def _rolling(foot: ExampleBase) -> list[GroundContact]:
+    """The contacts, if not all of them are feet."""
+    return list(foot.contacts) if any(contact.kind != "foot" for contact in foot.contacts) else []
+
+
+def _contact(contact: GroundContact) -> Iterator[str]:
+    yield f"[[contact]]  # {contact.reason}"
+    yield f"position = {_list(np.round(contact.position, 4))}"
+    if contact.kind == "caster":
+        yield f"{'friction = 0.0':<{_WIDTH}}  # casters roll; a default"
 
 
 def _base(foot: ExampleBase) -> Iterator[str]:
@@ -109,23 +145,32 @@ def _base(foot: ExampleBase) -> Iterator[str]:
     keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else "invented"
     if foot.foot_mass > 1e-9:
         about += f"; it has to contain {foot.foot_mass:.3g} kg of the URDF: links that rest"
-    where = "of the URDF" if foot.of_urdf else "invented"
-    yield _line(keys, "mass", f"{foot.mass:.6g}", about, mark=True)
-    yield _line(keys, "center_of_mass", _list(np.round(foot.center_of_mass, 4)), where, mark=True)
-    feet = ", ".join(map(_list, np.round(foot.feet, 4)))
-    where = "from the URDF's geometry" if foot.feet_of_urdf else "invented"
-    yield _line(keys, "feet", f"[{feet}]", where, mark=True)
-    yield _line(keys, "friction", "0.5", "invented, of all feet; castors and clamps: [[contact]]", mark=True)
+    yield _line(keys, "mass", f"{foot.mass:.9g}", about, mark=not foot.of_urdf)
+    where, invented = "of the URDF" if foot.of_urdf else "invented", not foot.contacts_of_urdf
+    yield _line(keys, "center_of_mass", _list(np.round(foot.center_of_mass, 6)), where, mark=not foot.of_urdf)
+    if foot.inertia is not None:
+        yield _line(keys, "inertia", _list(foot.inertia[np.triu_indices(3)]), where)
+    holds = "invented, of all feet; casters and clamps: [[contact]]"
+    if _rolling(foot):
+        holds = "invented, of all wheels; they hold only while drives or brakes hold them"
+    else:
+        feet = ", ".join(map(_list, np.round(foot.feet, 4)))
+        where = "invented" if invented else "the lowest points of the URDF's geometry"
+        yield _line(keys, "feet", f"[{feet}]", where, mark=invented)
+    yield _line(keys, "friction", "0.5", holds, mark=True)
 
 
-def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path, height: float) -> Iterator[str]:
+def _arm(
+    file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path, foot: ExampleBase
+) -> Iterator[str]:
     yield f"[arm]  # {arm.n} joints, {arm.masses.sum():.4g} kg, reach from joint 1 below {arm.reach:.3g} m"
     path = Path(os.path.relpath(file.path.resolve(), folder.resolve())).as_posix()
     yield f"urdf = {toml_value(path)}"
     yield _line(_OF_URDF, "base_link", toml_value(base))
     others = [link for link in file.ends(base) if link != tool]
     yield _line(_OF_URDF, "tool_frame", toml_value(tool), f"others: {some(others)}" if others else "")
-    yield _line(ARM.keys, "mount_position", f"[0.0, 0.0, {height:.6g}]", mark=True)
+    height = f"[0.0, 0.0, {foot.height:.6g}]"
+    yield _line(ARM.keys, "mount_position", height, mark=not foot.contacts_of_urdf)
     yield from (f"# {note}" for note in arm.notes)
 
 
@@ -186,7 +231,7 @@ def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
         if own.size:
             names = ", ".join(arm.joint_names[j] for j in own)
             for place, values in places.items():
-                yield _line(end_keys(place, place), f"{place}_{key}", _list(values[own]), names, mark=True)
+                yield _line(end_keys(place, place), f"{place}_{key}", _list(values[own]), names)
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
     first = ", ".join(map(toml_value, arm.joint_names[:3]))
     yield f"# optimised = [{first}]  # only these; the others move in one trapezoidal profile each"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ PACKAGE = "package://"
 """Begins names of files in ROS packages."""
 
 _FILE = "file://"
+_UPRIGHT = 1e-3  # sine of the angle below which a cylinder stands upright
 _MESHES = ".//collision/geometry/mesh"
 
 
@@ -66,7 +67,7 @@ def geometry_from_urdf(
     Raises:
         InputError: a mesh is not found or cannot be read, or the SRDF cannot be read; one line.
     """
-    file, pin = Path(path), load_pinocchio()
+    file = Path(path)
     meshes = collision_meshes(file, package_dirs)
     if meshes is None:
         return None
@@ -82,14 +83,8 @@ def geometry_from_urdf(
     for mesh in meshes.values():
         if mesh is not None:
             require_readable(mesh)
-    robot, text = pinocchio_model(file), ET.tostring(tree, encoding="unicode")
-    lines: list[str] = []
-    try:
-        with printed() as lines:
-            geometry = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
-    except (ValueError, RuntimeError) as error:
-        problem = " ".join([*lines[:2], *str(error).split()])
-        raise InputError(f"{file}: collision geometry: {problem}") from None
+    robot = pinocchio_model(file)
+    geometry = _pinocchio_geometry(file, robot, tree)
     _require_all(file, tree, Counter(robot.frames[i.parentFrame].name for i in geometry.geometryObjects))
     raw, shapes = list(_raw(robot, geometry, arm)), []
     for item in raw:
@@ -100,6 +95,76 @@ def geometry_from_urdf(
     source = f"collision geometry of {file.name}"
     found = ArmGeometry(tuple(shapes), _disabled(srdf), source, meshes=files)
     return replace(found, on_meshes=touches_on_meshes(arm, found, raw))
+
+
+def _pinocchio_geometry(file: Path, robot: PinocchioModel, tree: ET.Element) -> Any:
+    """The collision geometry of a URDF whose meshes have their paths as names."""
+    pin, text = load_pinocchio(), ET.tostring(tree, encoding="unicode")
+    lines: list[str] = []
+    try:
+        with printed() as lines:
+            return pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as error:
+        problem = " ".join([*lines[:2], *str(error).split()])
+        raise InputError(f"{file}: collision geometry: {problem}") from None
+
+
+def outlines_of_links(
+    path: str | os.PathLike[str], arm: ArmModel, links: Container[str], visual: Container[str] = ()
+) -> dict[str, np.ndarray]:
+    """Points (k, 3), m, base link, on links that rest: corners, or some of a round surface, with the lowest.
+
+    Meshes that are not there are left out, so that a link may lack points, or have none.
+
+    Args:
+        path: the URDF file.
+        arm: read from it, not mounted.
+        links: whose points are asked for.
+        visual: of these links the visual geometry, if they have no collision geometry.
+
+    Raises:
+        InputError: the geometry cannot be read.
+    """
+    file, tree = Path(path), parse_urdf(Path(path))
+    folders = _folders(file, ())
+    for link in tree.iterfind("link"):
+        solids, name = link.findall("collision"), link.get("name", "")
+        if name in visual and not solids:
+            solids = link.findall("visual")
+        for item in [*link.findall("collision"), *link.findall("visual")]:
+            link.remove(item)
+        for item in solids if name in links else ():
+            item.tag, mesh = "collision", item.find("geometry/mesh")
+            found = None if mesh is None else _find_mesh(mesh.get("filename", ""), file, folders)
+            if mesh is not None and found is not None:
+                mesh.set("filename", str(found))
+            if mesh is None or found is not None:
+                link.append(item)
+    robot, points = pinocchio_model(file), dict[str, list[np.ndarray]]()
+    for item in _raw(robot, _pinocchio_geometry(file, robot, tree), arm):
+        turn = arm.mount_rotation @ item.rotation
+        at = arm.mount_position + arm.mount_rotation @ item.position
+        points.setdefault(item.name, []).append(at + _lowest(item.geometry, turn.T[:, 2]) @ turn.T)
+    return {name: np.vstack(parts) for name, parts in points.items()}
+
+
+def _lowest(geometry: Any, up: np.ndarray) -> np.ndarray:
+    """Points (k, 3) on a geometry, its axes, among them the lowest ones; `up` (3,) in these axes."""
+    coal = load_coal()
+    if isinstance(geometry, coal.Sphere | coal.Capsule):
+        half = geometry.halfLength if isinstance(geometry, coal.Capsule) else 0.0
+        ends = np.outer([-half, half], [0, 0, 1])
+        across = np.linalg.svd(up[None])[2]  # rows: up and two directions across
+        return (ends[:, None] + geometry.radius * np.vstack([across, -across])).reshape(-1, 3)
+    if isinstance(geometry, coal.Cylinder):
+        down = np.pi + (np.arctan2(up[1], up[0]) if np.hypot(*up[:2]) > _UPRIGHT else 0.0)
+        angles = down + np.linspace(0, 2 * np.pi, 32, endpoint=False)
+        rim = geometry.radius * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+        ends = np.outer([-geometry.halfLength, geometry.halfLength], [0, 0, 1])
+        return (ends[:, None] + rim).reshape(-1, 3)
+    if isinstance(geometry, coal.BVHModelBase):
+        return np.array(geometry.vertices())
+    return np.vstack([shape.outline() for shape in _solids(geometry)])
 
 
 def collision_meshes(
