@@ -103,6 +103,7 @@ def exchange(inverse_t, x, p, d, r):
     width = d.shape[0]
     f = 1.0 / d[r]
     keep = d[r]
+    # With d[r] = 0 the loops need no exception for row r, and run without a test.
     d[r] = 0.0
     for j in range(inverse_t.shape[0]):
         g = inverse_t[j, r] * f
@@ -125,6 +126,8 @@ def polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
     """Refine the basic values x = inverse @ rhs of the current basis: (smallest, residual)."""
     m = element.shape[0]
     worst = np.inf
+    # Iterative refinement: the residual comes from the original columns, so errors of the updated inverse
+    # shrink.
     for step in range(3):
         worst = largest_residual(columns, first_column, element, owner, rhs, x, work)
         if worst < _REFINED or step == 2:

@@ -135,6 +135,8 @@ class ConeProblem:
             size = max(np.max(np.abs(error)), np.max(np.abs(loose), initial=0.0))
             if size <= _BALANCE:
                 return self._admissible(what, a, N, K, t)
+            # The direction of sliding turns with the acceleration: its derivative is across the direction,
+            # over the speed.
             across = (np.eye(2) - t[:, :, None] * t[:, None]) / speed[:, None, None]
             per_a = self.mass_matrix + np.einsum("k,kic,kcd,kjd->ij", mu * N, planes, across, planes)
             # of the steps that satisfy the equations a short one: they leave some forces open
@@ -167,6 +169,7 @@ class ConeProblem:
         support = self.support
         acceleration = support.inverse_mass @ (self.wrench + support.wrench_matrix @ forces.ravel())
         contact_accelerations = (acceleration @ support.wrench_matrix).reshape(-1, 3)
+        # Slower contacts count as resting: below this a direction of motion is a rounding error.
         rest = 1e-10 * np.linalg.norm(self.free) * self.unit / support.mass
         contacts, elements = [], []
         for contact, force, u in zip(ordinary_contacts(support), forces, contact_accelerations, strict=True):

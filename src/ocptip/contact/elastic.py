@@ -86,6 +86,8 @@ class ElasticFeet:
         key = np.packbits(pressing).tobytes()
         if key not in self._maps:
             K = self.matrix(pressing) / np.outer(self._unit, self._unit)
+            # The pseudo-inverse also serves sets of feet that leave a twist free, which the iteration may
+            # visit.
             inverse = np.linalg.pinv(K, rcond=_SINGULAR, hermitian=True)
             self._maps[key] = inverse / np.outer(self._unit, self._unit)
         return self._maps[key]
@@ -109,6 +111,7 @@ class ElasticFeet:
         minimum energy is taken, as if all feet had one normal.
         """
         N, n = len(wrenches), len(self.stiffness)
+        # The energy is piecewise quadratic in the twist; on each set of pressing feet a Newton step is exact.
         pressing, todo = np.ones((N, n), dtype=bool), np.arange(N)
         tolerance = _ROUNDING * np.max(np.abs(wrenches) / self._unit, axis=1, initial=0.0)
         for _ in range(_ROUNDS):
@@ -161,6 +164,8 @@ class ElasticFeet:
         M = np.diag(k) - k[:, None] * (normals.T @ self.twist_map(np.ones(len(k), dtype=bool)) @ normals) * k
         size, axes = np.linalg.eigh(M)
         f = self.normal_map @ wrench
+        # M is positive semidefinite: small negative eigenvalues are rounding, and small ones belong to free
+        # twists.
         root = axes * np.sqrt(np.maximum(size, 0.0) * (size > _SINGULAR * size[-1]))
         scale = np.max(np.abs(f), initial=np.sqrt(np.finfo(float).tiny))
         gaps, _ = nnls(np.vstack([root.T / np.sqrt(k.max()), -f / scale]), np.append(np.zeros(len(k)), 1.0))

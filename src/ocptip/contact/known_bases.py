@@ -28,6 +28,7 @@ def recall(known, count, inverses, bases, rhs, x, order, inverse_t, subset, elem
         if smallest > least:
             best, least = row, smallest
         if smallest >= -ZERO:
+            # Bases that serve often move to the front, so that most states need one trial.
             if place > 0:
                 order[place], order[place - 1] = order[place - 1], row
             break

@@ -81,6 +81,7 @@ class _SolutionSearch:
         self.modes = [_ModeList(contact) for contact in system.support.contacts]
 
     def run(self, max_nodes: int) -> SearchResult:
+        # Depth first: the stack stays as short as the number of splits, and a solution is met early.
         stack = [[np.ones(len(modes.subsets), dtype=bool) for modes in self.modes]]
         nodes = 0
         undecided = False
@@ -93,6 +94,7 @@ class _SolutionSearch:
             if x is None:
                 continue
             k = self._worst_contact(allowed, x)
+            # All contacts fit a single mode: this is a candidate, which only counts on the original data.
             if k is None:
                 found = self._verified(allowed, x)
                 if found is not None:
@@ -170,6 +172,8 @@ class _SolutionSearch:
         columns = self.system.active_columns(np.array([subsets]))[0]
         matrix = self.system.plain_matrix[:, columns]
         basic = x[columns]
+        # The program is exact to its tolerances only. Least squares on the active columns removes that error;
+        # the second round removes what the cut at 0 adds.
         for _ in range(2):
             corrected = basic + np.linalg.lstsq(matrix, self.rhs - matrix @ basic, rcond=1e-12)[0]
             basic = np.maximum(corrected, 0.0)
@@ -197,6 +201,7 @@ class _MotionSearch(_SolutionSearch):
     def __init__(self, system: ContactSystem, wrench: np.ndarray) -> None:
         super().__init__(system, wrench)
         support = system.support
+        # With M = L L' the substitution y = L' qdd turns the ellipsoid qdd' M qdd <= h' qdd into a ball.
         root = np.linalg.cholesky(support.inverse_mass * support.mass)
         self.load = root.T @ wrench / self.scale
         self.size = float(np.linalg.norm(self.load))
@@ -223,6 +228,8 @@ class _MotionSearch(_SolutionSearch):
         program = self._program(columns, rows)
         solution = solve_cones(-self.power[columns], program, b, cones, quiet_settings(1e-10))
         status = str(solution.status)
+        # Only a proof of infeasibility, or a maximum power of rest, discards a node. Without a verdict of the
+        # solver the node is split further, from x = 0.
         if status in INFEASIBLE:
             return None
         x = np.zeros(self.system.plain_matrix.shape[1])
@@ -257,6 +264,8 @@ class _MotionSearch(_SolutionSearch):
         columns = self._columns(allowed)
         matrix = self.system.plain_matrix[:, columns]
         power = self.power[columns]
+        # With independent columns the combination has one candidate, which is computed. Otherwise a linear
+        # program maximises the power over all its solutions.
         if np.linalg.matrix_rank(matrix, tol=_RANK_TOLERANCE) == len(columns):
             basic, *_ = np.linalg.lstsq(matrix, self.rhs, rcond=None)
             return bool(np.min(basic) < -_RESIDUAL) or not self._answers(columns, basic)
@@ -278,6 +287,8 @@ def linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
         "dual_feasibility_tolerance": _LP_TOLERANCE,
         "maxiter": _LP_ITERATIONS,
     }
+    # HiGHS sometimes ends without a verdict by one method; simplex and interior point fail on different
+    # problems.
     for method in ("highs", "highs-ds", "highs-ipm"):
         result = linprog(cost, A_eq=equations, b_eq=rhs, method=method, options=options)
         if result.status in (0, 2):
@@ -298,6 +309,8 @@ class _ModeList:
         moving = np.any(acceleration != 0, axis=(0, 2))
         lifting = np.any(acceleration[0] != 0, axis=1)
         self.family = np.where(lifting, _LIFT, np.where(moving, _SLIDE, _STICK))
+        # The sum of the tangential columns points into the middle of the sector of directions in which the
+        # mode slides.
         sum_t = acceleration[1:].sum(axis=2)
         self.angle = (
             np.arctan2(sum_t[-1], sum_t[0]) if len(sum_t) == 2 else np.where(sum_t[0] < 0, np.pi, 0.0)
@@ -314,12 +327,15 @@ class _ModeList:
             chosen = mask & (self.family == families[-1])
         elif families[0] != _STICK and len(self._angles(mask)) > 1:
             angles = self._angles(mask)
+            # The circle is opened at its largest gap, so that both halves are connected arcs: forces of an
+            # arc span a small convex set, which keeps the relaxation tight.
             gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
             start = angles[(np.argmax(gaps) + 1) % len(angles)]
             turned = np.mod(np.round(self.angle, 9) - start + 1e-6, 2 * np.pi)
             values = np.unique(np.round(turned[mask], 6))
             chosen = mask & (turned < values[len(values) // 2] - 1e-6)
         else:
+            # The element that divides the modes most evenly gives the shallowest tree.
             counts = self.member[mask].sum(axis=0)
             j = int(np.argmax(np.minimum(counts, mask.sum() - counts)))
             chosen = mask & self.member[:, j]

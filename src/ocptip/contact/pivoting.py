@@ -47,6 +47,7 @@ def _choose_start(rhs, row_start, start_count, start_first, start_inverse, negat
 
     `start_inverse` is (rows, columns, candidates): the candidates are the contiguous index.
     """
+    # Only the local block of each contact is used: coupling between contacts is what the pivots resolve.
     for k in range(choice.shape[0]):
         r0, c0, count = row_start[k], start_first[k], start_count[k]
         size = row_start[k + 1] - r0
@@ -108,6 +109,7 @@ def _press(
             place += 1
         c = first_column[k] + entering[place]
         column_image(inverse_t, columns, c, extent, d)
+        # A small pivot would give an ill-conditioned start, which costs more than the steps that it saves.
         if abs(d[r]) < _CRASH_PIVOT:
             return step
         element[r] = entering[place]
@@ -127,16 +129,19 @@ def _lemke(
     """
     m, width = row_start[-1], x.shape[0]
     # the artificial variable enters: B x - cover z0 = rhs with cover = B0 e; worst row leaves
+    # z0 is the smallest value with which no variable is negative: x + e z0 >= 0.
     z0 = 0.0
     for i in range(m):
         if x[i] < 0.0 and -x[i] / e[i] > z0:
             z0 = -x[i] / e[i]
     artificial = -1
+    # Among ties the perturbation rho decides, as in all later ratio tests, so that no basis can come twice.
     best = np.inf
     for i in range(m):
         if x[i] < 0.0 and -x[i] / e[i] >= z0 - _TIE_TOLERANCE and rho[i] / e[i] < best:
             best = rho[i] / e[i]
             artificial = i
+    # In the start basis the images of the perturbation and of the covering column are known without solving.
     for i in range(m):
         cover[i] = 0.0
         p[i] = rho[i]
@@ -150,6 +155,8 @@ def _lemke(
     owner[artificial] = -1
     pivots = 1
     while pivots < max_pivots:
+        # The automaton replaces the complement rule of Lemke's method: it names the variable that has to
+        # enter.
         k = leaving_contact
         size = row_start[k + 1] - row_start[k]
         place = subset_start[k] + subset[k] * size
@@ -164,6 +171,7 @@ def _lemke(
         for i in range(m):
             if d[i] > dmax:
                 dmax = d[i]
+        # Pivots below this are rounding errors of the column: to divide by them would destroy the basis.
         limit = _PIVOT_TOLERANCE * dmax
         theta = np.inf
         for i in range(width):  # branch-free, so that it is vectorised
@@ -177,9 +185,13 @@ def _lemke(
         best = np.inf
         for i in range(m):
             if ratio[i] < np.inf and (ratio[i] - theta) * d[i] <= _TIE_TOLERANCE:
+                # If the artificial variable ties, it leaves at once: the basis is then complementary, the
+                # state solved.
                 if i == artificial:
                     r = i
                     break
+                # The perturbation excludes cycles. The largest pivot does not, but loses fewer digits: later
+                # attempts try it.
                 key = -d[i] if largest_pivot else p[i] / d[i]
                 if key < best:
                     best = key
@@ -191,6 +203,7 @@ def _lemke(
         pivots += 1
         if leaving_contact < 0:
             return SOLVED, pivots
+        # Every exchange adds rounding errors to the updated inverse; a fresh factorisation removes them.
         if pivots % _REFACTOR_EVERY == 0:
             if not factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                 return SINGULAR, pivots
@@ -256,6 +269,7 @@ def solve_batch(
     generator, choice = np.empty(1, np.uint64), np.empty(n, np.int64)
     negative = np.empty(np.max(start_count))
     for i in range(m):
+        # Multiples of the golden ratio modulo 1 are all different and evenly spread: a generic direction.
         rho[i] = 1.0 + ((i + 1) * 0.6180339887498949) % 1.0
     inverses, bases = np.empty((memory, m, width)), np.empty((memory, 2 * m + n), np.int64)
     order, remembered, loaded = np.arange(memory), 0, -1
@@ -267,6 +281,7 @@ def solve_batch(
         have_basis = factorise(columns, first_column, element, owner, cover, basis_t, inverse_t)
 
     for state in range(rhs_all.shape[0]):
+        # With a largest element of 1 all tolerances of the kernel are absolute numbers.
         scale = 0.0
         for i in range(m):
             scale = max(scale, abs(rhs_all[state, i]))
@@ -284,11 +299,15 @@ def solve_batch(
                 loaded = recall(
                     loaded, remembered, inverses, bases, rhs, x, order, inverse_t, subset, element, owner
                 )
+            # Forces that the equations leave open may all lie on one side of a limit: a random shift moves
+            # them.
             if attempt >= 6:
                 for c in range(gauge.shape[1]):
                     w = 4.0 * _next_random(generator) - 2.0
                     for i in range(m):
                         rhs[i] += w * gauge[i, c]
+            # A warm start (attempt 0) keeps the basis of the state before; all others build one from the
+            # contacts.
             if attempt > 0:
                 if attempt < 4:
                     for i in range(m):
@@ -339,6 +358,8 @@ def solve_batch(
                     smallest, residual = polish(
                         columns, first_column, element, owner, inverse_t, rhs, x, d, work
                     )
+                # Values below 0 by rounding are set to 0, so the residual on the original equations has to be
+                # computed again.
                 if smallest < 0.0 or gauge.shape[1] > 0:
                     for i in range(m):
                         rhs[i] = check_rhs[state, i] / scale

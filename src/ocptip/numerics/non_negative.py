@@ -59,6 +59,8 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
         chosen[count] = new
         wanted = np.zeros(n)
         rest = _least_squares(columns, chosen[: count + 1], count, wanted, basis, R, parts, own, lefts)
+        # A column that depends on the chosen ones would enter and leave for ever: it is not tried again until
+        # another one helped.
         if wanted[new] <= _ZERO:  # depends on the others, but for rounding
             tried[new] = True
             continue
@@ -72,6 +74,8 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
             if inside:
                 break
             x += share * (wanted - x)
+            # Columns before the first one that leaves keep their factors: only those after it are computed
+            # again.
             kept, same = 0, count
             for at in range(count):
                 k = chosen[at]
@@ -98,6 +102,8 @@ def _least_squares(columns, chosen, known, x, basis, R, parts, own, lefts):
     for k in range(known, size):
         column, left = columns[chosen[k]].copy(), lefts[k + 1]
         R[: k + 1, k] = 0.0
+        # One pass of Gram-Schmidt loses digits where columns are nearly dependent; the second one restores
+        # them.
         for _ in range(2):
             for j in range(k):
                 if own[j]:

@@ -82,6 +82,7 @@ def follow(
         moved = on[good]
         y[moved] = found[good] / np.linalg.norm(found[good], axis=1, keepdims=True)
         t[moved] = there[good]
+        # The error of the predictor is of fifth order in the step, and the first Newton step measures it.
         wish = 0.8 * (tolerance / np.maximum(first, 1e-30)) ** 0.2
         step[on] = h * np.where(good, np.clip(wish, 0.2, 4.0), np.clip(wish, 0.1, 0.5))
     return y, t
@@ -89,6 +90,7 @@ def follow(
 
 def _predicted(way: Deformation, y: np.ndarray, t: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Runge and Kutta's step of fourth order."""
+    # Solutions are defined up to a factor; the plane through y at right angles to it removes that freedom.
     patch = y.conj()
 
     def slope(at: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -163,6 +165,7 @@ def polished(forms: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         if values[-1] < _REGULAR:
             continue
         defect = np.append(np.einsum("i,nij,j->n", one, forms, one), 0.0)
+        # The theorem holds for exact numbers: the rounding error of the defect is added to it.
         rounding = 1e-15 * len(one) * curvature
         b, m = (np.linalg.norm(defect) + rounding) / values[-1], curvature / values[-1]
         if 2.0 * b * m < 1.0:

@@ -128,6 +128,7 @@ def _share_all(wrenches, maps, normals, shift, friction, J, equal, usage, forces
 @compiled
 def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, held, pulls):
     """The minimum usage over the segment of normal forces; NaN where it is not certain."""
+    # The ends of the segment unload a contact, whose limit would be 0: the search stays a little inside.
     inside = _INSIDE * (high - low)
     left, right, at = low + inside, high - inside, low + inside
     slope_left, slope_right, side = 0.0, 0.0, 0
@@ -149,6 +150,8 @@ def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, he
             if slope >= 0:
                 break
             slope_right = slope
+        # Illinois method: halving the slope of an end that stays twice keeps the steps from creeping to one
+        # side.
         elif slope > 0:
             left, slope_left = at, slope
             if side == 1:
@@ -179,5 +182,7 @@ def _planar(h, limit, bases, held, pulls, friction, one, other, J):
         second += friction[i] * other[i] * speed
         for r in range(3):
             power += h[0, r] * (J[i, 0, r] * x + J[i, 1, r] * y)
+    # The friction's power is linear in the normal forces, so over the segment its maximum is at an end: with
+    # it the bound holds for every sharing.
     most = max(first, second)
     return upper, power / most if most > 0 else 0.0

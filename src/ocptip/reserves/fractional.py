@@ -91,6 +91,7 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         forces: normal forces and limits.
     """
     count = len(q)
+    # States are grouped by their frictionless contacts, since one cone program serves only equal structures.
     patterns, which = distinct_rows(forces.rough)
     if len(patterns) > 1:
         best = _start(q, forces, Q.shape[3])
@@ -100,6 +101,8 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         return best
     if count <= _FEW:
         return _one_by_one(q, Q, forces)
+    # Neighbours along a motion have nearly the same optimum: a fourth of the states is solved, the others
+    # start there.
     some = np.arange(0, count, _ONE_OF)
     others = np.setdiff1d(np.arange(count), some)
     best = _start(q, forces, Q.shape[3])
@@ -122,6 +125,8 @@ def _from_nearest(
     basis = np.concatenate([forces.per_z[:, :, None], Q], axis=2).reshape(len(q), -1, Q.shape[3])
     held = np.concatenate([forces.normal[:, :, None], q], axis=2).reshape(len(q), -1)
     free = np.einsum("sfz,sf->sz", basis, held)
+    # Differences of z depend on the basis point of a state; forces of minimum norm compare states
+    # independently of it.
     load = held - np.einsum("sfz,sz->sf", basis, free)  # of all forces the shortest, linear in the wrench
     sizes = np.sum(load[known] ** 2, axis=1)
     near = [
@@ -165,6 +170,8 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
         if len(todo) == 0:
             break
         own, t = forces.take(todo), best.usage[todo].copy()
+        # Every second program bisects, which helps where the iteration of Dinkelbach is slow (limits of very
+        # different size).
         halves = (iteration % 2 == 1) & (known_too_small[todo] < (1.0 - _NEAR) * t)
         t[halves] = (t[halves] + known_too_small[todo[halves]]) / 2
         x, multipliers, best.status[todo] = batch.solve(*_program(q[todo], Q[todo], own, t, best.z[todo]))
@@ -177,6 +184,7 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
         before = best.usage[rows]
         _improve(best, rows, q[rows], Q[rows], own, x[usable], multipliers[usable], t[usable])
         decrease = (before - best.usage[rows]) / np.maximum(before, _SMALLEST_DIVISOR)
+        # A failed program ends the iteration, a failed trial of the bisection only that trial.
         finished = ~usable & ~halves
         finished[usable] = (decrease <= _DECREASE) & ~halves[usable]
         near = (decrease < _NEAR) & ~halves[usable]
@@ -216,6 +224,7 @@ def _by_one_program(
     rows, x, multipliers = rows[usable], x[usable], multipliers[usable]
     if not len(rows):
         return proven
+    # Back from the scaled unknowns: the tangential part of z is multiplied by t, the normal part is not.
     t, z = best.usage[rows] / -x[:, 0], x[:, 1:]
     normal = np.einsum("szy,sy->sz", projection[rows], z)
     x = np.concatenate([np.zeros((len(rows), 1)), normal + t[:, None] * (z - normal)], axis=1)
@@ -250,6 +259,8 @@ def _program(
     columns = Q.shape[3] + 1
     limits = forces.limits(z)
     A, b = np.zeros((count, n, k + 1, columns)), np.zeros((count, n, k + 1))
+    # Divisors are the limits at the current point (Crouzeix); the floor keeps rows of unloaded contacts
+    # finite.
     A[:, :, 0, 0] = -np.maximum(limits, _SMALLEST_DIVISOR * np.max(limits, axis=1, keepdims=True))
     A[:, :, 0, 1:] = -(t[:, None] * forces.slope)[:, :, None] * forces.per_z
     A[:, :, 1:, 1:] = -Q

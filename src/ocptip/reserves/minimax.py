@@ -66,6 +66,8 @@ class ConeBatch:
         count, rows, columns = A.shape
         x, multipliers = np.full((count, columns), np.nan), np.full((count, rows), np.nan)
         status = np.empty(count, dtype=object)
+        # Updates of the numbers alone keep the symbolic factorisation, which costs more than a solve of this
+        # size.
         data = A[:, self._entries[0], self._entries[1]]
         for s in range(count):
             self._solver.update(A=data[s], b=b[s])
@@ -140,6 +142,7 @@ def _minimise_planar(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> Minima
         error = np.max(np.abs(np.einsum("sikr,sik->sr", J, forces - q)), axis=1)
         good = np.isfinite(gap) & (error <= _BALANCE * np.max(np.abs(q), axis=(1, 2), initial=0.0))
     pull[usage <= ZERO_USAGE] = 0.0
+    # Where the balance fails q itself is the best known point; its infinite gap sends it to the cone program.
     forces = np.where(good[:, None, None], forces, q)
     usage = np.max(lengths(forces) / limits, axis=1)
     status = np.full(len(q), "direct", dtype=object)
@@ -158,10 +161,13 @@ def _minimise_general(q: np.ndarray, Q: np.ndarray, limits: np.ndarray) -> Minim
     P = np.linalg.qr((Q / limits[:, :, None, None]).reshape(count, n * k, nz))[0].reshape(Q.shape)
     for _ in range(2):  # the second time removes the rounding errors of the first
         u = u - forces_of(P, _against(P, u))
+    # Units of the least-squares usage make the optimum a number near 1 in all states, as tolerances assume.
     level = np.max(lengths(u), axis=1)
     level = np.where(level > ZERO_USAGE, level, 1.0)
     u = u / level[:, None, None]
     best = _least_squares(u, P)
+    # The looser tolerance and Newton steps prove nearly all states; the tighter one is slower and is for the
+    # rest.
     for tolerance in _TOLERANCES:
         todo = np.flatnonzero(~best.solved)
         if len(todo) == 0:
@@ -238,6 +244,7 @@ def _with_bounds(
     u: np.ndarray, P: np.ndarray, y: np.ndarray, pull: np.ndarray, status: np.ndarray
 ) -> Minimax:
     """Evaluate both bounds after making the multipliers feasible: P'v = 0, sum |v_i| = 1."""
+    # Projected and scaled multipliers are feasible exactly, so that their lower bound is valid.
     pull = pull - forces_of(P, _against(P, pull))
     total = np.sum(lengths(pull), axis=1)
     pull = pull / np.where(total > 0, total, np.nan)[:, None, None]
@@ -262,6 +269,8 @@ def _polished(
         sizes, shares = lengths(u0 + forces_of(P, y)), lengths(pull)
         t = np.max(sizes, axis=1)
         shares = shares / np.sum(shares, axis=1, keepdims=True)
+        # Active is a contact whose multiplier is larger than its slack, both relative: at the optimum one is
+        # 0.
         active = shares > 1.0 - sizes / t[:, None]
         m = np.where(active, shares / t[:, None], 0.0)
         matrix = np.zeros((count, nz + 1 + n, nz + 1 + n))
@@ -269,6 +278,7 @@ def _polished(
         for _ in range(_POLISH_STEPS):
             u = u0 + forces_of(P, y)
             G = np.einsum("sikz,sik->siz", P, u) * active[:, :, None]
+            # Regularised, since redistributions that no active contact feels would make the matrix singular.
             matrix[:, :nz, :nz] = weighted_gram(m, P) + _REGULARISATION * np.eye(nz)
             matrix[:, nz, nz] = -np.sum(m, axis=1)
             matrix[:, nz + 1 :, :nz], matrix[:, :nz, nz + 1 :] = G, G.swapaxes(1, 2)

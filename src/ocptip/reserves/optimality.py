@@ -107,6 +107,8 @@ def refined(
     a = np.concatenate([end_pull[:, :, None], pull], axis=2) * active.pinned
     w = np.where(active.cone, w, 0.0)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        # The active set stays fixed: then the conditions are smooth, and Newton's method is quadratic. A
+        # wrong guess fails the test of the signs.
         matrix, rhs, unit = _conditions(q, Q, forces, active, z, t, w, a)
         for _ in range(_STEPS):
             if np.all(np.abs(rhs) < _SETTLED):
@@ -132,6 +134,7 @@ def _active_set(
 ) -> ActiveSet:
     """Guess from a nearly optimal point: active is what has a multiplier larger than its slack."""
     limits, normals = forces.limits(z), forces.normals(z)
+    # At the apex of a cone the direction of the force is undefined; all its components are pinned instead.
     largest = np.max(limits, axis=1, keepdims=True)
     apex_normal = np.where(forces.slope >= 0, forces.lower, forces.upper)
     apex = (limits < _APEX * largest) & (np.abs(forces.radius + forces.slope * apex_normal) < _EXACT)

@@ -84,6 +84,7 @@ def _usages(wrenches, loads, limits, preloads, J, derivatives, slopes, bends):
             for k in range(6):
                 most[s, i] += limits[i, k] * wrenches[s, k]
             least, largest = min(least, most[s, i]), max(largest, abs(most[s, i]))
+        # A limit near 0 makes the usage a ratio of rounding errors: such states are left to the cone program.
         good[s] = least > _LEAST_LIMIT * largest
         if good[s]:
             safe[s] = most[s]
@@ -121,6 +122,7 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
             largest = max(largest, np.sqrt(x * x + y * y))
             for r in range(3):
                 u[r] += J[i, 0, r] * x + J[i, 1, r] * y
+        # The power of the load in u, scaled to unit power of the friction, is the lower bound of the usage.
         if not abs(rho - _power(h[s], u)) <= _SURE * max(1.0, rho):
             sure[s] = False
             continue
@@ -135,6 +137,7 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
             x, y = pulls[s, i, 0], pulls[s, i, 1]
             speed = np.sqrt(x * x + y * y)
             L += speed * limits[i]
+            # The contact about which the base turns has no velocity, so its friction has no derivative there.
             if speed <= _STILL * largest:
                 pivots = True
                 continue
@@ -179,6 +182,7 @@ def solve_planar(loads, limits, bases, forces, pulls):
         load, limit, basis = loads[s], limits[s], bases[s % len(bases)]
         force, drawn = forces[s], pulls[s]
         for i in range(n):
+            # The rotation about contact i is the motion orthogonal to both of its rows: their cross product.
             a, b = basis[i, 0], basis[i, 1]
             x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
             length = np.sqrt(x * x + y * y + z * z)
@@ -190,6 +194,8 @@ def solve_planar(loads, limits, bases, forces, pulls):
             largest = max(largest, limit[i])
         if np.sqrt(size) <= 1e-12 * largest:  # no force is needed
             continue
+        # At the rotations about contacts the friction's power has kinks, at which Newton's method cannot end:
+        # they are compared first.
         if _best_pivot(load, limit, basis, pivots, v, u, d, force):
             friction = _slide(limit, basis, u, v)
             for i in range(n):
@@ -213,6 +219,8 @@ def solve_planar(loads, limits, bases, forces, pulls):
             for i in range(n):
                 speed = v[i, 2]
                 least = min(least, speed)
+                # At a kink there is no derivative; the loop ends, and the caller sees from the bounds that
+                # this failed.
                 if speed == 0.0:
                     break
                 x, y = v[i, 0] / speed, v[i, 1] / speed

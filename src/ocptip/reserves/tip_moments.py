@@ -157,6 +157,8 @@ class AddableMoments:
         turns = self._couples[:, 3:] @ self._couples[:, 3:].T  # of axis i (row) about axis k
         tips = np.any(moments[:, self._closed] < 0, axis=1)
         for i in np.flatnonzero(self._closed):
+            # Adding a couple about axis i uses up the moment about axis k at this rate: the axis reached
+            # first ends the path.
             reach = np.where(turns[i] > _PARALLEL, moments / np.maximum(turns[i], _PARALLEL), np.inf)
             first = np.argmin(np.where(self._closed, reach, np.inf), axis=1)
             for k in np.unique(first):
@@ -198,6 +200,7 @@ class AddableMoments:
         a = 1 - stretch * n1**2
         b = base @ direction - stretch * n0 * n1
         c = np.einsum("sd,sd->s", base, base) - stretch * n0**2
+        # Along a direction inside the cone the interval has no end, and the two inequalities do not decide.
         if a <= _PARALLEL:
             empty = np.zeros(len(base))
             return (empty, empty), np.zeros(len(base), dtype=bool)
@@ -236,6 +239,8 @@ class AddableMoments:
         b[:, ends : ends + n] = -np.maximum(lower, -LARGEST_FORCE)
         A[:, ends + n + np.arange(n), columns] = 1.0
         b[:, ends + n : -1] = np.minimum(upper, LARGEST_FORCE)
+        # Bounds on forces and moment keep the program bounded where contacts can squeeze each other without
+        # limit.
         A[:, -1, 0], b[:, -1] = -1.0, LARGEST_FORCE
         x, multipliers, _ = self._programs(A).solve(A, b)
         slope = -multipliers[:, :size] * scaling * support.length
