@@ -13,8 +13,10 @@ from pathlib import Path
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import plain
 from ocptip.motion.check import MotionCheck, check_motion
-from ocptip.motion.plan import MotionPlan, run_start
+from ocptip.motion.plan import MotionPlan
 from ocptip.motion.planner.attempt import Attempt, StartResult
+from ocptip.motion.planner.jobs import call
+from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
@@ -191,6 +193,11 @@ def run_starts(journal: Journal, options: Options, say: Callable[[str], None]) -
         journal.add(line_of(key, options.seed, attempt, error))
         say(f"{done}/{len(todo)} starts, last: {key[1]}, {key[0]}")
     return len(todo)
+
+
+def run_start(payload: bytes, number: int, seed: int) -> Attempt:
+    """The start of that number, of a pickled task."""
+    return call(Search.run, payload, number, seed)
 
 
 def _attempts(todo: list[Key], options: Options) -> Iterator[tuple[Key, Attempt | None, str]]:

@@ -20,7 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ocptip.basics.write import versions, write_text
-from ocptip.motion.choices import likely_choices, rounds
+from ocptip.motion.choices import first_round, likely_choices, second_round
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
 from studies.common import JsonLines, number, progress, software, table
@@ -82,7 +82,8 @@ def study(runs: Runs, k: int, complete: bool, seed: int) -> dict[str, Any]:
     cheapest = min(best, key=best.__getitem__)
     order = [_index(pairs, one) for one in likely_choices(task)]
     costs = {i: energies[p][0] for i, p in enumerate(order) if p in energies}
-    *_, last = rounds([pairs[p] for p in order], range(2 * len(order)), costs)
+    ranked, numbers = [pairs[p] for p in order], range(2 * len(order))
+    last = second_round(ranked, numbers, costs) or first_round(ranked, numbers)
     further = {_index(pairs, one) for one, _ in last}
     return {
         "task": task.name,

@@ -38,7 +38,7 @@ ELSEWHERE = {
     "cli/command.py": {"open"},  # /dev/null
     "cli/examples.py": {"read_bytes"},  # of the package
     "cli/many.py": {"loads"},  # what this process made
-    "motion/plan.py": {"loads"},  # likewise
+    "motion/planner/jobs.py": {"loads"},  # likewise
     "numerics/jit/native.py": {"load"},  # an instruction
     "numerics/jit/private.py": {"open", "fdopen"},  # machine code, with rules of its own
     "parallel/code/codegen.py": {"read_bytes"},  # what this process made

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.choices import APART, PLANNED, likely_choices, plainest_cost, rounds
+from ocptip.motion.choices import APART, PLANNED, first_round, likely_choices, plainest_cost, second_round
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import Limits
@@ -62,17 +62,13 @@ def test_pairs_that_cannot_be_planned_are_left_out(task):
 
 def test_starts_are_dealt_in_two_rounds():
     tasks = ["a", "b", "c"]
-    costs = {}
-    dealt = rounds(tasks, range(7), costs)
-    assert next(dealt) == [("a", 0), ("b", 1), ("c", 2)]
-    costs.update({1: 10.0, 2: 10.2, 0: 20.0})
-    assert next(dealt) == [("c", 3), ("b", 4), ("c", 5), ("b", 6)]
-    assert list(dealt) == []
-    assert list(rounds(["a"], range(3), {})) == [[("a", 0), ("a", 1), ("a", 2)]]
-    assert list(rounds(tasks, range(2), {})) == [[("a", 0), ("b", 1)]]
-    failed = rounds(tasks, range(5), {})
-    next(failed)
-    assert next(failed) == [("a", 3), ("b", 4)]
+    assert first_round(tasks, range(7)) == [("a", 0), ("b", 1), ("c", 2)]
+    costs = {1: 10.0, 2: 10.2, 0: 20.0}
+    assert second_round(tasks, range(7), costs) == [("c", 3), ("b", 4), ("c", 5), ("b", 6)]
+    for one, numbers, begun in ("a", range(3), "aaa"), ("a", range(2, 5), "aaa"), ("abc", range(2), "ab"):
+        assert first_round([*one], numbers) == [*zip(begun, numbers, strict=True)]
+        assert second_round([*one], numbers, {}) == []
+    assert second_round(tasks, range(5), {}) == [("a", 3), ("b", 4)]  # where all have failed
 
 
 def test_the_plan_is_of_the_pair_that_was_chosen(task):

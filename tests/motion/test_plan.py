@@ -18,8 +18,10 @@ from ocptip.certificate.checks import certified
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import check_motion
-from ocptip.motion.plan import FINISHED, HOPS, _most_promising, _search, plan_motion
+from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
+from ocptip.motion.planner.jobs import Jobs, _search
 from ocptip.motion.planner.one_start import Search
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.published.tasks import experiment_task
@@ -241,7 +243,7 @@ class Scripted:
     def rough(self, number, seed):
         clock = Clock()
         clock.pause()
-        return Rough(number, None, None, self.promises.get(number, 1.0), "", clock)
+        return Rough(number, np.zeros(1), np.zeros(1), self.promises.get(number, 1.0), "", clock)
 
     def run(self, number, seed, rough):
         assert rough.number == number
@@ -279,9 +281,15 @@ def scripted(monkeypatch):
         monkeypatch.setattr(Scripted, "motions", motions)
         monkeypatch.setattr(Scripted, "promises", promises or {})
         monkeypatch.setattr(Scripted, "hops", [])
-        monkeypatch.setattr("ocptip.motion.plan.Search", Scripted)
+        search_by(monkeypatch, Scripted)
 
     return script
+
+
+def search_by(patch, search):
+    """Methods are named in one module and called in the other."""
+    patch.setattr("ocptip.motion.multi_start.Search", search)
+    patch.setattr("ocptip.motion.planner.jobs.Search", search)
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +314,7 @@ def test_the_least_energy_among_the_verified_wins(case_b, scripted):
     assert [done for done, *_ in progress.calls] == list(range(11))
     assert {steps for _, steps, _ in progress.calls} == {10}
     energies = [energy for _, _, energy in progress.calls]
-    assert energies == [*6 * [None], *5 * [plan.energy]]  # 1 and 2 are certain before 3 has said its promise
+    assert energies == [*7 * [None], *4 * [plan.energy]]  # 1 and 3 promise more than 2
 
 
 def test_of_equals_the_first_wins_and_what_promises_less_is_left_out(case_b, scripted):
@@ -323,24 +331,30 @@ def test_starts_that_none_can_displace_go_on_before_the_others_have_said_their_p
     """Number 1 is certain after the fourth has said its promise, number 4 after the fifth."""
     promises = dict(enumerate([5.0, 1.0, 4.0, 2.0, 0.5, 3.0]))
     scripted(*6 * [case_b.reference.time_scaled(1.3)], promises=promises)
-    asked, search = list[tuple[str, int]](), Scripted(case_b)
+    jobs = Noted()
+    search = MultiStart(case_b, range(6), 0, None)
+    search.run(jobs, [case_b], None)
+    rough = [("ended", number) for number in range(6)]
+    assert jobs.log[:9] == [*rough[:4], ("run", 1), rough[4], ("run", 4), rough[5], ("run", 3)]
+    assert [start.number for start in search.starts if start.verified] == [1, 3, 4]
 
-    def work(what, jobs):
-        for _, arguments in jobs:
-            asked.append((what, arguments[0]))
-        return iter([getattr(search, what)(*arguments) for _, arguments in jobs])
 
-    def work_one_by_one(what, jobs):
-        if what == "run":
-            return work(what, jobs)
-        return (next(work(what, [job])) for job in jobs)
+class Noted(Jobs):
+    """Notes which of several jobs end, and what is begun after the rough ones."""
 
-    chosen = []
-    found = list(_most_promising(work_one_by_one, [case_b], range(6), 0, {}, chosen))
-    assert chosen == [4, 1, 3]
-    rough = [("rough", number) for number in range(6)]
-    assert asked == [*rough[:4], ("run", 1), rough[4], ("run", 4), rough[5], ("run", 3)]
-    assert [a.result.number for a in found if isinstance(a, Attempt)] == [1, 4, 3, 5, 2, 0]
+    def __init__(self):
+        super().__init__(None)
+        self.log = []
+
+    def begin(self, method, task, *arguments):
+        if method.__name__ != "rough":
+            self.log.append((method.__name__, arguments[0]))
+        return super().begin(method, task, *arguments)
+
+    def as_they_end(self, jobs):
+        for number, job in enumerate(jobs):
+            self.log.append(("ended", number))
+            yield job
 
 
 def test_what_promises_less_is_finished_where_the_others_lead_nowhere(case_b, scripted):
@@ -380,7 +394,7 @@ def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(c
 
     with pytest.MonkeyPatch.context() as patch:
         scripted(motions, *15 * [None])
-        patch.setattr("ocptip.motion.plan.Search", Finding)
+        search_by(patch, Finding)
         plan = plan_motion(case_b, starts=4 * HOPS, jobs=1)
     assert plan.motion is motions[2]
     assert ends == [*HOPS * [motions[0].end], *HOPS * [motions[1].end]]
@@ -402,7 +416,7 @@ def test_the_first_hops_do_not_wait_for_the_least_promising_start(case_b, script
 
     scripted(*slowed, *5 * [None], promises={0: 0.2, 1: 0.1, 2: 0.3})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ocptip.motion.plan.Search", Noting)
+        search_by(patch, Noting)
         _search.cache_clear()
         plan = plan_motion(case_b, starts=8, executor=AtOnce())
         _search.cache_clear()
@@ -417,9 +431,9 @@ def test_the_first_hops_do_not_wait_for_the_least_promising_start(case_b, script
 class AtOnce(Executor):
     """Runs calls when they are submitted."""
 
-    def submit(self, function, payload, what, arguments):
+    def submit(self, function, *arguments):
         future = Future()
-        future.set_result(function(payload, what, arguments))
+        future.set_result(function(*arguments))
         return future
 
 
@@ -487,13 +501,12 @@ class Losing(Executor):
     def __init__(self, *lost):
         self.lost = lost
 
-    def submit(self, function, /, payload, what, arguments):
+    def submit(self, function, /, method, payload, first, *more):
         future = Future()
-        number = arguments[0].result.number if what == "proved" else arguments[0]
-        if (what, arguments[1] if what == "hopped" else number) in self.lost:
+        if (method.__name__, more[0] if method.__name__ == "hopped" else first) in self.lost:
             future.set_exception(WorkerDiedError("its worker process died 2 times"))
         else:
-            future.set_result(function(payload, what, arguments))
+            future.set_result(function(method, payload, first, *more))
         return future
 
 
@@ -622,46 +635,30 @@ def test_a_ur5_on_a_cart_from_several_starts(root):
     assert_ur5_is_planned(root, 3)
 
 
-def roughly(costs, good, done):
-    """What does the work of starts: rough ones promise these costs, finished ones are verified if good."""
-
-    def work(what, jobs):
-        for _, (number, seed, *rough) in jobs:
-            assert seed == 7
-            if what == "rough":
-                yield Rough(number, np.zeros(1), np.zeros(1), costs[number], "", Clock())
-                continue
-            assert rough[0].number == number
-            done.append(number)
-            result = rough[0].clock.result(number, "verified" if number in good else "no motion", None)
-            yield Attempt(dataclasses.replace(result, verified=number in good), None, None)
-
-    return work
-
-
 @pytest.mark.parametrize(
     ("good", "finished"), [({4}, [4, 2, 0]), ({3}, [4, 2, 0, 5, 1, 3]), ({}, [4, 2, 0, 5, 1, 3])]
 )
-def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task, good, finished):
-    costs, done = [3.0, np.inf, 2.0, np.inf, 1.0, 4.0], []
-    work = roughly(costs, good, done)
-    steps = _most_promising(work, [task], range(len(costs)), 7, {}, [])
-    found = [one for one in steps if isinstance(one, Attempt)]
-    assert {*done[:FINISHED]} == {*finished[:FINISHED]}  # in which order they became certain does not matter
-    assert sorted(done) == sorted(finished)
-    assert len(done) % FINISHED == 0
-    assert sorted(a.result.number for a in found) == list(range(len(costs)))
-    left_out = {a.result.number for a in found if a.result.status == LEFT_OUT}
-    assert left_out == set(range(len(costs))) - set(finished)
+def test_the_most_promising_starts_are_finished_three_at_a_time(case_b, scripted, good, finished):
+    slow = case_b.reference.time_scaled(1.3)
+    promises = dict(enumerate([3.0, np.inf, 2.0, np.inf, 1.0, 4.0]))
+    scripted(*(slow if number in good else None for number in range(6)), promises=promises)
+    search = MultiStart(case_b, range(6), 7, None)
+    search.run(Jobs(None), [case_b], None)
+    assert {start.number for start in search.starts if start.finishing} == {*finished}
+    assert {start.number for start in search.starts if start.verified} == {*good}
+    left_out = {start.number for start in search.starts if start.attempt.result.status == LEFT_OUT}
+    assert left_out == set(range(6)) - {*finished}
 
 
-def test_within_a_tolerance_the_pair_of_postures_that_promises_the_least_cost_gets_the_other_starts(task):
+def test_the_pair_of_postures_that_promises_the_least_cost_gets_the_other_starts(case_b, scripted):
     """Whatever is finished before all starts of all pairs have been looked at roughly."""
-    pairs, of, done = [task, dataclasses.replace(task), dataclasses.replace(task)], {}, []
-    costs = [3.0, 1.0, 2.0, 1.5, 1.2, 0.9]
-    list(_most_promising(roughly(costs, {1, 4, 5}, done), pairs, range(6), 7, of, []))
-    assert [pairs.index(of[k]) for k in range(6)] == [0, 1, 2, 1, 1, 1]
-    assert sorted(done) == [1, 4, 5]
+    pairs = [case_b, dataclasses.replace(case_b), dataclasses.replace(case_b)]
+    promises = dict(enumerate([3.0, 1.0, 2.0, 1.5, 1.2, 0.9]))
+    scripted(*6 * [case_b.reference.time_scaled(1.3)], promises=promises)
+    search = MultiStart(case_b, range(6), 7, None)
+    search.run(Jobs(None), pairs, None)
+    assert [pairs.index(start.task) for start in search.starts] == [0, 1, 2, 1, 1, 1]
+    assert [start.number for start in search.starts if start.finishing] == [1, 4, 5]
 
 
 @pytest.mark.slow

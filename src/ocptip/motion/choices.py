@@ -8,7 +8,6 @@ for all: the planner moves along it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -77,24 +76,27 @@ def plainest_cost(task: MotionTask) -> float:
     return float(best)
 
 
-def rounds(
+def first_round(tasks: list[MotionTask], numbers: range) -> list[tuple[MotionTask, int]]:
+    """Tasks, best first, with the numbers of their first starts: one of each task, or all of a single task.
+
+    Numbers that begin above 0 follow starts that have run before; they are for a single task only.
+    """
+    if numbers.start or len(tasks) == 1:
+        return [(tasks[0], k) for k in numbers]
+    return [*zip(tasks, numbers, strict=False)]
+
+
+def second_round(
     tasks: list[MotionTask], numbers: range, costs: dict[int, float]
-) -> Iterator[list[tuple[MotionTask, int]]]:
-    """Which starts to run, as pairs of task and number; the second round after the costs of the first.
+) -> list[tuple[MotionTask, int]]:
+    """The starts that the first round leaves, for the tasks whose first start promises about the least cost.
 
     Args:
-        tasks: best first.
-        numbers: of the starts; not from 0 for a single task only.
-        costs: of the motions so far, by number of the start; filled by the caller meanwhile.
+        tasks, numbers: see `first_round`.
+        costs: of the motions of the first round, by number of the start.
     """
-    if numbers.start:
-        yield [(tasks[0], k) for k in numbers]
-        return
-    starts = numbers.stop
-    first = starts if len(tasks) == 1 else min(starts, len(tasks))
-    yield [(tasks[min(k, len(tasks) - 1)], k) for k in range(first)]
-    if first < starts:
-        order = sorted(range(first), key=lambda k: (costs.get(k, np.inf), k))
-        least = costs.get(order[0], np.inf)
-        good = [k for k in order if costs.get(k, np.inf) <= PROMISING * least]
-        yield [(tasks[good[k % len(good)]], k) for k in range(first, starts)]
+    first = len(first_round(tasks, numbers))
+    order = sorted(numbers[:first], key=lambda k: (costs.get(k, np.inf), k))
+    least = costs.get(order[0], np.inf)
+    good = [k for k in order if costs.get(k, np.inf) <= PROMISING * least]
+    return [(tasks[good[k % len(good)]], k) for k in numbers[first:]]

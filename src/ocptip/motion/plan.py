@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 import warnings
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
 from typing import Any
 
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck, Prove
-from ocptip.motion.choices import likely_choices, rounds
-from ocptip.motion.planner.attempt import Attempt, Rough, StartResult
+from ocptip.motion.choices import likely_choices
+from ocptip.motion.multi_start import MultiStart
+from ocptip.motion.planner.attempt import Attempt, StartResult
+from ocptip.motion.planner.jobs import LOST, Jobs
 from ocptip.motion.planner.one_start import Search, free_ends
-from ocptip.motion.rise_times import others, with_rise_time
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.tolerated import tolerable, too_much
 from ocptip.numerics.threads import one_thread
-from ocptip.numerics.workers import WorkerDiedError, worker_pool
+from ocptip.numerics.workers import worker_pool
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
-
-LOST = "lost: "
-"""Status of a start begins so if it killed its worker process again and again."""
-
-_TASKS_IN_MEMORY = 4  # per worker
-FINISHED = 3  # of the starts, the most promising ones; more only if none is verified
-HOPS = 4  # random changes of the best motion that are tried at once
-EARLY = 2  # of them begin as soon as so many of the most promising starts are finished
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,18 +100,15 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan the ramp motion of least cost that keeps all limits of a task.
 
-    Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
-    a choice of postures, the most promising pairs of start and goal get one start each and the best of them
-    the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their first
-    program are finished. The best motion is half as many times as there are starts changed at random and
-    solved anew (basin hopping), but not within a tolerance. With `prove`, the best gets its certificate;
-    where that leaves something open, the motion is solved again, a little tighter there, and the proved one
-    wins if it costs at most 0.5 % more. The result depends on task, starts and seed only, not on where the
-    starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that dies
-    is replaced and its start run again; a start that kills two is left out, see `lost`, and so is such a
-    change. (Of an
-    executor that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an
-    interrupt, with a RuntimeWarning.)
+    The stages are those of `ocptip.motion.multi_start`: random starts, changes of the best, rise times where
+    the task gives none, and with `prove` the certificate. Where that leaves something open, the motion is
+    solved again, a little tighter there, and the proved one wins if it costs at most 0.5 % more. Where the
+    task leaves a choice of postures, the most promising pairs of start and goal get one start each and the
+    best of them the others, see `ocptip.motion.choices`. The result depends on task, starts and seed only,
+    not on where the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A
+    worker that dies is replaced and its job run again; a start that kills two is left out, see `lost`, and so
+    is such a change. (Of an executor that breaks with its worker, such as a ProcessPoolExecutor, the death
+    ends the planning like an interrupt, with a RuntimeWarning.)
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -145,61 +132,42 @@ def plan_motion(
     _require_numbers(starts, jobs, seed)
     require_plannable(task)
     began = time.perf_counter()
-    attempts: dict[int, Attempt] = {}
-    best: Attempt | None = None
-    interrupted = False
-    costs, tasks_of = dict[int, float](), dict[int, MotionTask]()
-    steps = 2 * starts + (0 if task.limits.tolerance.given else _hops_of(starts))
-    if progress:
-        progress(0, steps, None)
-    own = executor is None and jobs == 1
+    search = MultiStart(task, range(first, first + starts), seed, progress)
+    with one_thread:
+        tasks = likely_choices(task)
+    interrupted, alone = False, executor is None and jobs == 1
     try:
-        with one_thread:
-            tasks = likely_choices(task)
-        with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
-            work = partial(_in_process, {}) if own else partial(_in_pool, pool)
-            for own_tasks in _families(tasks):
-                numbers = range(first, first + starts)
-                found = _turns(work, own_tasks, numbers, seed, costs, attempts, tasks_of)
-                for done, attempt in enumerate(found, 1):
-                    if isinstance(attempt, Attempt):
-                        attempts[attempt.result.number] = attempt
-                        if attempt.result.verified:
-                            costs[attempt.result.number] = _cost(task, attempt)
-                            best = attempts[min((cost, k) for k, cost in costs.items())[1]]
-                    if progress:
-                        progress(done, steps, min(costs.values(), default=None))
-                if best is not None:
-                    break
-            if best is not None and task.rise_times is None:
-                best = attempts[best.result.number] = _with_best_rise_time(work, best, tasks_of)
-            if best is not None and prove is not None:
-                own = tasks_of[best.result.number]
-                proof = next(work("proved", [(own, (best, prove))]))
-                best = attempts[best.result.number] = proof.after(best, proof)
+        with nullcontext() if alone else worker_pool(executor, jobs, starts) as pool, Jobs(pool) as begun:
+            search.run(begun, tasks, prove)
     except BrokenExecutor as error:
-        died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
+        ended = sum(start.attempt is not None for start in search.starts)
+        died = f"a worker process died after {ended} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
-        if best is None:
+        if search.best is None:
             raise PlanningError(died) from error
         warnings.warn(f"{died}. The plan is the best of those starts", RuntimeWarning, stacklevel=2)
         interrupted = True
     except KeyboardInterrupt:
-        if best is None:
+        if search.best is None:
             raise
         interrupted = True
-    if best is None:
-        raise _why_not(task, list(attempts.values()))
-    chosen = tasks_of[best.result.number]
+    attempts = [start.attempt for start in search.starts if start.attempt is not None]
+    if (best := search.best) is None:
+        raise _why_not(task, attempts)
+    assert best.attempt is not None
+    motion, check = best.attempt.motion, best.attempt.check
+    assert motion is not None
+    assert check is not None
+    chosen = best.task
     if free_ends(chosen):
-        chosen = replace(chosen, start=best.motion.start, goal=best.motion.goal)
+        chosen = replace(chosen, start=motion.start, goal=motion.goal)
     choices = {"choices": {"pairs": len(task.choices), "planned": len(tasks)}} if task.choices else {}
     return MotionPlan(
         task=chosen,
-        motion=best.motion,
-        check=best.check,
-        starts=tuple(sorted((a.result for a in attempts.values()), key=lambda r: r.number)),
-        best=best.result.number,
+        motion=motion,
+        check=check,
+        starts=tuple(attempt.result for attempt in attempts),
+        best=best.number,
         seed=seed,
         seconds=time.perf_counter() - began,
         interrupted=interrupted,
@@ -212,11 +180,14 @@ def proved(plan: MotionPlan, prove: Prove) -> MotionPlan:
     at = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
     before = plan.starts[at]
     attempt = Attempt(before, plan.motion, plan.check)
-    [found] = _in_process({}, "proved", [(plan.task, (attempt, prove))])
+    with one_thread:
+        proof = Search(plan.task).proved(attempt, prove)
+    assert proof.motion is not None
+    assert proof.check is not None
     starts = [*plan.starts]
-    starts[at] = found.result.after(before, found.result)
-    seconds = plan.seconds + found.result.seconds
-    return replace(plan, motion=found.motion, check=found.check, starts=tuple(starts), seconds=seconds)
+    starts[at] = proof.result.after(before, proof.result)
+    seconds = plan.seconds + proof.result.seconds
+    return replace(plan, motion=proof.motion, check=proof.check, starts=tuple(starts), seconds=seconds)
 
 
 def _require_numbers(starts: int, jobs: int | None, seed: int) -> None:
@@ -246,217 +217,25 @@ class ToleranceError(PlanningError):
 
 def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     """Says how the starts ended, what the nearest one lacks, and how much of a tolerance there can be."""
-    moving = [a for a in attempts if a.check is not None]
+    moving = [(a.result, a.motion, a.check) for a in attempts if a.motion is not None and a.check is not None]
     if not moving:
         first = attempts[0].result.status
         return PlanningError(
             f"none of {len(attempts)} starts gave a motion; the first: {first}; more starts, another seed or "
             "less strict limits may help"
         )
-    nearest = min(moving, key=lambda a: (len(a.check.violations), a.result.energy, a.result.number))
-    violations = "; ".join(nearest.check.violations)
-    found = f"none of {len(attempts)} starts gave a verified motion"
-    if task.limits.tolerance.given:
-        shares = [tolerable(task.robot, a.motion, task.limits) for a in moving]
-        most = max(shares)
-        if most == 1:  # then what is broken has nothing to do with the tolerance
-            return PlanningError(
-                f"{found}; the tolerance is not what they lack, one of them keeps it; start "
-                f"{nearest.result.number}: {violations}"
-            )
-        best = moving[shares.index(most)]
-        alone, factor, why = too_much(task.robot, best.motion, task.limits)
-        share = f"{int(100 * most)} % of it"  # rounded down: 100 % would contradict the refusal
-        found += f" within the uncertainty; the best of them keeps its limits with {share} ({why})"
-        error = ToleranceError(f"{found}; start {nearest.result.number}: {violations}")
-        error.too_much, error.factor = alone, factor
-        return error
-    return PlanningError(f"{found}; start {nearest.result.number}: {violations}")
-
-
-def _turns(
-    work: Callable[[str, list[_Job]], Iterator[Any]],
-    tasks: list[MotionTask],
-    numbers: range,
-    seed: int,
-    costs: dict[int, float],
-    attempts: dict[int, Attempt],
-    tasks_of: dict[int, MotionTask],
-) -> Iterator[Attempt | Rough]:
-    """Random starts, then random changes of the best; the caller fills costs and attempts meanwhile.
-
-    Each start comes twice, as what it promises and as what it has come to; then what was changed, with each
-    change. The first changes are of the better of the most promising starts, if these are verified, while
-    another one is still under way; the next ones of the best start, and the others each of the best that was
-    known `HOPS` changes before. So that many can be under way at once, and what comes out does not depend on
-    which of them ends first.
-
-    Args:
-        work: yields what a method of `Search` finds for each task with its arguments, in any order.
-        tasks: one, or one for each pair of postures.
-        numbers: of the starts.
-        seed: of the starts.
-        costs, attempts: of the starts that are verified, and of all that ended, by number.
-        tasks_of: is told which start is of which task.
-    """
-    count = 0 if tasks[0].limits.tolerance.given else _hops_of(len(numbers))
-    chosen, under_way = list[int](), deque[tuple[Attempt, Iterator[Attempt]]]()
-
-    def begin(hop: int, among: Iterable[int]) -> None:
-        number = min((costs[k], k) for k in among)[1]
-        base = attempts[number]
-        under_way.append((base, work("hopped", [(tasks_of[number], (base, (seed, number, hop)))])))
-
-    for found in _most_promising(work, tasks, numbers, seed, tasks_of, chosen):
-        yield found
-        first = chosen[:EARLY]
-        if not under_way and len(first) == EARLY and all(number in costs for number in first):
-            for hop in range(min(EARLY, count)):
-                begin(hop, first)
-    for hop in range(len(under_way), count + HOPS if costs else 0):
-        if hop >= HOPS and under_way:
-            base, hopped = under_way.popleft()
-            if (found := next(hopped)) is not base:  # else it was lost
-                known = attempts[found.result.number]
-                yield min(known, found, key=partial(_cost, tasks[0])).after(known, found)
-        if hop < count:
-            begin(hop, costs)
-
-
-def _hops_of(starts: int) -> int:
-    """How often the best of so many starts is changed."""
-    return starts // 2
-
-
-def _most_promising(
-    work: Callable[[str, list[_Job]], Iterator[Any]],
-    tasks: list[MotionTask],
-    numbers: range,
-    seed: int,
-    tasks_of: dict[int, MotionTask],
-    chosen: list[int],
-) -> Iterator[Attempt | Rough]:
-    """Starts, of which only those that promise the least cost are finished; more only if none is verified.
-
-    One that promises so little that no other can displace it is finished before the others have said theirs.
-    When these are known, `chosen` holds their numbers, the most promising first.
-    """
-    rough, promised = list[Rough](), dict[int, float]()
-    silent, begun, under_way = len(numbers), set[int](), list[Iterator[Attempt]]()
-
-    def finish(most: int) -> None:
-        rough.sort(key=lambda one: (one.cost, one.number))
-        for one in rough[: max(most, 0)]:
-            if one.number not in begun:
-                begun.add(one.number)
-                under_way.append(work("run", [(tasks_of[one.number], (one.number, seed, one))]))
-
-    for batch in rounds(tasks, numbers, promised):
-        tasks_of.update((number, task) for task, number in batch)
-        for one in work("rough", [(task, (number, seed)) for task, number in batch]):
-            silent -= 1
-            if isinstance(one, Rough):  # else it is lost
-                rough.append(one)
-                promised[one.number] = one.cost
-            yield one
-            finish(FINISHED - silent)
-    chosen += [one.number for one in rough[:FINISHED]]
-    verified = False
-    while rough and not verified:
-        finish(FINISHED)
-        for ended in under_way:
-            for attempt in ended:
-                verified |= attempt.result.verified
-                yield attempt
-        under_way.clear()
-        rough = [one for one in rough if one.number not in begun]
-    yield from (one.left_out for one in rough)
-
-
-def _families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
-    """Tasks with the rise times that are tried first, and, where these lead nowhere, as ramps."""
-    risen = [with_rise_time(task) for task in tasks]
-    return [tasks] if risen == tasks else [risen, tasks]
-
-
-def _with_best_rise_time(
-    work: Callable[[str, list[_Job]], Iterator[Any]], best: Attempt, tasks_of: dict[int, MotionTask]
-) -> Attempt:
-    """The best start with the rise time with which it costs least; `tasks_of` is told."""
-    number = best.result.number
-    tried = {tasks_of[number].rise_times}
-    while candidates := [one for one in others(tasks_of[number]) if one.rise_times not in tried]:
-        tried |= {one.rise_times for one in candidates}
-        found = list(work("changed", [(one, (best,)) for one in candidates]))
-        better = min(found, key=lambda one: _cost(tasks_of[number], one))
-        if not _cost(tasks_of[number], better) < _cost(tasks_of[number], best):
-            return best.after(best, *found)
-        best = better.after(best, *found)
-        own = best.motion.rise_times
-        tasks_of[number] = next(one for one in candidates if one.rise_times == own)
-    return best
-
-
-def _cost(task: MotionTask, attempt: Attempt) -> float:
-    assert attempt.check is not None
-    return task.objective.cost(attempt.check.energy, attempt.check.duration)
-
-
-_Job = tuple[MotionTask, tuple]
-
-
-def _in_process(searches: dict[int, Search], what: str, jobs: list[_Job]) -> Iterator[Any]:
-    for task, arguments in jobs:
-        with one_thread:
-            search = searches.get(id(task)) or searches.setdefault(id(task), Search(task))
-            found = getattr(search, what)(*arguments)
-        yield found
-
-
-def _in_pool(pool: Executor, what: str, jobs: list[_Job]) -> Iterator[Any]:
-    """They begin at once, not when the first result is asked for, and end when nobody asks for more."""
-    payloads = {id(task): pickle.dumps(replace(task, source=None)) for task, _ in jobs}
-    futures: list[Future] = [
-        pool.submit(_run, payloads[id(task)], what, arguments) for task, arguments in jobs
-    ]
-    found = _as_they_come(futures, jobs)
-    next(found)
-    return found
-
-
-def _as_they_come(futures: list[Future], jobs: list[_Job]) -> Iterator[Any]:
-    try:
-        yield  # from here on its end cancels what has not begun
-        for future in as_completed(futures):
-            try:
-                yield future.result()
-            except WorkerDiedError as error:
-                yield _lost(jobs[futures.index(future)][1][0], error)
-    finally:
-        for future in futures:
-            future.cancel()
-
-
-def _lost(begun: int | Attempt, error: WorkerDiedError) -> Attempt:
-    """What is said of the start of a number that nobody could run to its end; one gone on with stays."""
-    if isinstance(begun, Attempt):
-        return begun
-    result = StartResult(begun, f"{LOST}{error}", float("nan"), False, 0, 0.0, 0.0, 0, {})
-    return Attempt(result, None, None)
-
-
-def run_start(payload: bytes, number: int, seed: int) -> Attempt:
-    """The start of that number, of a pickled task."""
-    return _run(payload, "run", (number, seed))
-
-
-def _run(payload: bytes, what: str, arguments: tuple) -> Any:
-    """What that method of `Search` finds; what a worker runs."""
-    with one_thread:
-        return getattr(_search(payload), what)(*arguments)
-
-
-@lru_cache(maxsize=_TASKS_IN_MEMORY)
-def _search(payload: bytes) -> Search:
-    """One search per task and worker process, so that its functions are built once."""
-    return Search(pickle.loads(payload))
+    nearest, _, check = min(moving, key=lambda one: (len(one[2].violations), one[0].energy, one[0].number))
+    why = f"start {nearest.number}: {'; '.join(check.violations)}"
+    ending = f"none of {len(attempts)} starts gave a verified motion"
+    if not task.limits.tolerance.given:
+        return PlanningError(f"{ending}; {why}")
+    shares = [tolerable(task.robot, motion, task.limits) for _, motion, _ in moving]
+    most = max(shares)
+    if most == 1:  # then what is broken has nothing to do with the tolerance
+        return PlanningError(f"{ending}; the tolerance is not what they lack, one of them keeps it; {why}")
+    alone, factor, broken = too_much(task.robot, moving[shares.index(most)][1], task.limits)
+    share = f"{int(100 * most)} % of it"  # rounded down: 100 % would contradict the refusal
+    within = f"within the uncertainty; the best of them keeps its limits with {share} ({broken})"
+    error = ToleranceError(f"{ending} {within}; {why}")
+    error.too_much, error.factor = alone, factor
+    return error

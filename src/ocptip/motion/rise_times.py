@@ -31,6 +31,12 @@ def with_rise_time(task: MotionTask) -> MotionTask:
     return _possible(task, SHORTEST * 2**doublings) or task
 
 
+def families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
+    """Tasks with the rise times that are tried first; and, where these lead nowhere, as they are."""
+    risen = [with_rise_time(task) for task in tasks]
+    return [tasks] if risen == tasks else [risen, tasks]
+
+
 def others(chosen: MotionTask) -> list[MotionTask]:
     """The task with the rise times next to its own: twice, half, and none."""
     rise = max(chosen.rise_times or (0.0,))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.objective import Objective
 from ocptip.motion.planner.exact import Refiner
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -73,6 +74,11 @@ class Rough:
     status: str
     clock: Clock
 
+    @classmethod
+    def failed(cls, number: int, status: str, clock: Clock | None = None) -> Rough:
+        """A start without motion."""
+        return cls(number, None, None, np.inf, status, clock or Clock())
+
     @property
     def left_out(self) -> Attempt:
         """The start, given up here."""
@@ -92,10 +98,15 @@ class Attempt:
     motion: Trajectory | None
     check: MotionCheck | None
 
+    def cost(self, objective: Objective) -> float:
+        """Of the motion; infinite unless it is verified."""
+        if self.check is None or not self.check.verified:
+            return np.inf
+        return objective.cost(self.check.energy, self.check.duration)
+
     def after(self, before: Attempt, *parts: Attempt) -> Attempt:
-        """This one, with what all those took together that are not the one before, which is what is lost."""
-        spent = [part.result for part in parts if part is not before]
-        return replace(self, result=self.result.after(before.result, *spent))
+        """This one, with what all these took together."""
+        return replace(self, result=self.result.after(before.result, *(part.result for part in parts)))
 
 
 class Clock:

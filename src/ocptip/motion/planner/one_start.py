@@ -98,7 +98,7 @@ class Search:
                 clock.stage("fine")
         except NUMERICAL as error:
             clock.pause()
-            return Rough(number, None, None, np.inf, f"no motion: {error}", clock)
+            return Rough.failed(number, f"no motion: {error}", clock)
         clock.pause()
         return Rough(number, coarse, x, cost, "", clock)
 

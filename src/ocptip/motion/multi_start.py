@@ -1,0 +1,201 @@
+"""The search for the cheapest motion of a task: many starts, then random changes, rise times and the proof.
+
+The programs are not convex: Ipopt finds a local optimum near where it begins. Each stage answers one question
+that the one before leaves open, and spends time only where that is likely to pay.
+
+1. Rough programs. From where does a good motion begin? Random starts spread over the local optima. Their
+   smooth programs tell for a small share of the time what each one promises.
+2. Finishing. What does it cost exactly? Only the most promising starts are solved exactly and checked; others
+   follow if none of these is verified.
+3. Basin hopping. Is there a cheaper optimum next to the best? That is likelier there than anywhere else, so
+   changes of the best motion pay more than further starts. Within an uncertainty they do not: there are none.
+4. Rise times. Would the best motion cost less with other ones? They are no variables of the programs, whose
+   structure depends on them, so their neighbours are tried one after the other.
+5. Proof. Does each limit hold at every instant? Only the best motion is proved, since proofs take long.
+
+Jobs end in any order, but what begins depends on their results only: on ranks, and on the best motion after a
+fixed number of changes. So the plan is the same for any number of workers.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.motion.check import Prove
+from ocptip.motion.choices import first_round, second_round
+from ocptip.motion.planner.attempt import Attempt, Rough
+from ocptip.motion.planner.jobs import Job, Jobs
+from ocptip.motion.planner.one_start import Search
+from ocptip.motion.rise_times import families, others
+from ocptip.motion.task import MotionTask
+
+FINISHED = 3  # of the starts, the most promising ones; more only if none is verified
+HOPS = 4  # random changes of the best motion that are tried at once
+EARLY = 2  # of them begin as soon as so many of the most promising starts are finished
+
+
+@dataclass(eq=False)
+class Start:
+    """A random start: its number, one of the pairs of postures, and what is known; None: not yet."""
+
+    number: int
+    task: MotionTask
+    rough: Rough | None = None
+    finishing: Job[Attempt] | None = None
+    attempt: Attempt | None = None
+
+    @property
+    def rank(self) -> tuple[float, int]:
+        """Cost of its motion, which is infinite unless it is verified, and number."""
+        return self.attempt.cost(self.task.objective) if self.attempt else np.inf, self.number
+
+    @property
+    def verified(self) -> bool:
+        """Its motion keeps all limits."""
+        return self.rank[0] < np.inf
+
+
+class MultiStart:
+    """The state of a search: its starts, and the changes of the best that are under way.
+
+    Args:
+        task: what is to be planned.
+        numbers, seed: of the starts; they decide the random motions.
+        progress: called as progress(done, steps, least cost so far or None). A start is two steps: until its
+            promise is known, and until it has ended. A change is one.
+    """
+
+    def __init__(
+        self,
+        task: MotionTask,
+        numbers: range,
+        seed: int,
+        progress: Callable[[int, int, float | None], None] | None,
+    ) -> None:
+        self._task, self._numbers, self._seed = task, numbers, seed
+        self._hops = 0 if task.limits.tolerance.given else len(numbers) // 2
+        self._hops_begun, self._hopping = 0, deque[tuple[Start, Job[Attempt]]]()
+        self._progress, self._done = progress, -1
+        self.starts: list[Start] = []
+        self._step()
+
+    @property
+    def best(self) -> Start | None:
+        """The start whose verified motion costs least; of equals, the first one."""
+        return min((one for one in self.starts if one.verified), key=lambda one: one.rank, default=None)
+
+    def run(self, jobs: Jobs, tasks: list[MotionTask], prove: Prove | None) -> None:
+        """All stages, for the most promising pairs of postures; after an interrupt, what is known stays."""
+        for family in families(tasks):
+            self.starts, self._done = [], 0
+            self._solve_roughly(jobs, first_round(family, self._numbers))
+            promised = {start.number: start.rough.cost for start in self.starts if start.rough}
+            self._solve_roughly(jobs, second_round(family, self._numbers, promised))
+            self._finish(jobs)
+            self._hop(jobs)
+            if self.best is not None:
+                break
+        if self.best is not None and self._task.rise_times is None:
+            self._change_rise_time(jobs, self.best)
+        if self.best is not None and prove is not None:
+            self._prove(jobs, self.best, prove)
+
+    def _solve_roughly(self, jobs: Jobs, dealt: list[tuple[MotionTask, int]]) -> None:
+        """Know what starts promise; begin to finish those that are certain to be among the most promising."""
+        starts = [Start(number, task) for task, number in dealt]
+        self.starts += starts
+        begun = {jobs.begin(Search.rough, one.task, one.number, self._seed): one for one in starts}
+        for job in jobs.as_they_end(begun):
+            start = begun[job]
+            start.rough = job.result() or Rough.failed(start.number, job.lost)
+            if start.rough.x is None:
+                start.attempt = start.rough.left_out
+            self._step()
+            unknown = len(self._numbers) - sum(one.rough is not None for one in self.starts)
+            self._begin_to_finish(jobs, self._ranked()[: max(FINISHED - unknown, 0)])
+
+    def _ranked(self) -> list[Start]:
+        """Starts with a rough motion, the most promising first."""
+        ranked = [(s.rough.cost, s.number, s) for s in self.starts if s.rough and s.rough.x is not None]
+        return [start for *_, start in sorted(ranked, key=lambda one: one[:2])]
+
+    def _begin_to_finish(self, jobs: Jobs, starts: list[Start]) -> None:
+        for one in starts:
+            arguments = one.task, one.number, self._seed, one.rough
+            one.finishing = one.finishing or jobs.begin(Search.run, *arguments)
+
+    def _finish(self, jobs: Jobs) -> None:
+        """Solve the most promising starts exactly, and the next ones as long as none is verified.
+
+        The first changes are of the better of the two most promising ones; they do not wait for the third.
+        """
+        ranked = self._ranked()
+        for first in range(0, len(ranked), FINISHED):
+            batch = ranked[first : first + FINISHED]
+            self._begin_to_finish(jobs, batch)
+            finishing = {one.finishing: one for one in batch if one.finishing}
+            for job in jobs.as_they_end(finishing):
+                start = finishing[job]
+                start.attempt = job.result() or Rough.failed(start.number, job.lost).left_out
+                self._step()
+                if all(one.verified for one in ranked[:EARLY]):
+                    self._begin_hops(jobs, EARLY, ranked[:EARLY])
+            if any(start.verified for start in batch):
+                break
+        for start in self.starts:
+            if start.finishing is None and start.rough is not None:
+                start.attempt = start.rough.left_out
+                self._step()
+
+    def _begin_hops(self, jobs: Jobs, until: int, among: Iterable[Start]) -> None:
+        """Begin changes of the best up to that number, which is the last part of the seed of each."""
+        best = min(among, key=lambda one: one.rank)
+        for hop in range(self._hops_begun, min(until, self._hops) if best.verified else 0):
+            draw = self._seed, best.number, hop
+            self._hopping.append((best, jobs.begin(Search.hopped, best.task, best.attempt, draw)))
+            self._hops_begun += 1
+
+    def _hop(self, jobs: Jobs) -> None:
+        """Change the best at random, `HOPS` at once: each begins from the best before those under way."""
+        self._begin_hops(jobs, HOPS, self.starts)
+        while self._hopping:
+            start, job = self._hopping.popleft()
+            if hopped := job.result():
+                start.attempt = self._better(start, hopped)
+                self._step()
+            self._begin_hops(jobs, self._hops_begun + 1, self.starts)
+
+    def _change_rise_time(self, jobs: Jobs, best: Start) -> None:
+        """Solve the best again with the rise times next to its own, as long as one of them costs less."""
+        tried = {best.task.rise_times}
+        while candidates := [task for task in others(best.task) if task.rise_times not in tried]:
+            tried |= {task.rise_times for task in candidates}
+            begun = [jobs.begin(Search.changed, task, best.attempt) for task in candidates]
+            best.attempt = self._better(best, *(attempt for job in begun if (attempt := job.result())))
+            assert best.attempt.motion is not None
+            rises = best.attempt.motion.rise_times
+            if rises not in (task.rise_times for task in candidates):
+                break
+            best.task = next(task for task in candidates if task.rise_times == rises)
+
+    def _prove(self, jobs: Jobs, best: Start, prove: Prove) -> None:
+        assert best.attempt is not None
+        if proof := jobs.begin(Search.proved, best.task, best.attempt, prove).result():
+            best.attempt = proof.after(best.attempt, proof)
+
+    def _better(self, start: Start, *tried: Attempt) -> Attempt:
+        """The cheapest of what a start has come to and what was tried from there, with what all that took."""
+        assert start.attempt is not None
+        cheapest = min(start.attempt, *tried, key=lambda one: one.cost(self._task.objective))
+        return cheapest.after(start.attempt, *tried)
+
+    def _step(self) -> None:
+        """Tell that one more step is done."""
+        self._done += 1
+        if self._progress:
+            steps = 2 * len(self._numbers) + self._hops
+            self._progress(self._done, steps, self.best.rank[0] if self.best else None)
