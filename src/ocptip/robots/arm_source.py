@@ -43,7 +43,7 @@ def arm_from(
         package_dirs: folders with the packages that mesh names refer to.
 
     Raises:
-        InputError: the source cannot be used; one line that says why.
+        InputError: `source` cannot be used; one line that says why.
     """
     names = {"base_link": base_link, "tool_frame": tool_frame, "locked_joints": locked_joints}
     if not isinstance(source, str | os.PathLike):
@@ -56,7 +56,7 @@ def arm_from(
 
 
 def resting_base(source: str | os.PathLike[str] | PinocchioModel, arm: ArmModel) -> RigidBody:
-    """The source's links that rest as one body, in the frame of `base_link`; zeros: it has none."""
+    """All links of `source` that rest, as one body in the frame of `base_link`; zeros: it has none."""
     if not isinstance(source, str | os.PathLike):
         return 0.0, np.zeros(3), np.zeros((3, 3))
     with file_of(source) as path:

@@ -1,4 +1,4 @@
-"""The links of an arm as bodies that can exist, with fast rotors of their own where there have to be some.
+"""The links of an arm as bodies that can exist, with separate fast rotors where they are needed.
 
 Link inertias may be such as no body has: a drive's fast rotor, split between the links on both sides of its
 joint, leaves a negative axial moment on one of them (6.11). Simulators refuse that. What a base feels of an
@@ -10,9 +10,9 @@ arm are its momenta, and these can be had with real bodies. Two changes leave th
   has the axial momentum I omega_near + kappa I qdot = I ((1 - kappa) omega_near + kappa omega_far). So the
   near link gets (kappa - 1) I, the far one loses kappa I, about the axis; kappa may be negative.
 
-The least spin with which all bodies exist is a cone program. Mass, centre of mass, and momentum of the whole
-are those of the model for every motion; the torque of a joint with a rotor is not: it moves the rotor, too,
-kappa (kappa - 1) I qddot more.
+The minimum spin with which all bodies exist is a cone program. Mass, centre of mass, and momentum of the
+whole are those of the model for every motion; the torque of a joint with a rotor is not: it also moves the
+rotor, which takes kappa (kappa - 1) I qddot more.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def _axis(arm: ArmModel, k: int) -> tuple[np.ndarray, np.ndarray]:
 def _solved(
     given: list[np.ndarray], lacking: list[int], columns: list[dict[int, np.ndarray]], moved: int
 ) -> np.ndarray | None:
-    """Least spin with all matrices positive definite; a rotor turns 2 to 100 times as fast as its joint."""
+    """Minimum spin with all matrices positive definite; a rotor turns 2 to 100 times as fast as its joint."""
     size = len(columns)
     rows, right, cones = [], [], []
     for k, own in enumerate(given):

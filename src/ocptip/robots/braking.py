@@ -3,7 +3,7 @@
 A joint that moves is braked with a torque of given size against its motion; a joint that rests is held as
 long as no more than that torque is needed, otherwise it moves on. Time stepping with the brakes' torques
 implicit: at the end of each step speeds and torques obey the law of dry friction exactly, so that joints come
-to rest one by one; between such events of second order in the step.
+to rest one by one. Between these instants the method is of second order in the step.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Terms:
         inertia: (N, n, n), kg m^2.
         bias: (N, n), N m.
         per_acceleration: (N, 6, n).
-        rest: (N, 6), N and N m; without the base's own weight.
+        rest: (N, 6), N and N m; without the weight of the base.
     """
 
     inertia: np.ndarray
@@ -94,7 +94,7 @@ def terms(
 ) -> Terms:
     """Of angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes.
 
-    Of a process that varies, what it is, (N, 6) in its axes, has to be said.
+    A process that varies needs its values, (N, 6) in its axes.
     """
     acting = np.zeros(6)
     if model.process is not None and model.process.varies:
@@ -200,7 +200,9 @@ def gravity_torques(model: ArmModel, gravity: np.ndarray) -> np.ndarray:
 
 @compiled
 def _slow_down(inertia, bias, torque, step, speeds, ways):
-    """Speeds after a step, and ways; with brakes that stop what they can (projected Gauss-Seidel)."""
+    """Speeds after a step, and displacements; brakes stop each joint that they can hold (projected
+    Gauss-Seidel).
+    """
     count, n = speeds.shape
     brakes, speed, full = np.empty(n), np.empty(n), np.empty(n)
     inverse, both = np.empty((n, n)), np.empty((n, 2 * n))

@@ -107,7 +107,7 @@ class Coupling:
         """Limits (n,) of the coordinates that keep those of all joints, (L,) each: angles and speeds.
 
         Raises:
-            InputError: they leave a coordinate no way.
+            InputError: they leave a coordinate no range.
         """
         ends = (np.stack([low, high]) - self.offsets) / self.ratios
         count = len(self.leading)

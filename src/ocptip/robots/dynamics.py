@@ -33,7 +33,7 @@ class Dynamics:
         torque: (N, n), N m: drive torques, acting on link i about +z_i from link i-1 (2.44); of sliding
             joints the forces along +z_i, N.
         wrench: (N, 6), N and N m, base axes: force, then moment about the given base point, that the arm
-            exerts on the base; its own weight and the process load included.
+            exerts on the base; weight of the arm and process load included.
     """
 
     torque: np.ndarray
@@ -45,9 +45,9 @@ def inverse_dynamics(model: ArmModel) -> cs.Function:
     """CasADi function of the inverse dynamics; built once per model, inlines in SX graphs.
 
     In: `q`, `qd`, `qdd` (n,), rad, rad/s, rad/s^2 (sliding joints: m for rad); `gravity` (3,), m/s^2, base
-    axes; `force`, `moment` (3,), N, N m, base axes: load on the gripper at G besides the model's own process;
-    `about` (3,), m, base frame: reference point of the base moment. Out: `torque` (n,), N m (N); `wrench`
-    (6,), on the base, see :class:`Dynamics`.
+    axes; `force`, `moment` (3,), N, N m, base axes: load on the gripper at G besides the process of the
+    model; `about` (3,), m, base frame: reference point of the base moment. Out: `torque` (n,), N m (N);
+    `wrench` (6,), on the base, see :class:`Dynamics`.
     """
     n = model.n
     q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
@@ -134,10 +134,10 @@ def newton_euler(
 def mass_sensitivities(model: ArmModel) -> BatchFunction:
     """Loads for other masses and centres of mass, and what they change per unit of each.
 
-    In: `q`, `qd`, `qdd` (n,); `gravity` (3,), `about` (3,) as in :func:`inverse_dynamics`; `changes`
-    (4 L + 1,): relative changes of the links' masses and inertias, shifts of their centres of mass (x, y, z
-    of link 1, of link 2, ...), m, link frames, and a point mass at the gripper point, kg. Out: `loads`
-    (n + 6,): torques, then the wrench on the base; `slopes` (n + 6, 4 L + 1).
+    In: `q`, `qd`, `qdd` (n,); `gravity` (3,), `about` (3,) as in :func:`inverse_dynamics`; `changes` (4 L +
+    1,): relative changes of the links' masses and inertias, shifts of their centres of mass (x, y, z of link
+    1, of link 2, ...), m, link frames, and a point mass at the TCP, kg. Out: `loads` (n + 6,): torques, then
+    the wrench on the base; `slopes` (n + 6, 4 L + 1).
     """
     q, qd, qdd = (cs.SX.sym(name, model.n) for name in ("q", "qd", "qdd"))
     gravity, about = cs.SX.sym("gravity", 3), cs.SX.sym("about", 3)
@@ -202,8 +202,8 @@ def evaluate_dynamics(
     Args:
         q, qd, qdd: (N, n) or (n,), rad, rad/s, rad/s^2 (sliding joints: m for rad).
         gravity: (3,), m/s^2, base axes.
-        force, moment: (3,) or (N, 3), N and N m, base axes: load on the gripper at G besides the model's own
-            process.
+        force, moment: (3,) or (N, 3), N and N m, base axes: load on the gripper at G besides the process of
+            the model.
         about: (3,), m, base frame: reference point of the base moment.
 
     Raises:

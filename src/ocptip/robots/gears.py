@@ -51,7 +51,7 @@ class Gears:
         return np.flatnonzero(np.isfinite(self.stiffness))
 
     def dampers(self, inertias: ArrayLike) -> np.ndarray:
-        """(m,), N m s/rad, of the joints that give, whose own inertias at the start are (m,), kg m^2."""
+        """(m,), N m s/rad, of the elastic joints, with the diagonal inertias (m,) at the start, kg m^2."""
         if self.damping is not None:
             return self.damping[self.elastic]
         return 2 * self.damping_ratio * np.sqrt(self.stiffness[self.elastic] * np.asarray(inertias))

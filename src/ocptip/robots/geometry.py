@@ -1,6 +1,6 @@
 """Obstacles; collision spheres of an arm against floor, walls, pillars and each other (4.29 to 4.32).
 
-A signed distance is the free gap in metres, negative in collision. The source demands the negated value <= 0.
+A signed distance is the free gap in metres, negative in collision. Thesis M demands the negated value <= 0.
 Solids other than spheres are the matter of `robots.collision`.
 """
 
@@ -201,7 +201,7 @@ def in_closed_form(obstacle: Obstacle | BodyShape) -> bool:
 
 
 class CollisionModel(Collisions):
-    """All signed distances of an arm of spheres among floor, walls, pillars, balls; as CasADi function, too.
+    """All signed distances of an arm of spheres among floor, walls, pillars, balls; also as CasADi function.
 
     Args:
         model: the arm with its sphere sets and pairs.

@@ -104,7 +104,7 @@ class ArmModel:
     """A serial arm of n turning or sliding joints on a base that rests.
 
     Where joints follow others (`coupling`), n is the number of those that lead: joint values, speeds, torques
-    and limits are theirs. There are more links then, L of them, each behind a joint of its own; else L = n.
+    and limits are theirs. There are more links then, L of them, each behind another joint; else L = n.
 
     Link inertias may be indefinite: a fast rotor behind a gear, split between two links, leaves a negative
     axial moment on one of them (6.11). Compared and hashed by identity, so functions can be cached per model.
@@ -113,8 +113,8 @@ class ArmModel:
         name: for messages and titles.
         joint_names: n names.
         rotations: (L, 3, 3), A0: constant part of A_{i-1,i} = A0[i-1] Rz(phi_i).
-        offsets: (L, 3), m: Q_i to Q_{i+1}, of a sliding joint i+1 in its zero position (last: to the gripper
-            point G), in frame i.
+        offsets: (L, 3), m: Q_i to Q_{i+1}, of a sliding joint i+1 in its zero position (last: to the TCP, G),
+            in frame i.
         masses: (L,), kg.
         centres: (L, 3), m: Q_i to the link's centre of mass in frame i.
         inertias: (L, 3, 3), kg m^2, about the link's centre of mass, axes of frame i.
@@ -134,13 +134,13 @@ class ArmModel:
         payload: what the gripper holds; it is in those of the last link.
         bare_link: the last link without payload, where there is one.
         process: what acts on the gripper while the arm moves; None: nothing. Part of all its dynamics.
-        geometry: convex solids, which are looked at instead of spheres.
+        geometry: convex solids, which replace the spheres.
         base_link, resting: of an arm from a URDF: link of its base frame, and where joints of that file stand
             that do not move, rad or m by name.
         base_mass: kg, of that file's links that do not move and therefore belong to the base.
         coupling: joints that follow others; None: none does.
-        gears: springs between drives and links; None: gears do not give. Where an arm is said to be at joint
-            values, its links are there; only checks let them swing about that.
+        gears: springs between drives and links; None: gears are rigid. Joint values of an arm are those of
+            its links; only checks let them swing about that.
     """
 
     name: str
@@ -272,7 +272,7 @@ class ArmModel:
 
     @property
     def reach(self) -> float:
-        """Upper bound, m, of the distance from Q_1 to the gripper point; endless slides do not count."""
+        """Upper bound, m, of the distance from Q_1 to the TCP; endless slides do not count."""
         ways = np.maximum(np.abs(self.limits.angle_min), np.abs(self.limits.angle_max))
         if self.coupling is not None:
             ways = np.abs(self.coupling.ratios) * ways[self.coupling.leaders] + np.abs(self.coupling.offsets)

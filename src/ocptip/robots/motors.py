@@ -1,9 +1,9 @@
 """Electric power of joint drives: measured maps of the modular arms, and a DC-motor model for other robots.
 
 Both take the drive torque (2.44: positive when it drives the joint in its positive direction) and the joint
-speed (of sliding joints the force: N for N m and m for rad throughout), give watts, and jump at zero speed,
-where friction changes sides. `direction` says on which side: inside a phase of constant sign an optimiser
-passes that sign and gets a smooth expression.
+speed (of sliding joints the force: N for N m and m for rad throughout), give watts, and have a step at zero
+speed, where friction changes its sign. `direction` gives the sign: inside a phase of constant sign an
+optimiser passes that sign and gets a smooth expression.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class PowerMaps:
     """Measured maps (6.7), polynomials in load torque (cubic) and speed (quadratic).
 
     The maps were measured by lifting and lowering weights: their M is the *load* torque, opposite to the
-    drive torque. Read so, lifting costs more than the mechanical power and lowering feeds back less, as the
-    source says ("load torque and speed of opposite sign: highest power"). For negative speed P(M, w) = P(-M,
-    -w) (6.8).
+    drive torque. Read so, lifting costs more than the mechanical power and lowering feeds back less, as
+    thesis M says ("load torque and speed of opposite sign: highest power"). For negative speed P(M, w) =
+    P(-M, -w) (6.8).
 
     Attributes:
         coefficients: (n, 12), A per powers of N m and degrees per second, order of table 6.1.

@@ -22,7 +22,7 @@ class Payload:
         mass: kg.
         center_of_mass: (3,), m, from G in gripper axes (parallel robots: from the platform's origin in its
             axes).
-        inertia: (3, 3), kg m^2, about its centre of mass, gripper axes; given, too, as (6,) numbers xx, xy,
+        inertia: (3, 3), kg m^2, about its centre of mass, gripper axes; also given as (6,) numbers xx, xy,
             xz, yy, yz, zz or three principal values. Zero: a point mass.
 
     Raises:

@@ -23,11 +23,11 @@ class ProcessWrench:
     The base rests: axes of the world are those of the base, also where a tolerance tilts the floor.
 
     Attributes:
-        force: (3,), N, on the gripper, at the gripper point G; (K, 3) if it varies.
+        force: (3,), N, on the gripper, at the TCP, G; (K, 3) if it varies.
         moment: (3,) or (K, 3), N m, on the gripper.
         axes: "tool": of the gripper, it turns with it; "base" or "world".
         over: what it varies with: "time", s since the motion begins; "share" of the motion's duration, 0 to
-            1; "path", m, on which the gripper point has gone; empty: it is constant.
+            1; "path", m, that the TCP has covered; empty: it is constant.
         knots: (K,), increasing, of that; linear between, constant before and after.
 
     Raises:

@@ -13,7 +13,8 @@ from ocptip.numerics.inertia import ROUNDED, why_impossible
 from ocptip.robots.model import ArmModel
 
 LIGHTEST = 1.5
-"""Least plausible mass of an arm per cubed length of its chain, kg/m^3: a Kinova j2s6 has 3.3, a UR10 5.3."""
+"""Minimum plausible mass of an arm per cubed length of its chain, kg/m^3: a Kinova j2s6 has 3.3, a UR10 5.3.
+"""
 
 HEAVIEST = 1500.0
 """Largest plausible mass per squared length of its chain, kg/m^2: an arm of a PR2 has 41, in grams 41000."""
@@ -39,9 +40,9 @@ def refuse_impossible_links(
     """Refuse moving bodies without mass or moments of inertia, or with moments that no body has.
 
     Args:
-        arm: whose bodies are judged; the first moves with its first joint, and so on.
+        arm: whose bodies are checked; the first moves with its first joint, and so on.
         links: names of the links that each body consists of, the one behind the joint first.
-        accepted: links that are not judged; True: all.
+        accepted: links that are not checked; True: all.
 
     Raises:
         ImpossibleLinksError: with all such links in one line, and what accepts them.

@@ -1,8 +1,8 @@
-"""An arm whose gears give, as an arm with more joints: every such joint is two in line, a drive and a spring.
+"""An arm with elastic joints, as an arm with more joints: each of these is two in line, a drive and a spring.
 
 So everything known of arms, above all their dynamics, is known of those with elastic joints: Spong's model
 with the rotor's whole motion. Between drive and spring there is nothing, or the spin of a rotor behind a
-gear, which turns with the drive and not with the link. `ArmModel.armature`, too, is on the drive's side: it
+gear, which turns with the drive and not with the link. `ArmModel.armature` is also on the drive's side: it
 loads the drive only.
 """
 

@@ -35,8 +35,8 @@ def arm_from_urdf(
 ) -> ArmModel:
     """Read an arm from a URDF file.
 
-    The arm is everything behind the first free joint on the way from `base_link` to `tool_frame`; the base
-    frame is the frame of `base_link`. What hangs on `base_link`, on its other branches (wheels, head) or on
+    The arm is everything behind the first free joint of the chain from `base_link` to `tool_frame`; the base
+    frame is the frame of `base_link`. What hangs on `base_link`, on its other chains (wheels, head) or on
     joints locked before the first free one (a torso) is not part of the arm: its mass belongs to the base.
 
     Joints of the arm that are not on the way to `tool_frame` (fingers) do not move. A joint that mimics one
@@ -49,10 +49,10 @@ def arm_from_urdf(
         tool_frame: link behind it; its origin is G, its axes are the gripper axes. By default the link called
             like a tool (`urdf_file.TOOLS`), or the only one at an end.
         locked_joints: joint name to angle, rad (m for sliding joints), of joints that do not move. Those that
-            are not on the way to `tool_frame` are at zero by default, or at the limit next to it.
-        joint_ranges: joint name to least and greatest angle, rad (m for sliding joints), instead of the
-            file's limits. A joint that these leave no way, as many files write for one that is out of use, is
-            free with others.
+            are not in the chain to `tool_frame` are at zero by default, or at the limit next to it.
+        joint_ranges: joint name to minimum and maximum angle, rad (m for sliding joints), instead of the
+            file's limits. A joint without range, as many files write for one that is out of use, is free with
+            others.
         armature: (n,), kg m^2, reflected rotor inertias (rotor inertia times gear ratio squared), which URDF
             cannot hold, of joints that follow no other; zero by default, which underestimates torques at high
             accelerations. See `ArmModel.armature`.
@@ -66,7 +66,7 @@ def arm_from_urdf(
 
     Raises:
         InputError: the file cannot be read, or a name is not in it (the message lists candidates), or a joint
-            on the way neither turns nor slides nor is locked, or one beside it mimics one that moves, or a
+            of the chain neither turns nor slides nor is locked, or one beside it mimics one that moves, or a
             link that moves has no inertia, or one that no body has.
 
     Warns:
@@ -120,7 +120,7 @@ def _from_pinocchio(
     acceleration: np.ndarray | None,
     accept_inertia: bool | Iterable[str],
 ) -> ArmModel:
-    """The arm; joints that are neither `given` nor mimic others nor are on the way rest near zero."""
+    """The arm; joints that are neither `given` nor mimic others nor are in the chain rest near zero."""
     locked = {**given, **mimics.locked}
     base = _frame(robot, "base_link", base_link)
     tool = _frame(robot, "tool_frame", tool_frame)
@@ -228,7 +228,7 @@ def _open(robot: PinocchioModel, ranges: Mapping[str, tuple[float, float]]) -> N
 
 
 def _stuck(robot: PinocchioModel, index: int) -> bool:
-    """Whether a joint's limits leave it no way."""
+    """Whether a joint's limits leave it no range."""
     joint = robot.joints[index]
     return joint.nq == 1 and robot.lowerPositionLimit[joint.idx_q] == robot.upperPositionLimit[joint.idx_q]
 

@@ -1,6 +1,7 @@
-"""What a URDF file says of its links and joints; everything that is wrong with it is said at once.
+"""Links and joints of a URDF file; one message names everything that is wrong with it.
 
-Pinocchio, which reads masses and placements, gives up at the first fault, and in a language of its own.
+Pinocchio, which reads masses and placements, gives up at the first fault, and its messages are hard to
+understand.
 """
 
 from __future__ import annotations
@@ -155,7 +156,7 @@ class UrdfFile:
     def tips(self, base: str) -> list[str]:
         """The ends behind `base`; of the fingers of a hand instead the link that carries them.
 
-        A hand is a link behind which joints move in several branches, with at least `_HAND` times as many
+        A hand is a link behind which joints move in several chains, with at least `_HAND` times as many
         moving joints before it as behind it. What is fixed to it stays a tip.
         """
         ends, forks = self.ends(base), Counter[str]()

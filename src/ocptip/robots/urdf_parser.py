@@ -1,4 +1,4 @@
-"""Pinocchio's model of a URDF file that was read and judged here; what its C++ parsers print is collected.
+"""Pinocchio's model of a URDF file that was read and checked here; what its C++ parsers print is collected.
 
 What the parsers do not understand they say on the standard streams, several lines for one fault.
 """

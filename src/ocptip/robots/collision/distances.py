@@ -80,7 +80,7 @@ class Distances:
         Args:
             y: states.
             groups: (m,) numbers 0 to g - 1, the group of each pair.
-            below: m; above it, the answer may be a lower bound that is above it, too.
+            below: m; above it, the answer may be a lower bound that also is above it.
         """
         order = np.argsort(groups, kind="stable")
         own = groups[order]
@@ -282,7 +282,7 @@ class _Bounds:
 def between_lines(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Distances (...,), m, of line segments given by their ends (..., 2, 3), m.
 
-    The best point of one line for the other's is found exactly in three steps, each within the segment.
+    Three exact steps give the nearest points, each within its segment.
     """
     start, along = first[..., 0, :], first[..., 1, :] - first[..., 0, :]
     other, across = second[..., 0, :], second[..., 1, :] - second[..., 0, :]

@@ -13,7 +13,7 @@ CLEARANCE = 0.01
 """m: smallest distance of what may collide where none is asked for: models and drives are not exact."""
 
 POSTURES = 200
-"""Random postures in which pairs that never part are looked for."""
+"""Random postures in which pairs that never part are detected."""
 
 NEVER = "never part"
 """Why such pairs are left out."""
@@ -123,7 +123,7 @@ class Collisions:
     def on_meshes(self, q: np.ndarray, label: GapLabel) -> float | None:
         """Distance, m, of the surfaces of the meshes that solids of these names enclose, at q (n,), rad.
 
-        None where neither has a mesh. It is that of surfaces: of one within the other it is positive, too.
+        None where neither has a mesh. It is that of surfaces: it is also positive if one is within the other.
         """
         return None
 

@@ -42,7 +42,7 @@ class ShapeCollisions(Collisions):
     telescope, which touch in some: links between which all joints slide along one line.
 
     Args:
-        arm: with geometry; its spheres, if it has only those, are solids, too.
+        arm: with geometry; its spheres, if it has only those, count as solids.
         obstacles: in base axes.
         base: shapes of the base (body 0, base axes).
 

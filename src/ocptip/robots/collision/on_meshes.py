@@ -1,4 +1,4 @@
-"""What convex solids hide: links whose solids always overlap, looked at again on the meshes in them."""
+"""What convex solids hide: links whose solids always overlap, checked again on the meshes in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meshes cut where their convex solids are in the way and they themselves are not."""
+"""Meshes cut where their convex solids collide and the meshes do not."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class _Piece:
 
 
 def opened(collision: ShapeCollisions, postures: Iterable[np.ndarray], least: float) -> ArmGeometry | None:
-    """The arm's geometry with more solids for meshes: pairs whose meshes are so far apart are it, too.
+    """The arm's geometry with more solids for meshes: where two meshes keep the distance `least`, their
+    solids do so as well.
 
     Each cut goes through one of the nearest points of two solids, and of all such cuts the one is made that
     parts them most.

@@ -16,7 +16,7 @@ WORTHWHILE = 0.93
 """Volume of the parts, relative to the whole, up to which a cut is made."""
 
 LARGE = 2e-4
-"""m^3: a cut that saves so much is made, too: little of a torso, but room for an elbow."""
+"""m^3: a cut that saves at least this volume is also made: little of a torso, but enough for an elbow."""
 
 LITTLE = 1e-2
 """Share of the volume: cuts that save less are no better than one through the middle."""
@@ -45,7 +45,7 @@ def cut_surfaces(points: np.ndarray, triangles: np.ndarray, most: int | None = N
     Args:
         points: (N, 3), m.
         triangles: (T, 3), numbers of points.
-        most: parts; so many are made of a mesh that is not convex. Default: `MOST`, where cuts save much.
+        most: number of parts of a mesh that is not convex. Default: `MOST`, where cuts save much.
     """
     surface = points[triangles]
     whole, volume = _hull_volume(surface), _volume(surface)

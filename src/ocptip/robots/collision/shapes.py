@@ -27,7 +27,7 @@ class Shape:
     """A convex solid in the axes of the body that it is fixed to.
 
     Attributes:
-        rotation: (3, 3), its own axes to the body's.
+        rotation: (3, 3), axes of the solid to those of the body.
         position: (3,), m, of its origin in the body's axes.
     """
 
@@ -44,7 +44,7 @@ class Shape:
         return 0.0
 
     def solid(self) -> Any:
-        """The geometry for coal, in its own axes; by default the hull of the corners."""
+        """The geometry for coal, in axes of the solid; by default the hull of the corners."""
         coal = load_coal()
         points = coal.StdVec_Vec3s()
         for point in self.corners():
@@ -52,7 +52,9 @@ class Shape:
         return coal.Convex.convexHull(points, True, "Qt")
 
     def corners(self) -> np.ndarray:
-        """(k, 3), m, own axes: points whose convex hull, thickened, is the solid or encloses it closely."""
+        """(k, 3), m, axes of the solid: points whose convex hull, thickened, is the solid or encloses it
+        closely.
+        """
         raise NotImplementedError
 
     def placed(self, rotation: np.ndarray, position: np.ndarray) -> Self:
@@ -69,7 +71,7 @@ class Shape:
         """How the point, edge or face extends, below the thickness, that is farthest in some directions.
 
         Args:
-            directions: (r, 3), unit vectors, own axes.
+            directions: (r, 3), unit vectors, axes of the solid.
 
         Returns:
             (r, 3, 2) directions along that feature, orthonormal; zero columns where it has fewer.
@@ -258,7 +260,7 @@ class ArmGeometry:
 
     Attributes:
         shapes: of the arm and what it carries.
-        apart: pairs of names that need not be looked at, with the reason.
+        apart: pairs of names that need not be checked, with the reason.
         source: in words, e.g. "collision geometry of ur5.urdf".
         on_meshes: of pairs of names, some of whose solids never part: in how many of the random postures
             their meshes, which the solids enclose, touch.
@@ -275,7 +277,7 @@ class ArmGeometry:
 def enclosing_capsule(shape: Shape) -> tuple[np.ndarray, float]:
     """Ends (2, 3), m, body axes, and radius (m) of a capsule that contains a solid with corners.
 
-    Its line is along one of the principal axes of the corners; of the three the one of least volume.
+    Its line is along one of the principal axes of the corners; of the three the one of minimum volume.
     """
     corners = shape.outline()
     centre = corners.mean(axis=0)
@@ -297,6 +299,6 @@ def enclosing_capsule(shape: Shape) -> tuple[np.ndarray, float]:
 
 
 def _principal_axes(points: np.ndarray) -> np.ndarray:
-    """Rows (3, 3): directions in which points (k, 3) spread most to least."""
+    """Rows (3, 3): directions in order of decreasing spread of points (k, 3)."""
     few = len(points) < 3  # only then the whole matrices are needed, whose first is (k, k)
     return np.linalg.svd(points - points.mean(axis=0), full_matrices=few)[2]

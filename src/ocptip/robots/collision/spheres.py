@@ -1,4 +1,4 @@
-"""Distances of spheres from each other and from obstacles, with slopes, each pair in a posture of its own.
+"""Distances of spheres from each other and from obstacles, with slopes, each pair in a separate posture.
 
 With n the direction in which a distance grows, its slope over a joint that turns about z through Q and moves
 the sphere at c is z . ((c - Q) x n), over one that slides z . n. It is the same with the other sphere's

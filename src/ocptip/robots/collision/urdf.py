@@ -60,12 +60,12 @@ def geometry_from_urdf(
         path: the URDF file.
         arm: of :func:`ocptip.robots.urdf.arm_from_urdf`, not mounted.
         package_dirs: folders with packages, or packages themselves; then those of ROS_PACKAGE_PATH and
-            AMENT_PREFIX_PATH and the folders above the URDF are looked at.
+            AMENT_PREFIX_PATH and the folders above the URDF are searched.
         srdf: file whose `disable_collisions` are pairs of links that are left out.
         mesh_parts: convex solids of each mesh at most; default: up to 8 where that saves much volume.
 
     Raises:
-        InputError: a mesh is not found or cannot be read, or the SRDF cannot be read; one line.
+        InputError: a mesh is missing or cannot be read, or the SRDF cannot be read; one line.
     """
     file = Path(path)
     meshes = collision_meshes(file, package_dirs)
@@ -170,7 +170,7 @@ def _lowest(geometry: Any, up: np.ndarray) -> np.ndarray:
 def collision_meshes(
     path: str | os.PathLike[str], package_dirs: Sequence[str | os.PathLike[str]] = ()
 ) -> dict[str, Path | None] | None:
-    """The mesh files of a URDF's collision geometry by the names that it has for them; None: not found.
+    """The mesh files of a URDF's collision geometry by the names that it has for them; None: missing.
 
     Returns:
         None if it has no collision geometry.
@@ -187,7 +187,7 @@ def collision_meshes(
 
 
 def missing_meshes(path: str | os.PathLike[str]) -> list[str] | None:
-    """Names of :func:`collision_meshes` that are not found; None: there is no collision geometry."""
+    """Names of :func:`collision_meshes` whose files are missing; None: there is no collision geometry."""
     meshes = collision_meshes(path)
     return None if meshes is None else [name for name, found in meshes.items() if found is None]
 
@@ -220,7 +220,7 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> list[Shap
 
 
 def _folders(file: Path, given: Sequence[str | os.PathLike[str]]) -> list[Path]:
-    """Folders in which packages are looked for, first those given."""
+    """Folders in which packages are searched, first those given."""
     paths = [Path(folder) for folder in given]
     for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         paths += [Path(p) / below for p in os.environ.get(variable, "").split(os.pathsep) if p]

@@ -1,7 +1,7 @@
 """Inverse kinematics in closed form for six-axis arms, recognised by how their axes meet.
 
-Three families, each with up to eight branches (appendix C treats one arm of each); all reduce to rotating a
-vector about one axis onto another vector, or to a given projection (Paden-Kahan subproblems):
+Three families, each with up to eight IK solutions (appendix C treats one arm of each); all reduce to rotating
+a vector about one axis onto another vector, or to a given projection (Paden-Kahan subproblems):
 
 - "spherical wrist": axes 2 and 3 parallel, axes 4, 5, 6 meet in a point (FP1W2F, most industrial arms);
 - "three parallel axes": axes 2, 3, 4 parallel, axes 5 and 6 meet (W1P1P2W2, the UR series);
@@ -70,9 +70,9 @@ def closed_form_family(model: ArmModel) -> str | None:
 
 
 def closed_form_branches(model: ArmModel, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """All branches (k, 6), rad in (-pi, pi], for a gripper pose; joint limits are not checked.
+    """All IK solutions (k, 6), rad in (-pi, pi], for a gripper pose; joint limits are not checked.
 
-    Where a branch leaves an angle open (singular pose: two axes in line) one value stands for all: zero, or
+    Where a solution leaves an angle open (singular pose: two axes in line) one value stands for all: zero, or
     the first of 72 from which the arm reaches the pose.
 
     Args:
@@ -87,7 +87,7 @@ def closed_form_branches(model: ArmModel, position: np.ndarray, rotation: np.nda
 
 
 def branches_within_limits(model: ArmModel, positions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """All branches of many poses that keep the joint limits, checked by forward kinematics.
+    """All IK solutions of many poses that keep the joint limits, checked by forward kinematics.
 
     Args:
         model: an arm with a closed form.
@@ -95,8 +95,8 @@ def branches_within_limits(model: ArmModel, positions: np.ndarray, rotations: np
         rotations: (N, 3, 3), gripper to base axes.
 
     Returns:
-        (N, 8, 6), rad: of the copies an angle has every full turn the one nearest to zero; NaN where a branch
-        does not exist or breaks the limits.
+        (N, 8, 6), rad: of the copies an angle has every full turn the one nearest to zero; NaN where a
+        solution does not exist or breaks the limits.
 
     Raises:
         ValueError: no closed form for this arm (ask `closed_form_family` first).
@@ -112,7 +112,7 @@ def branches_within_limits(model: ArmModel, positions: np.ndarray, rotations: np
 
 
 def _all_branches(model: ArmModel, positions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """Branches (N, 8, 6), rad in (-pi, pi], whatever the limits; at least one angle NaN: no such branch."""
+    """IK solutions (N, 8, 6), rad in (-pi, pi], whatever the limits; an angle NaN: no such solution."""
     family = closed_form_family(model)
     if family is None:
         raise ValueError(f"no closed form for arm {model.name!r}")

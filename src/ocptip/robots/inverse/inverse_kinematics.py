@@ -1,7 +1,8 @@
-"""Inverse kinematics: all branches of a gripper pose, in closed form where the arm has one, else by search.
+"""Inverse kinematics: all IK solutions of a gripper pose, in closed form where the arm has one, else by
+search.
 
 The search is a Levenberg-Marquardt iteration from many seeded starts at once, repeated until further starts
-find nothing new. Either way every branch returned has been put through the forward kinematics again.
+find nothing new. Both methods check every solution by forward kinematics.
 """
 
 from __future__ import annotations
@@ -40,17 +41,17 @@ _ROTATION_TOLERANCE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class InverseKinematics:
-    """Branches of one pose, sorted by joint 1, then 2, and so on.
+    """IK solutions of one pose, sorted by joint 1, then 2, and so on.
 
     Attributes:
         branches: (k, n), rad (sliding joints: m, here and below), within the joint limits unless asked
             otherwise; of the copies an angle has every full turn, the one nearest to `near`.
         residuals: (k,): largest error of position (m) and orientation (rad) after forward kinematics; at most
             1e-10, or 1e-7 next to a singular pose where rounding leaves no better. An arm that lacks an axis
-            at the pose may miss it by 0.1 mm and 0.01 degrees; then the branches are its nearest postures.
+            at the pose may miss it by 0.1 mm and 0.01 degrees; then the solutions are its nearest postures.
         conditioning: (k,): smallest singular value of the Jacobian (lengths in units of the arm's reach);
-            near zero the branch is singular: it may be one of a continuum or a double root.
-        outside_limits: number of further branches that violate joint limits.
+            near zero the solution is singular: it may be one of a continuum or a double root.
+        outside_limits: number of further solutions that violate joint limits.
         method: "closed-form" or "search".
         family: name of the closed form's family, or None.
         starts, iterations: of the search (0 in closed form).
@@ -68,7 +69,7 @@ class InverseKinematics:
     seed: int
 
     def nearest(self, q: np.ndarray) -> np.ndarray:
-        """The branch (n,), rad, with the smallest sum of squared differences to q (n,), rad."""
+        """The solution (n,), rad, with the smallest sum of squared differences to q (n,), rad."""
         wanted = finite_array("q", q, (self.branches.shape[1],))
         return self.branches[np.argmin(((self.branches - wanted) ** 2).sum(axis=1))]
 
@@ -106,11 +107,11 @@ def solve_inverse_kinematics(
         rotation: (3, 3), gripper to base axes.
         method: "auto" (closed form if the arm has one), "closed-form" or "search".
         near: (n,), rad: which copy of an angle to take where limits leave several; zeros by default.
-        within_limits: leave out branches that violate joint limits.
+        within_limits: leave out solutions that violate joint limits.
         seed: of the search's starts.
 
     Raises:
-        InputError: unreachable pose (with the nearest miss, or the limits in the way), not a rotation,
+        InputError: unreachable pose (with the nearest miss, or the limits that prevent it), not a rotation,
             unknown method, no closed form for this arm.
     """
     goal = finite_array("position", position, (3,))
@@ -161,9 +162,9 @@ def pose_residuals(model: ArmModel, q: np.ndarray, position: np.ndarray, rotatio
 def _search(
     model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int, damping: float
 ) -> tuple[np.ndarray, int, int]:
-    """Branches (k, n), angles in (-pi, pi], number of starts and iterations.
+    """Solutions (k, n), angles in (-pi, pi], number of starts and iterations.
 
-    `damping` is the least of the iteration. `NORMAL_DAMPING` looks for nearest postures, too.
+    `damping` is the minimum of the iteration. With `NORMAL_DAMPING` nearest postures also count.
     """
     random = np.random.default_rng(seed)
     inside, anywhere = search_box(model), search_box(model, limits=False)
@@ -197,7 +198,7 @@ def _solutions(
 
 
 def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Closed-form branches that pass forward kinematics; double roots get their lost digits back."""
+    """Closed-form solutions that pass forward kinematics; double roots get their lost digits back."""
     if not len(q):
         return q
     good = pose_residuals(model, q, position, rotation) <= RESIDUAL_TOLERANCE

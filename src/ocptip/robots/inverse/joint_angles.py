@@ -1,6 +1,6 @@
 """Angles of joints that may turn more than once: copies a whole number of turns away.
 
-Ways have no copies, nor have angles that other joints follow (`ArmModel.periodic`).
+Lengths have no copies, nor have angles that other joints follow (`ArmModel.periodic`).
 """
 
 from __future__ import annotations

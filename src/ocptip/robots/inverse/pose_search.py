@@ -35,7 +35,7 @@ def search(
     orientation: Orientation = "full",
     tool_axis: np.ndarray | Sequence[float] = (0.0, 0.0, 1.0),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest approach to many poses by damped Newton steps, each from its own start, within joint limits.
+    """Nearest approach to many poses by damped Newton steps, each from another start, within joint limits.
 
     Args:
         model: any arm.

@@ -46,15 +46,15 @@ class PoseTarget:
     """Where the gripper is to be.
 
     Attributes:
-        position: (3,), m, of the gripper point in the base frame.
+        position: (3,), m, of the TCP in the base frame.
         rotation: (3, 3), gripper to base axes.
         symmetric_about: gripper axis "x", "y" or "z" about which the gripper may be turned; "": it may not.
             Without `fold` it is short for the orientation "axis" with this `tool_axis`.
         fold: the turns that are allowed are the multiples of a full turn divided by `fold`; 0: any turn.
         orientation: "full"; "axis": only the direction of `tool_axis` counts; "free": only the position.
         tool_axis: (3,), unit vector, gripper axes.
-        free: (3, 2), m: how far from `position` the gripper point may be, from and to, along the axes of the
-            base frame; 0 is among them.
+        free: (3, 2), m: how far from `position` the TCP may be, from and to, along the axes of the base
+            frame; 0 is among them.
     """
 
     position: np.ndarray
@@ -123,9 +123,9 @@ class PoseTarget:
     def postures(self, arm: ArmModel, *, seed: int = 0) -> np.ndarray:
         """Joint angles (k, n), rad (sliding joints: m), within the joint limits, that bring it there.
 
-        All branches where their number is finite, else some out of each continuum: up to 64 (of arms with
-        closed-form solutions the branches for 12 turns of a gripper that may turn freely). Of an arm that
-        lacks an axis there: the nearest postures, see `pose_search.reached`.
+        All IK solutions where their number is finite, else some out of each continuum: up to 64 (of arms with
+        closed-form solutions those for 12 turns of a gripper that may turn freely). Of an arm that lacks an
+        axis there: the nearest postures, see `pose_search.reached`.
 
         Raises:
             InputError: out of reach, as `solve_inverse_kinematics` says.
@@ -149,7 +149,7 @@ class PoseTarget:
         return np.vstack(found)
 
     def _searched(self, arm: ArmModel, seed: int) -> np.ndarray:
-        """Postures found by iteration from random ones."""
+        """Postures by iteration from random ones."""
         low, high = search_box(arm)
         starts = low + np.random.default_rng(seed).random((4 * SAMPLED, arm.n)) * (high - low)
         ends, _ = search(arm, starts, self.position, self.rotation, *self.how)
@@ -165,13 +165,13 @@ class PoseTarget:
         return copies_within_limits(arm, q)
 
     def offsets(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
-        """(N, 3) m: what is allowed of the way from `position` to the gripper point at q (N, n), rad."""
+        """(N, 3) m: the allowed part of the offset from `position` to the TCP at q (N, n), rad."""
         if not self.free.any():
             return np.zeros((len(q), 3))
         return np.clip(gripper_batch(arm)(q)[0] - self.position, *self.free.T)
 
     def at(self, offset: np.ndarray) -> PoseTarget:
-        """The same with the gripper point at `position` + offset (3,), m, exactly."""
+        """The same with the TCP at `position` + offset (3,), m, exactly."""
         return replace(self, position=self.position + offset, free=np.zeros((3, 2)))
 
     def residuals(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
@@ -179,7 +179,7 @@ class PoseTarget:
         return np.min([np.abs(errors).max(axis=1) for errors, _ in self._errors(arm, q)], axis=0)
 
     def misses(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
-        """(N, 2), m and rad: by how much gripper point and orientation miss at q (N, n), rad."""
+        """(N, 2), m and rad: by how much TCP and orientation miss at q (N, n), rad."""
         sizes = np.array([miss_sizes(errors) for errors, _ in self._errors(arm, q)])
         return sizes[np.argmin(sizes.max(axis=2), axis=0), np.arange(len(q))]
 
@@ -220,7 +220,7 @@ class PoseTarget:
     def equations(self, arm: ArmModel, q: cs.SX) -> cs.SX:
         """(conditions, 1), m and rad near a solution: zero where the gripper is where it should be.
 
-        Those of the orientation vanish, too, where the gripper is turned by half a turn; see `residuals`.
+        Those of the orientation also vanish where the gripper is turned by half a turn; see `residuals`.
         Without the turns that `fold` allows, see `nearest`.
         """
         rotations, origins = chain(arm, q)
