@@ -51,18 +51,18 @@ class ContactMargins:
 
     Attributes:
         force: minimum distance of a normal force from the end at which its contact lets go, N: for ordinary
-            contacts the normal force. Rigid feet that can share in several ways: as if equally compliant.
-        moment: least moment left about a tipping axis, N m.
-        edge: least distance of the zero-moment point from the edge of the support polygon, m; only for
+            contacts the normal force. Rigid feet whose sharing is not determined: as if equally compliant.
+        moment: minimum moment left about a tipping axis, N m.
+        edge: minimum distance of the zero-moment point from the edge of the support polygon, m; only for
             ordinary contacts on one plane.
         friction: maximum share of a contact's friction in use, where forces are shared optimally.
-        unique: the contacts share the normal forces in one way only; otherwise those of motion.csv are one
-            possible sharing.
+        unique: the normal forces are determined; otherwise those of motion.csv are one possible sharing.
         weak: number of instants at which forces can hold the base, but the contact solver came upon a motion,
             see `contact.resting`; there may be more at which it did not.
         first_weak: the first of them, s; infinite without any.
-        alike: where rigid feet share in several ways: the minimum normal force of equally compliant feet, N,
-            below zero if one would have to pull; it lifts then for a while, and the others hold the base.
+        alike: where the sharing of rigid feet is not determined: the minimum normal force of equally
+            compliant feet, N, below zero if one would have to pull; it lifts then for a while, and the others
+            hold the base.
         equal_friction: the share of the friction in use with these normal forces; 1 and more: it slips.
     """
 
@@ -191,7 +191,9 @@ def if_alike(margin: Margin) -> str:
 def _least(
     values: np.ndarray, times: np.ndarray, names: list[tuple[int, ...]] | None = None
 ) -> Margin | None:
-    """The least of values (N, m) at times (N,); None if none is finite. Columns are contacts if not named."""
+    """The minimum of values (N, m) at times (N,); None if none is finite. Columns are contacts if not
+    named.
+    """
     known = np.where(np.isfinite(values), values, np.inf)
     if not np.isfinite(known).any():
         return None

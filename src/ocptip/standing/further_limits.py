@@ -41,7 +41,7 @@ class FurtherLimits:
         return np.isfinite(self.lower) | np.isfinite(self.upper)
 
     def described(self, k: int, excess: float) -> tuple[float, float, bool]:
-        """Value of a quantity (its size, if it has an upper limit), limit, and whether that is the least.
+        """Value of a quantity (its size, if it has an upper limit), limit, and whether that is a minimum.
 
         Args:
             k: which quantity.

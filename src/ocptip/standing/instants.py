@@ -1,4 +1,4 @@
-"""A standing mechanism at some instants, as limits look at it; names of the columns of node quantities."""
+"""A standing mechanism at some instants, as limits evaluate it; names of the columns of node quantities."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class NodeColumns:
 
 
 class Loaded:
-    """Wrenches on the base of a mechanism; contact states and reserves are computed when first asked for.
+    """Wrenches on the base of a mechanism; contact states and margins are computed when first asked for.
 
     Attributes:
         robot: on its support.
@@ -47,12 +47,12 @@ class Loaded:
 
     @cached_property
     def tip(self) -> TipOverReserve:
-        """Tip-over reserves."""
+        """Tip-over indices."""
         return self.robot.tip_over.evaluate(self.states)
 
     @cached_property
     def slip(self) -> SlipReserve:
-        """Slip reserves, without derivatives."""
+        """Friction utilisation, without derivatives."""
         return self.robot.slip.evaluate(self.states, derivatives=False)
 
     @cached_property
@@ -64,7 +64,7 @@ class Loaded:
 
 
 class Instants(Loaded):
-    """A mechanism at N instants; contact states, reserves and distances are computed when first asked for.
+    """A mechanism at N instants; contact states, margins and distances are computed when first asked for.
 
     Args:
         robot: on its support.

@@ -47,7 +47,7 @@ IN_FILES = {
 
 
 def overshoot_of(damping: float) -> float:
-    """Share kappa of a jump by which the load on elastic feet exceeds the load after the jump.
+    """Share kappa of a step by which the load on elastic feet exceeds the load after the step.
 
     Args:
         damping: damping ratio of base and ground, 0 (kappa = 1) to 1 (kappa = 0); 0.05 gives 0.85.
@@ -62,11 +62,11 @@ def overshoot_of(damping: float) -> float:
 
 
 def overshoot_of_rise(damping: float, periods: np.ndarray) -> np.ndarray:
-    """The same where the load does not jump but changes evenly within a rise time.
+    """The same where the load has no step but changes evenly within a rise time.
 
-    An oscillator whose load rises so swings, after that, as the mean of its answers to jumps at all instants
-    of the rise: with e(t) = Re(c exp(l t)) for a jump, l its eigenvalue of frequency f, as
-    Re(c (1 - exp(-l T)) / (l T) exp(l t)).
+    An oscillator whose load rises so swings, after that, as the mean of its answers to steps at all instants
+    of the rise: with e(t) = Re(c exp(l t)) for a step, l its eigenvalue of frequency f, as Re(c (1 - exp(-l
+    T)) / (l T) exp(l t)).
 
     Args:
         damping: damping ratio, below 1.
@@ -84,7 +84,7 @@ def overshoot_of_rise(damping: float, periods: np.ndarray) -> np.ndarray:
 
 
 def overshoot_of_rises(damping: float) -> float:
-    """The greatest share for rises of one period and more."""
+    """The maximum share for rises of one period and more."""
     return float(np.max(overshoot_of_rise(damping, 1 + np.linspace(0, 1, _STEPS))))
 
 
@@ -107,23 +107,23 @@ class Corner:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far the world may differ from its description, everything at once.
+    """How far robot, base and ground may differ from their description, everything at once.
 
     Attributes:
-        base_mass: relative half width of the base's mass, below 1; or (2,), kg: least and largest mass.
+        base_mass: relative half width of the base's mass, below 1; or (2,), kg: minimum and maximum mass.
         center_of_mass: (3,), m: half sides of the box about the base's centre of mass, base axes.
         friction: relative reduction of all friction coefficients, below 1.
         tilt: of the floor, and of base and robot with it, in any direction, rad.
         arm_mass: relative half width of the mass of each moving link, below 1; inertias in proportion.
         payload_mass: the same of the payload.
-        extra_mass: kg: a point mass at the gripper point may be there, up to this.
+        extra_mass: kg: a point mass at the TCP may be there, up to this.
         payload_center: (3,), m: half sides of the box about the payload's centre of mass, gripper axes.
-        delay: s: every joint by itself may be late by up to this.
-        speed: relative: a motion may run so much faster or slower, below 1.
-        push: N: a force up to this in any direction at the gripper point.
+        delay: s: maximum delay of every joint, independently.
+        speed: relative: share by which a motion may run faster or slower, below 1.
+        push: N: a force up to this in any direction at the TCP.
         base_push: N: the same at the base's centre of mass, wherever that is in its box.
-        damping: damping ratio of feet and structure, below 1, with which accelerations overshoot where they
-            jump; None: they do not.
+        damping: damping ratio of feet and structure, below 1, with which acceleration steps overshoot; None:
+            they do not.
     """
 
     base_mass: float | Sequence[float] = 0.0
@@ -175,7 +175,7 @@ class Uncertainty:
 
     @property
     def overshoot(self) -> float:
-        """Of a jump, as a share of its height; 0 where none is counted."""
+        """Of an acceleration step, as a share of its height; 0 where none is counted."""
         return 0.0 if self.damping is None else overshoot_of(self.damping)
 
     @property
@@ -190,7 +190,7 @@ class Uncertainty:
 
     @property
     def late(self) -> float:
-        """s: by how much joints may be late in the motion's own time, which may run faster."""
+        """s: maximum delay of joints in the time of the motion, which may run faster."""
         return self.delay * (1 + self.speed)
 
     def of(self, payload: object) -> Uncertainty:
@@ -258,7 +258,7 @@ class Uncertainty:
         """All combinations of ends that differ in their wrench.
 
         Args:
-            support: the base, as described.
+            support: the nominal base.
             gravity: (N, 3), base axes, of some poses; what has no influence in any of them has none.
         """
         along = np.linalg.norm(np.cross(gravity[:, None], np.eye(3)), axis=2)
@@ -279,7 +279,7 @@ class Uncertainty:
         return ", ".join(parts)
 
     def contacts(self, nominal: Sequence[Binding]) -> tuple[Binding, ...]:
-        """The contacts with the least friction."""
+        """The contacts with the minimum friction."""
         return tuple(
             replace(
                 contact,

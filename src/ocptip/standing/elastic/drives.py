@@ -83,7 +83,7 @@ class RingingMode:
     Attributes:
         least, most: natural frequency, Hz.
         last: the same at rest after the motion.
-        damping: least and greatest ratio.
+        damping: minimum and maximum ratio.
     """
 
     least: float
@@ -107,7 +107,7 @@ class RiseTime:
         frequency: of the mode, Hz.
         peak, after: m, vibration as in `DriveMotion`.
         settling: s.
-        GN, GT: greatest, see `DriveMotion`; NaN on compliant feet.
+        GN, GT: maximum, see `DriveMotion`; NaN on compliant feet.
     """
 
     rise_time: float
@@ -127,18 +127,18 @@ class DriveMotion:
         course: of base, feet and springs.
         vibration: (T,), m, of the gripper, at the times of the course.
         end: of the motion, s.
-        peak: greatest vibration of the gripper during the motion, m.
+        peak: maximum vibration of the gripper during the motion, m.
         rms: over the motion, m.
-        after: greatest vibration after the end, m.
+        after: maximum vibration after the end, m.
         settling: s after the end until the gripper stays within `SETTLED` of its last place; infinite if that
             was not seen.
         modes: the lowest ones.
-        contacts: how near contacts come to being lost while the drives ring; None on compliant feet, of which
-            `FeetMotion` tells.
-        GN, GT: greatest reserves while the drives ring, at most 1 where no contact is lost; NaN likewise;
-            infinite where a gear bends by more than `BENT`.
-        bend: greatest of a spring, rad or m, when, and which (counted from 1, of those that give).
-        rise: a rise time that is worth its while; None: none was found, or the motion is not of ramps.
+        contacts: how near contacts come to being lost while the drives ring; None on compliant feet, see
+            `FeetMotion`.
+        GN, GT: maximum while the drives ring, at most 1 where no contact is lost; NaN likewise; infinite
+            where a gear bends by more than `BENT`.
+        bend: maximum of a spring, rad or m, when, and which (counted from 1, of the elastic joints).
+        rise: a rise time that reduces the vibration; None: none does, or the motion has no velocity profiles.
     """
 
     course: Course
@@ -245,7 +245,7 @@ def on_its_drives(robot: StandingMechanism, motion: Trajectory) -> DriveMotion |
 
 
 def with_rise(robot: StandingMechanism, motion: Trajectory) -> DriveMotion | None:
-    """The same with the rise time, one period of a mode, that leaves least vibration after the end.
+    """The same with the rise time, one period of a mode, that leaves minimum vibration after the end.
 
     It is computed for each of the lowest modes, as long as that is at rest after the end.
     """
@@ -344,7 +344,7 @@ def _looked(robot: StandingMechanism, course: Course, rows: np.ndarray) -> tuple
 
 
 def _tip(at: Loaded) -> np.ndarray:
-    """(N,) GN, as tip-over is counted where no motion is looked at."""
+    """(N,) GN, where the accelerations of contacts are not known."""
     moments = TipMap(at.robot.tip_over)(at.wrenches)[0]
     return at.robot.tip_over.ratio(np.min(moments, axis=1)) if moments.shape[1] else at.tip.GN
 

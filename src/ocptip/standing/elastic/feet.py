@@ -157,9 +157,9 @@ class SoftestFeet:
 
     Attributes:
         least: the stiffness from which on none lifts, N/m: infinite if one lifts on the stiffest.
-        lost: minimum normal force, N, when and which foot, on softer ones; not below zero where feet give by
-            more than `FALLEN` before one lifts. None if all stay on `SOFTEST`, too.
-        between: N/m: where one lifts on the stiffest, the stiffest range found on which none does.
+        lost: minimum normal force, N, when and which foot, on softer ones; not below zero where feet yield by
+            more than `FALLEN` before one lifts. None if all stay also on `SOFTEST`.
+        between: N/m: where one lifts on the stiffest, the stiffest range on which none does.
     """
 
     least: float
@@ -168,10 +168,11 @@ class SoftestFeet:
 
 
 def softest_feet(robot: StandingMechanism, motion: Trajectory) -> SoftestFeet | None:
-    """Look at feet from `STIFFEST` down to `SOFTEST`, two per decade, and bisect where one begins to lift.
+    """Evaluate feet from `STIFFEST` down to `SOFTEST`, two per decade, and bisect where one begins to lift.
 
-    Jumps may lift feet of any stiffness, as forces overshoot by a share of them. Soft feet answer slowly, so
-    that the next jump may come before they lift: what holds on soft feet need not hold on stiff ones.
+    Acceleration steps may lift feet of any stiffness, as forces overshoot by a share of the steps. Soft feet
+    answer slowly, so that the next step may come before they lift: what holds on soft feet need not hold on
+    stiff ones.
 
     Returns:
         None where contacts are not ordinary ones, or the robot's inertia is not known, or nothing holds it.

@@ -8,9 +8,9 @@ springs of gears) and the loads w(t) of the mechanism on base and springs that s
 M is the inertia of base and links, B what the joints' speeds add, K and C are springs and dampers of feet and
 gears, and G turns weight and spring forces with the base (without it a high mechanism would stand too
 stiffly) and moves the links with the springs. The drives do what the motion says, whatever the links do:
-Spong's model with the rotors' motion given. On feet that do not give only the springs of gears move. In steps
-within which the joints hardly turn, all matrices are constant and w is a cubic in time: the step is then a
-matrix exponential.
+Spong's model with the rotors' motion given. On rigid feet only the springs of gears move. In steps within
+which the joints turn by a negligible angle, all matrices are constant and w is a cubic in time: the step is
+then a matrix exponential.
 
 A foot presses until spring and damper would have to pull. It then carries nothing, its sole, which has
 no mass, relaxes with the time c / k, and it comes down where base and sole meet the ground again, its
@@ -108,7 +108,7 @@ class Ride:
         )
 
     def _gears(self) -> tuple[np.ndarray, np.ndarray]:
-        """Springs and dampers; those much faster than all that is looked at do not give."""
+        """Springs and dampers; those much faster than the simulated motion are rigid."""
         chain = self.robot.chain
         if chain is None:
             return np.empty(0), np.empty(0)

@@ -21,7 +21,7 @@ def ends_of_steps(steps: np.ndarray, counts: np.ndarray, z: np.ndarray, first: i
         steps: (S, p, p), from each instant within a step to the next.
         counts: (S,) of the instants.
         z: (p,).
-        first: the states from here on are 1, t, t^2 / 2, ..., which begin anew in every step.
+        first: the states from here on are 1, t, t^2 / 2, ..., which restart in every step.
     """
     ends = np.empty((len(steps) + 1, len(z)))
     ends[0] = z

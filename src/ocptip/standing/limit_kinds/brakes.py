@@ -1,10 +1,10 @@
-"""Limits of stops by brakes (category 0): reserves while every joint brakes by itself, see `stops.by_brakes`.
+"""Limits of stops by brakes (category 0): margins while every joint brakes by itself, see `stops.by_brakes`.
 
-Checks look at whole stops. Rows of a program are those of the moment when the brakes close, where nearly all
-stops are worst: what brakes do does not depend on the speed, and later fewer joints brake. The arm's own
-accelerations then follow from the torques on the joints in motion, those at rest stay at rest. What is worse
-later in a stop is found by the check, and rows are tightened until none is. Which joints move, which way, and
-which ends of the brakes' intervals are worst is taken where a solve begins and stays while it lasts, so that
+Checks cover whole stops. Rows of a program are those of the moment when the brakes close, where nearly all
+stops are worst: what brakes do does not depend on the speed, and later fewer joints brake. The accelerations
+of the arm then follow from the torques on the joints in motion, those at rest stay at rest. The check detects
+what is worse later in a stop, and rows are tightened until nothing is. The moving joints, their directions
+and the worst ends of the brakes' intervals are chosen at the start of a solve and kept during it, so that
 rows are smooth, with exact derivatives (the curvature of GT over the wrench is left out).
 """
 

@@ -1,4 +1,4 @@
-"""Limits of distances: of the motion, and with joints that are late within a tolerance."""
+"""Limits of distances: of the motion, and with delayed joints within an uncertainty."""
 
 from __future__ import annotations
 
@@ -123,18 +123,20 @@ def _of_meshes(apart: float | None) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _LateRows(NodeRows):
-    """Rows with the angles (rows, n) of late joints, and their slopes (rows, 3, n) over the state's parts."""
+    """Rows with the angles (rows, n) of delayed joints, and their slopes (rows, 3, n) over the state's
+    parts.
+    """
 
     late: np.ndarray = field(default_factory=lambda: np.empty(0))
     parts: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
-    """The same with joints that are late, each by itself.
+    """The same with joints that are delayed independently.
 
-    Programs look at joints that are late by the whole delay, or not at all, whichever brings a pair nearer,
-    and at where they were by their present speeds and accelerations. Values at instants are not measured one
-    by one, see `standing.within.in_motion`.
+    Programs evaluate joints with the whole delay or none, whichever brings a pair nearer, at positions
+    extrapolated from their present speeds and accelerations. Values at instants are not measured one by one,
+    see `standing.within.in_motion`.
     """
 
     name, scenario = "clearance within tolerance", LATE
@@ -174,14 +176,16 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         return found
 
     def chosen(self, at: Instants) -> LateClearanceLimit:
-        """With the joints that are late there for each pair."""
+        """With the delayed joints of each pair there."""
         other, (i, k, late, _) = copy(self), self._latest(at)
         other._is_late = np.zeros((len(at), self.width, self.robot.n), dtype=bool)
         other._is_late[i, k] = late
         return other
 
     def _latest(self, at: Instants) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Of pairs that are near: node, number (r,), which joints are late (r, n), the distance (r,), m."""
+        """Of pairs that are near: node, number (r,), which joints are delayed (r, n), the distance
+        (r,), m.
+        """
         i, k = np.nonzero(super()._gaps(at) < self.number + FAR)
         states = np.stack(at.motion_states, axis=1)  # (N, 3, n)
         places, moved = states[i, 0], np.einsum("a,raj->rj", self._steps, states[i])

@@ -1,7 +1,7 @@
 """Limits of motions with elastic joints on rigid feet: no contact may be lost while the drives ring.
 
-Programs know of ringing what jumps with their overshoot say; for a motion that breaks the limit GN and GT at
-jumps are tightened, or where these do not count, GN and GT.
+Programs approximate ringing by the overshoot of acceleration steps. For a motion that breaks the limit, GN
+and GT at these steps are tightened, or where they do not count, GN and GT.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ _TIGHTER = 0.05  # by how much, at most, they are tightened at once
 
 
 class RingingLimit(WholeMotionLimit, ContactLimit):
-    """A quantity of the contacts under the loads while the drives ring, at most that of jumps."""
+    """A quantity of the contacts under the loads while the drives ring, with the limit of acceleration
+    steps.
+    """
 
     words = "{} while gears ring", "{}_gears"
     after_steps = True

@@ -86,7 +86,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
 
 
 class JumpFootForceLimit(AtJumps, FootForceLimit):
-    """The same under the loads at jumps with their overshoot."""
+    """The same under the loads at acceleration steps with their overshoot."""
 
     name, result, setting = "foot force at acceleration steps", "jump_foot_force_N", "jump_foot_force"
 

@@ -1,13 +1,14 @@
-"""Jumps of accelerations, and the load with which an elastic ground answers them.
+"""Acceleration steps, and the load with which an elastic ground answers them.
 
-Where accelerations jump, as those of velocity ramps do at every event, the load on the base jumps. A base on
-compliant feet swings: after a single jump of the load from w_before to w_after the forces reach those of
+At an acceleration step, as velocity profiles have at every switching time, the load on the base has a step. A
+base on compliant feet swings: after a single step of the load from w_before to w_after the forces reach those
+of
 
     w_after + kappa (w_after - w_before) ,   kappa = exp(-zeta pi / sqrt(1 - zeta^2))
 
 with the damping ratio zeta of the ground (kappa = 1 without damping), whatever its stiffness. Angles and
-speeds do not jump and the load is affine in the accelerations, so that this is the load of the same instant
-with the accelerations after + kappa (after - before). Swings that have not died out when the next jump comes
+speeds are continuous and the load is affine in the accelerations, so that this is the load of the same
+instant with the accelerations after + kappa (after - before). Swings that have not died out at the next step
 are not added.
 """
 
@@ -30,12 +31,12 @@ SMALLEST = 1e-3  # of a joint's greatest acceleration: less is no jump, but a ch
 
 @dataclass(frozen=True, eq=False)
 class Jumps:
-    """The E jumps of a motion's accelerations, start and end of the motion included.
+    """The E acceleration steps of a motion, start and end of the motion included.
 
     Attributes:
         times: (E,), s.
-        angles, speeds: (E, n), rad, rad/s; they do not jump.
-        before, after: (E, n) accelerations on both sides, rad/s^2; equal where a joint does not jump.
+        angles, speeds: (E, n), rad, rad/s; they are continuous.
+        before, after: (E, n) accelerations on both sides, rad/s^2; equal where a joint has no step.
     """
 
     times: np.ndarray
@@ -46,7 +47,7 @@ class Jumps:
 
     @classmethod
     def of(cls, motion: Trajectory) -> Jumps:
-        """Of any motion: ramps, or samples with a polynomial between them."""
+        """Of any motion: velocity profiles, or samples with a polynomial between them."""
         times = motion.event_times
         angles, speeds, _ = motion.states(times)
         before, after = (motion.states(times + side)[2] for side in (-INSIDE, INSIDE))
@@ -56,17 +57,17 @@ class Jumps:
         return cls(times[found], *(part[found] for part in parts))
 
     def __len__(self) -> int:
-        """Number of jumps."""
+        """Number of acceleration steps."""
         return len(self.times)
 
     def loads(self, robot: StandingMechanism, overshoot: float) -> Instants:
-        """What has to be carried: the mechanism at the jumps, loaded as after each with its overshoot.
+        """What has to be carried: the mechanism at the steps, loaded as after each with its overshoot.
 
-        The (E,) instants have wrenches, contact states and reserves like any others.
+        The (E,) instants have wrenches, contact states and margins like any others.
 
         Args:
             robot: on its support.
-            overshoot: kappa, 0 (the load after the jump) to 1; -1 gives the load before it.
+            overshoot: kappa, 0 (the load after the step) to 1; -1 gives the load before it.
 
         Raises:
             InputError: the motion does not fit the mechanism.
@@ -76,15 +77,15 @@ class Jumps:
         return Instants.of_states(robot, self.angles, self.speeds, accelerations, self.times)
 
     def words(self, index: int) -> str:
-        """Which joints jump."""
+        """Which joints have a step."""
         joints = np.flatnonzero(self.after[index] != self.before[index]) + 1
         return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
 
 
 class AtJumps(AskedLimit):
-    """A limit of the loads at jumps with their overshoot, not of those at ordinary instants.
+    """A limit of the loads at acceleration steps with their overshoot, not of those at ordinary instants.
 
-    In programs its rows are at nodes of their own, whose accelerations are those with overshoot.
+    In programs its rows are at separate nodes, whose accelerations are those with overshoot.
     """
 
     node_kinds = (JUMP,)
@@ -109,7 +110,7 @@ class AtJumps(AskedLimit):
 
 
 class JumpLimit(AtJumps, NominalLimit):
-    """A quantity of the contacts under the loads at jumps with their overshoot."""
+    """A quantity of the contacts under the loads at acceleration steps with their overshoot."""
 
     words = "{} at acceleration steps", "jump_{}"
     after_steps = True

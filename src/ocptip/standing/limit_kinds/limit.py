@@ -1,4 +1,4 @@
-"""What a kind of limit of a standing mechanism is, for everything that looks at limits.
+"""The interface of kinds of limits of a standing mechanism.
 
 A limit has three sides. Each method's default says "nothing here", so that a kind has those it needs:
 
@@ -27,8 +27,10 @@ from ocptip.trajectories.trajectory import Trajectory
 
 TOLERANCE = 1e-9  # a limit exceeded by less than this, in its units, is kept
 ORDINARY, JUMP, DEVIATING = range(3)
-"""Kinds of nodes: of the motion; after a jump with its overshoot, see `standing.limit_kinds.jumps`; with
-joints that are late or overshoot, each by itself, see `motion.planner.deviating`."""
+"""Kinds of nodes: of the motion; after an acceleration step with its overshoot, see
+`standing.limit_kinds.jumps`; with joints that are delayed or overshoot, each by itself, see
+`motion.planner.deviating`.
+"""
 
 FAR_FROM_SLIPPING = 0.25  # share of GT's limit that no row of a program looks at
 INNER = 1e-4  # an asked number is tightened by this share where rounding must not break it
@@ -52,7 +54,7 @@ class Worst:
         limit: what it is compared with.
         detail: where or what, e.g. "joint 2".
         excess: by how much the limit is broken; negative where it is kept.
-        least: the limit is the least value, not the greatest.
+        least: the limit is a minimum, not a maximum.
     """
 
     name: str
@@ -106,14 +108,14 @@ class Limit:
     Args:
         robot: whose.
         asked: the task's numbers.
-        joints: coordinates that ramps are planned for; the others stay between start and goal.
+        joints: coordinates that are optimised; the others stay between start and goal.
 
     Attributes:
         name: of the kind.
         of_contacts: a matter of the contact forces: without meaning where the contacts do not hold.
         node_kinds: of nodes of a program that it is about.
         scenario: in which it is evaluated.
-        of_motion: looks at the motion itself, not at what may become of it.
+        of_motion: evaluates the motion itself, not its deviations.
         of_place: a matter of the angles only, whatever the timing.
         affine: rows of a program are affine in torques and wrench, and know nothing else of a state.
         width: number of rows at a node.
@@ -143,7 +145,7 @@ class Limit:
     # --- what happens -------------------------------------------------------------------------------------
 
     def measure(self, at: Instants) -> np.ndarray:
-        """Values (N, m) whose greatest are the worst; NaN where unknown."""
+        """Values (N, m) whose maxima are the worst; NaN where unknown."""
         return np.empty((len(at), 0))
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
@@ -163,7 +165,7 @@ class Limit:
         return []
 
     def path_excess(self, at: Instants) -> float:
-        """By how much a path, taken at rest, misses the limit, with some reserve; in about its units."""
+        """By how much a path, taken at rest, misses the limit, with some margin; in about its units."""
         return -np.inf
 
     # --- timing of a given path ---------------------------------------------------------------------------
@@ -206,7 +208,7 @@ class Limit:
         """Add the slopes of on . rows over the quantities y to on_y (N, ny)."""
 
     def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
-        """Add second derivatives of on . rows to H, and slopes that do not go by way of y to on_s (N, S)."""
+        """Add second derivatives of on . rows to H, and slopes that do not depend on y to on_s (N, S)."""
 
 
 class WrenchLimit(Limit):
@@ -270,7 +272,7 @@ class AskedLimit(Limit):
     Attributes:
         result: its name in results.
         setting: the field of `Limits`.
-        least: the number is the least value.
+        least: the number is a minimum.
         rows_first: not tightened at once where it is broken by more than a step: then rows were missing.
         smallest_step, largest_step: by how much the number is tightened at once, at least and at most.
     """
@@ -331,7 +333,7 @@ class TableLimit(AskedLimit):
 
     Attributes:
         table: the field of `Limits`.
-        inner_share: by so much tighter are programs.
+        inner_share: relative amount by which programs are tighter.
     """
 
     table = ""

@@ -1,6 +1,6 @@
-"""Limits of stops along the path: reserves while a motion is stopped at any instant, see `stops.along_path`.
+"""Limits of stops along the path: margins while a motion is stopped at any instant, see `stops.along_path`.
 
-Checks and programs look at the corners of the curve u_min(x). Rows of a program are those of the worst
+Checks and programs evaluate the corners of the curve u_min(x). Rows of a program are those of the worst
 corner, whose choice may change from one x of the program to the next.
 """
 

@@ -1,7 +1,7 @@
 """Limits of the contacts at the worst of a tolerance: no contact is lost. See `standing.within.worst_case`.
 
-Their values at instants are not measured one by one: `standing.within.in_motion` says what joints that are
-late or overshoot do to a motion.
+Their values at instants are not measured one by one: `standing.within.in_motion` evaluates motions with
+joints that are delayed or overshoot.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
 
 
 class WorstTorqueLimit(WithinLimit):
-    """Torques within the uncertainty; programs know those of the world as described, and are tightened."""
+    """Torques within the uncertainty; programs know those of the nominal model, and are tightened."""
 
     name, result, setting = "torque within tolerance", *[TORQUE_WITHIN] * 2
     smallest_step, largest_step = 1e-3, 0.05
@@ -172,7 +172,9 @@ class WorstTorqueLimit(WithinLimit):
 
 
 def left_at_rest(robot: StandingMechanism, tolerance: Uncertainty, rest: np.ndarray) -> float:
-    """Share of the least moment about a tipping axis that a tolerance leaves in postures (k, n) at rest."""
+    """Share of the minimum moment about a tipping axis that an uncertainty leaves in postures (k, n) at
+    rest.
+    """
     cases = worst_case_of(robot, tolerance)
     if not cases.axes:
         return 1.0
@@ -182,17 +184,17 @@ def left_at_rest(robot: StandingMechanism, tolerance: Uncertainty, rest: np.ndar
 
 
 def as_described(robot: StandingMechanism, asked: Limits, rest: np.ndarray, jumps: bool = True) -> Limits:
-    """Limits without a tolerance, tighter, so that motions of the world as described have about its room.
+    """Limits without an uncertainty, tighter, so that motions of the nominal model keep about its margin.
 
-    What a tolerance costs is taken as at rest where it is worst. A jump from a moment M
+    The cost of an uncertainty is that of the worst posture at rest. An acceleration step from a moment M
     about a tipping axis leads to M' >= kappa / (1 + kappa) M if that with its overshoot, M' + kappa (M' - M),
-    is to vanish at most; M is the least at rest.
+    is to vanish at most; M is the minimum at rest.
 
     Args:
         robot: whose.
         asked: of it.
         rest: (k, n) postures at rest.
-        jumps: accelerations jump.
+        jumps: there are acceleration steps.
     """
     if not asked.tolerance.given:
         return asked

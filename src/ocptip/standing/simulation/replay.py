@@ -67,7 +67,7 @@ class Replay:
         slides: (n,), m, the farthest that a sole that pressed was from where it stood at the start.
         end: of the motion, s.
         falls: the base fell over, or the simulation broke off.
-        quiet: (T,) True outside of steps with an event, in which forces are means.
+        quiet: (T,) True outside of steps with a switching time, in which forces are means.
         step: s.
     """
 
@@ -83,7 +83,7 @@ class Replay:
 
     @property
     def lift(self) -> float:
-        """Greatest height of a sole, m."""
+        """Maximum height of a sole, m."""
         return float(self.heights.max())
 
     @property
@@ -126,7 +126,7 @@ def library_mujoco() -> Any:
 
 
 class Simulator:
-    """Replays a motion, or a cycle, in worlds that differ.
+    """Replays a motion, or a cycle, in different scenarios.
 
     Args:
         parts: an arm's motions on its base, one after the other.
@@ -153,7 +153,7 @@ class Simulator:
         return self.run_many([world or World()])[0]
 
     def run_many(self, worlds: Sequence[World]) -> list[Replay]:
-        """The same in several worlds, one after the other."""
+        """The same in several scenarios, one after the other."""
         return [self._run(world) for world in worlds]
 
     def _run(self, world: World) -> Replay:
@@ -285,12 +285,12 @@ def prescribed(text: str, step: float) -> Any:
 
 
 class PrescribedModel:
-    """An exported model with joints that do what is commanded, for worlds that differ.
+    """An exported model with joints that do what is commanded, for different scenarios.
 
     The feet's damping is that of the payload with which it is made.
 
     Args:
-        robot: in one of the worlds: its feet, and whether it holds anything, are those of all.
+        robot: in one scenario: its feet, and whether it holds anything, are those of all scenarios.
         motion: that is exported with it.
         step: s.
 
@@ -347,7 +347,7 @@ def _parts(spec: Any) -> list[list[Any]]:
 
 
 def _speeds(motion: Trajectory, times: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """(T, n) joint speeds, each joint late by its time."""
+    """(T, n) joint speeds, each joint with its delay."""
     found = np.empty((len(times), len(late)))
     for delay in np.unique(late):
         own = np.clip(times - delay, 0.0, motion.end)
@@ -398,7 +398,7 @@ class Compared:
 
 
 def compared(parts: Sequence[Part], replay: Replay) -> Compared | None:
-    """The library's normal forces at the instants of a replay, rests and steps with events left out.
+    """The library's normal forces at the instants of a replay, rests and steps with switching times left out.
 
     None where it knows none: of rigid feet, more than three, one sharing of several is no prediction.
     """

@@ -97,7 +97,7 @@ def _lost(robot: Robot) -> list[str]:
 
 
 def _limits(joint: ET.Element, arm: ArmModel, k: int) -> None:
-    """Limits of a joint; those of one that follows another by its own motion."""
+    """Limits of a joint; those of one that follows another from the limits of its leader."""
     leader, ratio, offset = k, 1.0, 0.0
     if arm.coupling is not None:
         leader, ratio, offset = int(arm.coupling.leaders[k]), arm.coupling.ratios[k], arm.coupling.offsets[k]

@@ -18,18 +18,18 @@ from ocptip.standing.parts import Part
 
 @dataclass(frozen=True)
 class World:
-    """How the replayed world differs from the one that was planned for.
+    """How the replayed scenario differs from the planned one.
 
     Attributes:
-        stiffness: of all feet, N/m, with damping; None: as described.
+        stiffness: of all feet, N/m, with damping; None: nominal.
         damping: ratio of the lowest mode, for `stiffness`.
         tilt: of floor, base and robot, rad.
         downhill: rad, direction of the tilt from the base's x axis to its y axis.
-        payload: kg more at the gripper point.
+        payload: kg more at the TCP.
         friction: factor on all coefficients.
         speed: factor.
         masses: factors on the masses of base, links and payload, in this order; those left out: 1.
-        late: s, by which each joint is late; empty: none is.
+        late: s, delay of each joint; empty: none.
     """
 
     stiffness: float | None = None
@@ -99,7 +99,7 @@ class World:
 
 
 def with_more(payload: Payload | None, mass: float) -> Payload:
-    """A payload and a point mass at the gripper point."""
+    """A payload and a point mass at the TCP."""
     if payload is None:
         return Payload(mass)
     both = union(

@@ -2,12 +2,12 @@
 
 Along the path q(s), s = t as planned, a stop is another time law s(t): with x = s'^2 (1: the planned speed)
 and u = s'' the accelerations are q' u + q'' x; torques and the wrench on the base are affine in (u, x). The
-largest deceleration that the drives allow, u_min(x), is at every place the greatest of the lower bounds of u
+largest deceleration that the drives allow, u_min(x), is at every place the maximum of the lower bounds of u
 that the limits of torques and accelerations give: convex and piecewise linear in x. Stops begun at all
 instants before pass a place with all x from 0 to 1 (with a limit `time`: from some x on near the start). So
 what all stops do there is the curve u_min(x), 0 <= x <= 1, and between its corners tipping moments and the
-friction needed are worst at an end. Gentler stops lie in the convex hull of this curve, the motion itself
-(u = 0, x = 1) and rest (u = 0, x = 0), where every stop ends: where all these stand, so do they.
+friction needed are worst at an end. Gentler stops lie in the convex hull of this curve, the motion itself (u
+= 0, x = 1) and rest (u = 0, x = 0), where every stop ends: where all these stand, so do they.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class PathStops:
     """What stops along the path have to keep.
 
     Attributes:
-        GN, GT: largest reserve values during any stop, at most 1.
+        GN, GT: maximum during any stop, at most 1.
         time: s, that the time law takes at least from the planned speed to rest; 0: as little as the drives
             can.
     """
@@ -216,7 +216,7 @@ class StopPoints(Loaded):
         return StopPoints(self.robot, np.empty(0, dtype=int), *parts)
 
     def worst(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Greatest of values (P, ...) at each state, (N, ...), and the number of its point."""
+        """Maximum of values (P, ...) at each state, (N, ...), and the number of its point."""
         greatest = np.maximum.reduceat(values, self.starts, axis=0)
         number = np.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
         number = np.where(values == greatest[self.owner], number, len(values) - 1)
@@ -224,7 +224,7 @@ class StopPoints(Loaded):
 
 
 def _steepest(c: np.ndarray, d: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Number of the bound that is the greatest at x = 0, and just after."""
+    """Number of the bound that is the maximum at x = 0, and just after."""
     greatest = np.max(c, axis=1, keepdims=True)
     return np.argmax(np.where(c == greatest, d, -np.inf), axis=1)[state]
 

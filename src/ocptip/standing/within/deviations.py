@@ -1,10 +1,10 @@
-"""The wrench on the base of an arm as a function of its state and of how far the world is off.
+"""The wrench on the base of an arm as a function of its state and of the deviations from the nominal model.
 
-Deviations theta are numbers that are zero for the world as described: masses, gravity (a tilted floor),
-delays of the joints and so on. Most of them enter the wrench linearly. So what is worst for an affine
-functional of the wrench is, up to products of small numbers, the sum of closed forms: an end of every
-interval, the edge of the cap of gravity, the push along the gradient. Products count because the wrench is
-evaluated there, and the choice repeated.
+Deviations theta are numbers that are zero for the nominal model: masses, gravity (a tilted floor), delays of
+the joints and so on. Most of them enter the wrench linearly. So what is worst for an affine functional of the
+wrench is, up to products of small numbers, the sum of closed forms: an end of every interval, the edge of the
+cap of gravity, the push along the gradient. Products count because the wrench is evaluated there, and the
+choice repeated.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Deviations:
         return max((at.stop for at in self.places.values()), default=0)
 
     def within(self, tolerance: Uncertainty) -> Deviations:
-        """The same with another tolerance, of these quantities at most; nothing is built anew."""
+        """The same with another tolerance, of these quantities at most; nothing is rebuilt."""
         other = copy(self)
         other._set(tolerance)
         return other
@@ -167,7 +167,7 @@ class Deviations:
     # --- what is worst ------------------------------------------------------------------------------------
 
     def greatest(self, room: np.ndarray | None) -> np.ndarray:
-        """(size,) greatest deviations; (N, size) with (N, n) s by which joints can be late at most."""
+        """(size,) maximum deviations; (N, size) with (N, n), s, maximum delays of joints."""
         if room is None or "delay" not in self.places:
             return self.high
         high = np.tile(self.high, (len(room), 1))
@@ -175,7 +175,7 @@ class Deviations:
         return high
 
     def least(self, slopes: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
-        """Deviations (N, size) at which slopes (N, size) . theta is least; room as in `greatest`."""
+        """Deviations (N, size) at which slopes (N, size) . theta is minimal; room as in `greatest`."""
         theta, high = np.zeros(slopes.shape), self.greatest(room)
         own = self._intervals
         size = np.maximum(np.abs(self.low[own]), np.abs(high[..., own]))
@@ -190,7 +190,7 @@ class Deviations:
         return theta
 
     def _tilted(self, b: np.ndarray) -> np.ndarray:
-        """Changes (N, 3) of gravity within the cap at which b (N, 3) . gravity is least."""
+        """Changes (N, 3) of gravity within the cap at which b (N, 3) . gravity is minimal."""
         gravity, most = self.robot.support.gravity, self.tolerance.tilt
         size = np.linalg.norm(gravity)
         down = gravity / max(size, 1e-300)

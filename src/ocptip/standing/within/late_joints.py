@@ -1,16 +1,16 @@
-"""States that a motion may be in when every joint by itself is late, and overshoots where it jumps.
+"""States of a motion whose joints are delayed independently, and overshoot at acceleration steps.
 
-A joint that is late by up to d is, at a time t, where it should be at a time T in [t - d, t]; d is the delay
-in the motion's own time, times 1 + speed. Where its acceleration jumps at T, it has that before, or that
-after and the share kappa of the step more, or of the sum of its last two, three, ... steps since t - d, which
-add up. `certificate.trusted.late` encloses the same for all t. Here it is looked at instants, and at events
-and the longest delay after them: there the joints between whose jumps less than the delay lies are combined
-in all ways; where a motion jumps so often that these are too many, in those that are worst by slopes, and, at
-the worst instants, than all that differ in one joint.
+A joint with a delay of up to d is, at a time t, where it should be at a time T in [t - d, t]; d is the delay
+in the time of the motion, times 1 + speed. At a step of its acceleration at T, it has the value before, or
+that after and the share kappa of the step more. It may also add the share of the sum of its last two, three,
+... steps since t - d. `certificate.trusted.late` encloses the same for all t. Here instants are evaluated:
+any, and switching times and the longest delay after them. There the joints between whose steps less than the
+delay lies are combined completely. Where a motion has too many steps for that, the combinations are those
+that are worst by slopes and, at the worst instants, worse than all that differ in one joint.
 
-A state says where each joint is at the end of its stretch of times T without a jump; `room` is how long that
+A state says where each joint is at the end of its stretch of times T without a step; `room` is how long that
 stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant. Where it is
-not, what it was at t - d is a state of its own; between two jumps it lies between what it is next to these.
+not, the value at t - d is another state; between two steps it lies between the values next to these.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ _Way = tuple[float, float, float, float, str]
 
 
 class Doing(NamedTuple):
-    """What a joint may be doing at an instant.
+    """A possible state of a joint at an instant.
 
     Attributes:
-        event: of those in the delay before; None: it is on time.
-        steps: how many of the last steps of the acceleration, with that of the event, it overshoots; 0: it
-            still is as before the event.
-        room: s, how much later it may be, without another jump.
+        event: number of the switching time, of those in the delay before; None: it is on time.
+        steps: how many of the last steps of the acceleration, with that of the switching time, it overshoots;
+            0: it still is in the state before it.
+        room: s, further delay without another step.
     """
 
     event: int | None
@@ -60,7 +60,9 @@ class Doing(NamedTuple):
 
 
 def doings(events: Sequence[float] | np.ndarray, t: float, delay: float, overshoots: bool) -> list[Doing]:
-    """What a joint that jumps at events, s, increasing, in the delay before t may be doing at t."""
+    """Possible states at t of a joint with acceleration steps at `events`, s, increasing, in the delay before
+    t.
+    """
     found: list[Doing] = []
     low, at_once = t - delay, False
     for event, time in enumerate(events):
@@ -76,7 +78,7 @@ def doings(events: Sequence[float] | np.ndarray, t: float, delay: float, oversho
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """States at times (N,), s, with room (N, n), s, for delays; what jumps there do, in words.
+    """States at times (N,), s, with room (N, n), s, for delays; the acceleration steps there, in words.
 
     States s (N, 3 n) are angles, speeds, accelerations; what a process is that varies, 6 more.
     """
@@ -98,7 +100,7 @@ class Looked:
 
 
 class _Events:
-    """Events of a motion, and what joints do on both sides of them."""
+    """Switching times of a motion, and the accelerations of joints on both sides of them."""
 
     def __init__(self, motion: Trajectory, tolerance: Uncertainty) -> None:
         self.motion, self.times = motion, motion.event_times
@@ -112,7 +114,7 @@ class _Events:
         self.jumps[:, self.smooth] = False
 
     def room(self, times: np.ndarray) -> np.ndarray:
-        """(N, n), s: how late joints may be at times without having a jump still before them."""
+        """(N, n), s: maximum delay of joints at times without an acceleration step in between."""
         found = np.full((len(times), self.motion.n), self.delay)
         for j in range(self.motion.n):
             own = self.times[self.jumps[:, j]]
@@ -144,7 +146,7 @@ class _Events:
         return list(found)
 
     def _smooth_ways(self, inside: np.ndarray, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
-        """Of an acceleration that does not jump: on time, late, and where it was beyond in between."""
+        """Of an acceleration without step: on time, delayed, and where it was beyond in between."""
         between = self.after[inside, joint]
         low, high = sorted((own[2], then[2]))
         least, most = between.min(initial=low), between.max(initial=high)
@@ -161,9 +163,10 @@ class _Events:
 def on_time(
     motion: Trajectory, tolerance: Uncertainty, times: np.ndarray, robot: Robot | None = None
 ) -> Looked:
-    """States at instants, where joints are late only as far as their accelerations did not jump.
+    """States at instants, where joints are delayed only as far as there was no acceleration step.
 
-    What acts on the gripper of a robot `during` the motion is never late: it keeps the motion's clock.
+    What acts on the gripper of a robot `during` the motion is never delayed: it keeps the clock of the
+    motion.
     """
     room = _Events(motion, tolerance).room(times)
     acting = np.empty((len(times), 0)) if robot is None else robot.acting(times)
@@ -176,14 +179,14 @@ def jump_states(
     cases: WorstCase | None = None,
     robot: Robot | None = None,
 ) -> Looked:
-    """States around the events at which accelerations jump, or, where they do not, are late.
+    """States around the switching times: at acceleration steps, and elsewhere with delays.
 
     Args:
-        motion: that has the events.
+        motion: that has the switching times.
         tolerance: its delay and its overshoot.
-        cases: of motions with more than `MOST_OF_ALL` combinations the worst for these are looked at; without
+        cases: of motions with more than `MOST_OF_ALL` combinations the worst for these are evaluated; without
             them, all.
-        robot: `during` the motion: if its process varies, where it bends is looked at, too.
+        robot: `during` the motion: if its process varies, its knots are evaluated as well.
     """
     n, events = motion.n, _Events(motion, tolerance)
     found: list[_Instant] = []
@@ -238,7 +241,7 @@ class _Instant:
     acting: np.ndarray
 
     def looked(self, chosen: Sequence[Sequence[_Way]]) -> Looked:
-        """The states of combinations of ways."""
+        """The states of combinations of cases."""
         numbers = np.array([[way[:4] for way in own] for own in chosen])  # (C, n, 4)
         states = numbers[:, :, :3].transpose(0, 2, 1).reshape(len(chosen), -1)
         states = np.hstack([states, np.tile(self.acting, (len(chosen), 1))])
@@ -247,9 +250,9 @@ class _Instant:
 
 
 def _worst_ways(every: list[_Instant], cases: WorstCase) -> list[Looked]:
-    """Of each instant the combinations that are the worst for a moment or the slip reserve, by slopes.
+    """Of each instant the combinations that are the worst for a moment or for friction, by slopes.
 
-    At the worst instants of each they are the worst that exchanging the way of one joint at a time leads to.
+    At the worst instants of each they are the worst that exchanging the case of one joint at a time leads to.
     """
     n, size = len(every[0].ways), max(len(own) for doing in every for own in doing.ways)
     ways = np.full((len(every), n, size, 4), np.nan)
@@ -273,7 +276,7 @@ def _worst_ways(every: list[_Instant], cases: WorstCase) -> list[Looked]:
 def worst_of_ways(
     ways: np.ndarray, cases: WorstCase, acting: np.ndarray, matters: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which way of every joint is worst for each moment and the slip reserve, by their slopes.
+    """Which case of every joint is worst for each moment and for friction, by their slopes.
 
     Args:
         ways: (D, n, K, 4) at D instants: angle, speed, acceleration, room; NaN where there are fewer.
@@ -282,7 +285,7 @@ def worst_of_ways(
         matters: (F,) where a function stays below this, by its slopes, it is not checked more closely.
 
     Returns:
-        Numbers (D, F, n) of ways; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
+        Numbers (D, F, n) of cases; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
         where a function does not matter, less precisely.
     """
     count, n = ways.shape[:2]
@@ -312,7 +315,7 @@ def worst_of_ways(
 def _exchanged(
     ways: np.ndarray, cases: WorstCase, acting: np.ndarray, number: np.ndarray, values: np.ndarray
 ) -> np.ndarray:
-    """Numbers (D, F, n) of ways of which, at the worst instants, no other of a single joint is worse."""
+    """Numbers (D, F, n) of cases of which, at the worst instants, no other of a single joint is worse."""
     number, values, n = number.copy(), values.copy(), ways.shape[1]
     ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
     row, which = np.nonzero(ranks < _WORST)
@@ -340,7 +343,7 @@ def _exchanged(
 
 
 def _doing(joints: list[int], what: list[str]) -> str:
-    """ "joints 1, 2 overshooting, joint 4 late"."""
+    """`"joints 1, 2 overshooting, joint 4 late"`."""
     found = []
     for word in dict.fromkeys(what):
         own = [f"{j + 1}" for j, doing in zip(joints, what, strict=True) if doing == word]
@@ -349,7 +352,9 @@ def _doing(joints: list[int], what: list[str]) -> str:
 
 
 def combinations(ways: list[list[T]], most: int = MOST) -> list[tuple[T, ...]]:
-    """All, or of more than so many those in which all joints but one do the same."""
+    """All combinations, or if they are more than `most`, those in which all joints but one have the same
+    case.
+    """
     if prod(map(len, ways)) <= most:
         return list(product(*ways))
     found = []

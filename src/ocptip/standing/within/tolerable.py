@@ -35,7 +35,7 @@ def why_not(tolerance: Uncertainty, names: Sequence[str], kept: Callable[[Uncert
 
 
 def culprit_words(too_much: Uncertainty, factor: float) -> str:
-    """What `culprit` found, in words."""
+    """The result of `culprit`, in words."""
     if len(too_much.given) > 1:
         return f"each alone it can have, together {100 * factor:.0f} % of everything"
     return f"of {too_much} alone it can have {too_much.scaled(factor)}" if factor else f"no {too_much} alone"

@@ -1,9 +1,9 @@
 """Maximum torques of the drives of an arm within an uncertainty, all joints on time (sliding joints: forces).
 
 A torque is a sum over bodies: the weight of a body times what it asks of the joint, which is linear in
-gravity and in the square of the pace. CasADi's derivatives of the arm's equations of motion give these parts.
-Their maximum over weights, paces, tilts of gravity and pushes at the gripper has a closed form. Products of
-deviations are bounded, so that the maximum is an upper bound.
+gravity and in the square of the speed factor. CasADi's derivatives of the arm's equations of motion give
+these parts. Their maximum over weights, speed factors, tilts of gravity and pushes at the gripper has a
+closed form. Products of deviations are bounded, so that the maximum is an upper bound.
 """
 
 from __future__ import annotations
