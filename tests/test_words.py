@@ -8,7 +8,7 @@ import pytest
 
 from studies.words.run import EASE, ROOT, Page, banned, pages, texts_of_code
 
-MOST_BANNED = {"docstring": 749, "message": 0}
+MOST_BANNED = {"docstring": 495, "message": 0}
 """Of the code, which is not rewritten yet. These numbers only shrink."""
 
 PAGES = {str(page.path.relative_to(ROOT)): page for page in pages()}

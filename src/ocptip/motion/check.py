@@ -1,8 +1,8 @@
 """Check after the plan: does a motion keep all limits at every instant, not only at quadrature nodes?
 
-The exact motion is sampled in every interval between events, up to 0.15 us from each event on either side
-(torques and reserves jump there; joints that switch together do so within 0.1 us), and refined around the
-worst instants until they stay put. The rest before and after the motion is looked at, too.
+The exact motion is sampled in every interval between switching times, up to 0.15 us from each on either side
+(torques and margins have steps there; joints that switch together do so within 0.1 us). It is refined around
+the worst instants until these no longer move. The rest before and after the motion is also checked.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _NEAREST = 6
 _FRESH = 9
 _RELATIVE_TOLERANCE = 1e-9
 _CONTINUOUS = 1e-3
-"""Share of itself, or of 1: at most so much changes across an event (0.3 us) what does not jump."""
+"""Maximum relative change (of itself, or of 1) of a continuous quantity across a switching time (0.3 us)."""
 
 
 def scope_of(collision: dict[str, Any]) -> str:
@@ -81,7 +81,7 @@ class Proof(Protocol):
 
     @property
     def data(self) -> Mapping[str, Any] | None:
-        """Plain data for JSON from which the proof is judged; None where there is none."""
+        """Plain data for JSON from which the proof is checked; None where there is none."""
         ...
 
     def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
@@ -114,7 +114,7 @@ class MotionCheck:
         feet: how the base swings on compliant feet; None where it does not, or where that is not known.
         drives: how gripper and base vibrate with elastic joints; None where they do not.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
-        collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
+        collision: what was checked, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts at the worst of the tolerance; None where none was given.
         certificate: what is proved for all instants; None where nobody has put one there.
     """
@@ -174,7 +174,7 @@ class MotionCheck:
 
     @property
     def collision_text(self) -> str:
-        """Which collisions were looked for, and the smallest distance, in words."""
+        """The checked collisions and the smallest distance, in words."""
         found = self.collision
         if not found["checked"]:
             return "not checked: no collision geometry"
@@ -221,9 +221,9 @@ def check_motion(
 
     Args:
         robot: the arm on its support.
-        motion: the exact ramp motion, or samples: then the check is of the curve through them.
-        limits: default 0.9 for both reserves, the arm's torques, no collision.
-        step: first spacing of the grid inside the intervals between events, s.
+        motion: exact, by velocity profiles, or samples: then the check is of the curve through them.
+        limits: default 0.9 for GN and GT, the arm's torques, no collision.
+        step: first spacing of the grid inside the intervals between switching times, s.
         progress: called with the numbers of instants that are checked and that are to be checked.
 
     Raises:
@@ -393,7 +393,7 @@ def _evaluated(
 def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
     """New instants around the largest local maxima of each quantity, where neighbours still differ.
 
-    An end of an interval is none where the quantity goes on rising without a jump in the next interval.
+    An end of an interval is none where the quantity goes on rising continuously in the next interval.
     """
     new: list[list[np.ndarray]] = [[] for _ in grids]
     first, last = (np.array([grid.values[at] for grid in grids]) for at in (0, -1))

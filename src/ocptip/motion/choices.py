@@ -1,9 +1,9 @@
 """Which postures: a gripper pose leaves several, and the cheapest motion need not have the shortest path.
 
-Every pair of start and goal postures is judged by the cost of the plainest motion between them: one ramp per
-joint, all ending together, slowed down until the base stands. That orders pairs as the planned motions do,
-nearly; the most promising ones are planned. Of pairs next to each other in a continuum of postures one stands
-for all: the planner moves along it.
+Every pair of start and goal postures is ranked by the cost of the synchronised default motion between them:
+one trapezoidal velocity profile per joint, all ending together, slowed down until the base stands. That
+orders pairs as the planned motions do, nearly; the most promising ones are planned. Of pairs next to each
+other in a continuum of postures one stands for all: the planner moves along it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ def _difference(one: MotionTask, other: MotionTask) -> float:
 
 
 def plainest_cost(task: MotionTask) -> float:
-    """Cost of one ramp per joint from start to goal, as slow as is cheapest; infinite if it never stands."""
+    """Cost of the synchronised default motion from start to goal at the cheapest speed; infinite if it never
+    stands.
+    """
     robot, limits, best = task.robot, task.robot.limits, np.inf
     kept = limits_of(robot, task.limits, task.optimised)
     for factor in SLOWER:
@@ -89,7 +91,8 @@ def first_round(tasks: list[MotionTask], numbers: range) -> list[tuple[MotionTas
 def second_round(
     tasks: list[MotionTask], numbers: range, costs: dict[int, float]
 ) -> list[tuple[MotionTask, int]]:
-    """The starts that the first round leaves, for the tasks whose first start promises about the least cost.
+    """The starts that the first round leaves, for the tasks whose first start promises about the minimum
+    cost.
 
     Args:
         tasks, numbers: see `first_round`.

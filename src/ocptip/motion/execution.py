@@ -26,13 +26,13 @@ class Execution:
     """What runs a planned motion, and what it makes of it.
 
     Attributes:
-        controller: how it interpolates; "ramps": drives that take the commands as they are.
+        controller: how it interpolates; `"ramps"`: drives that take the commands of velocity profiles.
         motion: that is run.
         points: of trajectory.json; a controller makes `motion` of them, or what `written` says.
         check: of `motion`.
-        slower: factor of all times of the ramps, with which all limits are kept.
+        slower: factor of all times of the profiles, with which all limits are kept.
         step: between points, s.
-        rise_times: of the commands' accelerations, (n,), s; empty: ramps.
+        rise_times: of the commands' accelerations, (n,), s; empty: trapezoidal profiles.
         written: of drives: what a controller makes of the points, with its check; else None.
     """
 
@@ -49,11 +49,12 @@ class Execution:
     def of_drives(
         cls, robot: StandingMechanism, motion: Trajectory, limits: Limits, check: MotionCheck
     ) -> Execution:
-        """Of drives that take commands, whose check is known; the points are for who runs them as they are.
+        """Of drives that take commands, whose check is known; the points are for controllers that run them
+        exactly.
 
-        Those are controllers that draw cubics for ramps, and quintics for S-curves. Times in whole
-        nanoseconds lift accelerations between events of two joints that are near to each other, so the
-        points are checked, too, and are slower by the least factor that is needed if they break a limit.
+        These draw cubics for trapezoidal velocity profiles, and quintics for S-curves. Times in whole
+        nanoseconds raise accelerations between neighbouring switching times of two joints. So the points are
+        also checked, and slowed down by the minimum factor needed if they break a limit.
 
         Args:
             robot, motion, limits: as for `check_motion`.
@@ -112,9 +113,10 @@ def execute(
 ) -> Execution:
     """Points for a controller whose motion keeps all limits, slower than the plan if need be.
 
-    Cubics run ramps as they are, quintics S-curves. What a controller makes of other motions differs from
-    them a little and may break limits that they just keep. Then all times of the ramps are stretched by the
-    least factor that helps, up to `slowest`; beyond, the motion as it is is returned, with its violations.
+    Cubics run trapezoidal velocity profiles exactly, quintics S-curves. The interpolation of other motions
+    differs from them a little and may break limits that they just keep. Then all times of the profiles are
+    stretched by the minimum factor that helps, up to `slowest`. Beyond, the unchanged motion is returned,
+    with its violations.
 
     Args:
         robot, motion, limits: as for `check_motion`.

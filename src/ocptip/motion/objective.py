@@ -51,7 +51,7 @@ def priced(price_per_second: float) -> Objective:
     """Energy, and `price_per_second` (J/s) for the time that it takes.
 
     Raises:
-        InputError: the price is not above 0.
+        InputError: the cost of time is not above 0.
     """
     price = number_from("price_per_second", price_per_second)
     if price <= 0:
@@ -60,10 +60,10 @@ def priced(price_per_second: float) -> Objective:
 
 
 def objective_of(name: str | None, price_per_second: float | None) -> Objective:
-    """By what people write: a name, a price, or neither, which means energy.
+    """By what people write: a name, a cost of time, or neither, which means energy.
 
     Raises:
-        InputError: no such name, "both" without a price, or a price with another name.
+        InputError: no such name, "both" without a cost of time, or one with another name.
     """
     if price_per_second is not None:
         if name not in (None, "both"):

@@ -31,7 +31,7 @@ class Stop:
 
 
 class StoppedPath:
-    """All stops of a motion along its path, on a grid of places with both sides of every event.
+    """All stops of a motion along its path, on a grid of places with both sides of every switching time.
 
     Args:
         robot, motion: whose.
@@ -78,7 +78,8 @@ class StoppedPath:
     def safe_speeds(self) -> np.ndarray:
         """Largest share of the planned speed, at most 1, at which a stop begun at each place stands, (K,).
 
-        All smaller shares are safe, too. 0 where even a stop that ends there, from any speed, does not stand.
+        All smaller shares are safe as well. 0 where even a stop that ends there, from any speed, does not
+        stand.
         """
         safe = self._safe_squares()
         for k in range(len(safe) - 2, -1, -1):
@@ -125,7 +126,7 @@ class StoppedPath:
         return rest + x[:, None] * of_x + np.where(np.isfinite(u), u, 0.0)[:, None] * of_u
 
     def _fine(self, wrenches: np.ndarray) -> np.ndarray:
-        """(P,) whether the reserves are kept."""
+        """(P,) whether the limits of GN and GT are kept."""
         states = self._robot.contact_states(wrenches)
         fine = self._robot.tip_over.evaluate(states).GN <= self._stops.GN * (1 + 1e-9)
         rows = np.flatnonzero(fine)

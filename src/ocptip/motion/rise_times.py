@@ -1,10 +1,11 @@
-"""Which rise times: within a tolerance that counts jumps with their overshoot, S-curves cost less than ramps.
+"""Which rise times: where acceleration steps count with their overshoot, S-curves cost less than trapezoidal
+profiles.
 
-After a ramp's jump the base has to carry up to twice its load, of an S-curve only what late joints take,
-which is less the longer the rise. So where nothing is said about rise times, plans within such a tolerance
-are S-curves. Their rise time is SHORTEST over the share of the reserve that the tolerance leaves at rest,
-nearly; then the best motion is solved again with twice and half of it, while that costs less, and as ramps
-where its path promises to cost hardly more as such.
+After an acceleration step the base has to carry up to twice the load of the step; with an S-curve only the
+effect of delayed joints, which falls with the rise time. So plans within such an uncertainty are S-curves if
+no rise time is given. Their rise time is about SHORTEST over the share of the margin that the uncertainty
+leaves at rest. Then the best motion is solved again with twice and half of it, while that costs less. It is
+also solved with trapezoidal profiles where its path promises nearly the same cost.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.worst_case import left_at_rest
 
 SHORTEST = 0.05
-"""Least rise time that is chosen, s: about a period of what gives; shorter ones let it ring as jumps do."""
+"""Minimum rise time that is chosen, s: about a period of elastic parts; shorter ones let them ring as steps
+do.
+"""
 LONGEST = 0.4  # s
 
 
@@ -38,7 +41,7 @@ def families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
 
 
 def others(chosen: MotionTask) -> list[MotionTask]:
-    """The task with the rise times next to its own: twice, half, and none."""
+    """The task with the rise times next to the present one: twice, half, and none."""
     rise = max(chosen.rise_times or (0.0,))
     found = [other for other in (2 * rise, 0.5 * rise) if SHORTEST <= other <= LONGEST]
     tasks = [_possible(chosen, other) for other in (*found, 0.0)] if rise else []

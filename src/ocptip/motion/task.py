@@ -30,7 +30,7 @@ LONGEST = 30.0  # s, of a motion that is planned
 MOST_JOINTS = 8  # whose directions are all looked at
 REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
 FIRST_SEVEN = tuple(range(7))
-"""Joints with ramps of their own if nothing else is asked for: those of them that there are."""
+"""Joints that are optimised if nothing else is asked for, as far as they exist."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,19 +41,19 @@ class MotionTask:
         name: for messages and titles.
         robot: the arm, or the parallel robot, on its support.
         start, goal: joint angles, (n,), rad (sliding joints: m), or the platform's coordinates, m and rad.
-        limits: reserves, torques, clearance.
-        optimised: joints with ramp parameters, counted from 0, increasing; the others are passive. Default:
-            all joints up to the seventh.
+        limits: GN, GT, torques, clearance.
+        optimised: joints whose velocity profiles are optimised, counted from 0, increasing. Default: all
+            joints up to the seventh.
         commands: profile commands per optimised joint, at most 12.
-        objective: what is least.
+        objective: what is minimised.
         reference: a motion to compare with.
         choices: pairs of start and goal, (n,) each, of which the planner may take any instead.
         source: the file that it was read from; None: made in Python.
         targets: the gripper poses that start and goal are postures of; None where the angles are given. The
             planner chooses the posture where enough joints are optimised (`planner.free_ends`).
-        stops: how the robot is stopped, for checks of stops; a plan looks at them where `limits.stops` does.
+        stops: how the robot is stopped, for checks of stops; a plan includes them where `limits.stops` does.
         rise_times: s, within which the joints' accelerations rise and fall (S-curves): one for all, or (n,);
-            0 or none: ramps. None: the planner chooses, see `ocptip.motion.rise_times`.
+            0 or none: trapezoidal profiles. None: the planner chooses, see `ocptip.motion.rise_times`.
     """
 
     is_cycle: ClassVar[bool] = False
@@ -152,7 +152,7 @@ class Segment:
 
     @property
     def rest(self) -> float:
-        """s, standstill at the goal: at least until joints that are late have come, too."""
+        """s, standstill at the goal: at least until delayed joints have arrived."""
         late = self.task.limits.tolerance.late
         return max(self.dwell, late + _ROUNDED if late else 0.0)
 
@@ -171,9 +171,10 @@ class Segment:
 def refusals(task: MotionTask, *, at_rest: bool = True) -> tuple[str, ...]:
     """Why no plan can succeed, one sentence with numbers per reason; empty if nothing speaks against trying.
 
-    Start and goal have to keep the joints' limits, the clearance, and at rest the reserves and the torques;
-    every joint needs limits of speed and acceleration. Stops by brakes have to keep theirs when the motion
-    has just begun, with all joints moving that have to. Without `at_rest` start and goal are not checked.
+    Start and goal have to keep the joints' limits, the clearance, and at rest the limits of GN, GT and
+    torques; every joint needs limits of speed and acceleration. Stops by brakes have to keep theirs when the
+    motion has just begun, with all joints moving that have to. Without `at_rest` start and goal are not
+    checked.
     """
     limits, found = task.robot.limits, []
     if task.robot.varying is not None and task.robot.varying.over == PATH:
@@ -205,7 +206,7 @@ def refusals(task: MotionTask, *, at_rest: bool = True) -> tuple[str, ...]:
 def _brake_refusals(task: MotionTask) -> list[str]:
     """Why every motion breaks the limits of stops by brakes as soon as it has begun, when all joints move.
 
-    Nothing is said of brakes that act late, of many joints, and where postures may be chosen.
+    Not checked with delayed brakes, with many joints, and where postures may be chosen.
     """
     brakes, robot = task.limits.brakes, task.robot
     must = task.start != task.goal

@@ -1,4 +1,4 @@
-"""Check of a task: every segment on its own robot and limits, the rests between, and the worst of all."""
+"""Check of a task: every segment with its robot and limits, the rests between, and the worst of all."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class CycleCheck:
 
     Attributes:
         names: of the segments; that of a motion is empty.
-        segments: check of each motion, rest before and after it with what it holds included; times are its
-            own.
+        segments: check of each motion, rest before and after it with what it holds included; times count from
+            its begin.
         begins: s, when each begins.
         pauses: s, standstill after each.
         rest_energies: J, electric, of these.
@@ -86,7 +86,9 @@ def check_cycle(
 
 
 def with_rises(task: Task, motion: Trajectory, checked: CycleCheck) -> CycleCheck:
-    """The check of a motion with the rise time that leaves least vibration of gears; a cycle's as it is."""
+    """The check of a motion with the rise time that leaves minimum vibration of elastic joints; that of a
+    cycle is unchanged.
+    """
     if task.is_cycle:
         return checked
     drives = with_rise(task.robot, motion.segments[0])
@@ -163,7 +165,9 @@ def segments_of(task: Task, motion: Trajectory) -> Trajectory:
 
 
 def _longest(points: Points, seams: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The standstills; of neighbours between which no joint goes far, as where a ramp ends, the longest."""
+    """The standstills; of neighbours between which no joint goes far, as at the end of a profile, the
+    longest.
+    """
     groups: list[list[tuple[int, int]]] = []
     for seam in seams:
         if groups:
@@ -176,7 +180,9 @@ def _longest(points: Points, seams: list[tuple[int, int]]) -> list[tuple[int, in
 
 
 def _assignments(task: CycleTask, postures: list[np.ndarray]) -> list[list[int]]:
-    """Standstills at the goals of all segments but the last, in their order: the first two ways, if any."""
+    """Standstills at the goals of all segments but the last, in their order: the first two assignments, if
+    any.
+    """
     ways: list[list[int]] = [[]]
     for end in range(1, len(task.segments)):
         fitting = [k for k, q in enumerate(postures) if task.offset(end, q, NEAR).max() <= NEAR]
@@ -270,7 +276,7 @@ def _within(
 
 
 def _collision(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What was looked at in all; that of the smallest distance."""
+    """What was checked in all segments; that of the smallest distance."""
     looked = [own for own in found if own["checked"]]
     if len(looked) < len(found):
         return next(own for own in found if not own["checked"])

@@ -1,8 +1,8 @@
 """Which postures a cycle goes through: poses leave several, and the cheapest one depends on all segments.
 
-Every segment between two postures is judged by the cost of its plainest motion, as in `motion.choices`, and
-of the rest after it. The postures of all poses are chosen together: the cheapest ways through the
-layers of postures, closed if the cycle is.
+Every segment between two postures is ranked by the cost of its synchronised default motion, as in
+`motion.choices`, and of the rest after it. The postures of all poses are chosen together: the cheapest paths
+through the layers of postures, closed if the cycle is.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ocptip.standing.arm import Robot
 
 CANDIDATES = 12  # postures per pose, at most: those through which the shortest ways lead
 LOOKED_AT = 32
-"""Pairs of postures per segment: those with the shortest ways, and the shortest of each posture."""
+"""Pairs of postures per segment: those with the shortest joint paths, and the shortest of each posture."""
 PLANNED, WORSE = 4, 1.15
-"""At most so many ways, whose plainest motions cost at most so much more than the best."""
+"""Maximum number of sequences of postures, and their maximum default cost relative to the best."""
 NEVER = 1e6  # cost, in units of the objective's size, of a segment whose plainest motion never stands
 _SAME = 1e-6  # rad, m
 
@@ -55,7 +55,7 @@ def layers_of(task: CycleTask) -> list[np.ndarray]:
 
 
 def _promising(task: CycleTask, layers: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Of many postures per layer those through which the shortest ways lead."""
+    """Of many postures per layer those through which the shortest paths lead."""
     lengths = [
         np.sum(np.abs(after[None] - before[:, None]) / _speeds(task.segments[0]), axis=2)
         for before, after in pairwise(layers)
@@ -80,7 +80,7 @@ def _speeds(segment: Segment) -> np.ndarray:
 
 
 def likely_ways(task: CycleTask, layers: Sequence[np.ndarray]) -> list[Way]:
-    """The most promising ways through the layers, best first; the only one if there is no choice."""
+    """The most promising paths through the layers, best first; the only one if there is no choice."""
     if all(len(layer) == 1 for layer in layers):
         return [(0,) * len(layers)]
     costs = [
@@ -93,13 +93,13 @@ def likely_ways(task: CycleTask, layers: Sequence[np.ndarray]) -> list[Way]:
 
 
 def best_ways(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -> list[tuple[float, Way]]:
-    """The cheapest ways through layers of postures, with their costs, best first; exact.
+    """The cheapest paths through layers of postures, with their costs, best first; exact.
 
     Args:
         sizes: number of postures per layer.
         cost: of a segment between postures of neighbouring layers.
-        closed: only ways that end in the posture of the first layer that they start from.
-        count: of ways, at most.
+        closed: only paths that end in the posture of the first layer that they start from.
+        count: maximum number of paths.
     """
     found: list[tuple[float, Way]] = []
     for group in [[i] for i in range(sizes[0])] if closed else [range(sizes[0])]:
@@ -125,7 +125,8 @@ def rest_cost(segment: Segment, goal: np.ndarray) -> float:
 
 
 def leg_cost(segment: Segment, start: np.ndarray, goal: np.ndarray) -> float:
-    """Of the plainest motion between postures (n,) and the rest after it, in units of the objective's size.
+    """Of the synchronised default motion between postures (n,) and the rest after it, in units of the
+    objective's size.
 
     Infinite if it never stands.
     """
@@ -134,7 +135,9 @@ def leg_cost(segment: Segment, start: np.ndarray, goal: np.ndarray) -> float:
 
 
 def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(k, l) of the plainest motions, in units of the objective's size; infinite where not checked."""
+    """(k, l) of the synchronised default motions, in units of the objective's size; infinite where not
+    checked.
+    """
     ways = np.sum(np.abs(after[None] - before[:, None]) / _speeds(segment), axis=2)
     shortest = np.full(ways.shape, False)
     shortest.ravel()[np.argsort(ways, axis=None, kind="stable")[:LOOKED_AT]] = True
@@ -148,7 +151,7 @@ def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarra
 
 
 def _copies(segment: Segment, starts: np.ndarray) -> np.ndarray:
-    """The segment's goals, angles of several branches also near those of the starts; each once."""
+    """The segment's goals, angles of several IK solutions also near those of the starts; each once."""
     robot, goals = segment.task.robot, segment.goals
     if len(goals) == 1 or not isinstance(robot, Robot):
         return goals

@@ -1,8 +1,9 @@
-"""Poses of a cycle that leave a continuum of postures: these are moved to where the cycle costs least.
+"""Poses of a cycle that leave a continuum of postures: these are moved to the minimum cost of the cycle.
 
-Such poses are free within a range, or the arm has more joints than they have conditions. A way through the
-cycle is judged as in `cycles.choices`, by the plainest motions of its segments and the rests; its postures
-are moved one after the other, along the ranges and the redundancy, by steps that become smaller.
+Such poses are free within a range, or the arm has more joints than they have conditions. A sequence of
+postures of the cycle is ranked as in `cycles.choices`, by the synchronised default motions of its segments
+and the rests; its postures are moved one after the other, along the ranges and the redundancy, by steps that
+become smaller.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 
 STEPS = (0.5, 0.25, 0.125, 0.0625)
-"""Of a range of the gripper point; of `TURN` along a redundancy."""
+"""Of a range of the TCP; of `TURN` along a redundancy."""
 TURN = 0.8  # rad (sliding joints: m), of the joint that moves most
 SPARED = 1e-4  # share of the cost that a step has to spare
 _SAME = 1e-6  # rad, m
@@ -31,7 +32,8 @@ _DEPENDENT = 1e-6  # smaller singular values, relative to the largest, are zero
 def moved_ways(
     task: CycleTask, layers: Sequence[np.ndarray], ways: Sequence[Way]
 ) -> tuple[list[np.ndarray], list[Way]]:
-    """The layers with the postures of moved ways, and these ways, best first; then the best unmoved one.
+    """The layers with the postures of moved sequences, and these sequences, best first; then the best unmoved
+    one.
 
     All as they are where no pose leaves a continuum.
 

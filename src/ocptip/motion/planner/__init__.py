@@ -1,1 +1,1 @@
-"""From random starts to exact motions: smooth programs, order of events, exact program."""
+"""From random starts to exact motions: smooth programs, order of switching times, exact program."""

@@ -29,7 +29,7 @@ class StartResult:
         cpu_seconds: CPU time of its thread, which other work on the machine disturbs less.
         solves: number of programs solved.
         stages: CPU seconds by stage: start, coarse, fine, exact, check, proof.
-        hops: how often its motion was changed at random and solved anew.
+        hops: how often its motion was changed at random and solved again.
     """
 
     number: int
@@ -62,7 +62,7 @@ class Rough:
     Attributes:
         number: of the start.
         coarse, x: variables after the coarse program, and the last ones; None if there are none.
-        cost: about that of the motion, with jumps slowed down for them; infinite if there is none.
+        cost: about that of the motion, slowed down where acceleration steps count; infinite if there is none.
         status: what is missing; empty if nothing is.
         clock: what it took.
     """

@@ -1,11 +1,11 @@
-"""Nodes of an ordered program at which joints deviate: late at an event, or overshooting where they jump.
+"""Nodes of an ordered program at which joints deviate: delayed, or overshooting acceleration steps.
 
-Of ramps such a node lies at an event, or the longest delay after it, and its states are those that the
-check looks at (`within.late_joints`), up to how far angles and speeds have gone: of every joint that jumps
-there, or has jumped within that delay before, the steps of its acceleration count up to one of them, which
-is not done yet, or counts the share of the overshoot more, or does so with all steps before. Of S-curves
-every joint whose acceleration changes within the delay is on time, or late by all of it. All combinations
-are looked at, the worst of each row takes part.
+With trapezoidal velocity profiles such a node lies at a switching time, or the longest delay after it. Its
+states are those of the check (`within.late_joints`), up to small differences of angles and speeds. This
+concerns every joint with an acceleration step there, or within that delay before. Its steps count up to one
+of them. That one is not done yet, or counts the share of the overshoot more, or does so with all steps
+before. With S-curves every joint whose acceleration changes within the delay is on time, or has the whole
+delay. All combinations are evaluated; the worst of each row takes part.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ count; several of a joint add up."""
 
 
 class Late(NamedTuple):
-    """Joints that are late by so many seconds, and the interval in which they are (-1: at rest before)."""
+    """Delayed joints, the interval in which they are (-1: at rest before), and their delay, s."""
 
     joints: tuple[int, ...]
     interval: int
@@ -35,9 +35,9 @@ class Late(NamedTuple):
 
 
 class Deviating(NamedTuple):
-    """A node with deviating joints: so many seconds after an event, in an interval, with their steps.
+    """A node with deviating joints: `after` seconds after a switching time, in an interval, with their steps.
 
-    Or after so much of the way to the next event.
+    Or after a share of the time to the next switching time.
     """
 
     interval: int
@@ -60,8 +60,8 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Uncertainty) -
     """All nodes at which joints may deviate from a motion with variables x.
 
     Args:
-        order: of the events.
-        x: variables; events within the delay of each other there count as one.
+        order: of the switching times.
+        x: variables; switching times within the delay of each other there count as one.
         tolerance: its delay and its overshoot.
     """
     delay, more = tolerance.delay * (1 + tolerance.speed), tolerance.overshoot
@@ -91,7 +91,7 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Uncertainty) -
 
 
 def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay: float) -> list[Deviating]:
-    """Of S-curves: at events, between them and the delay after them, joints that are late."""
+    """Delayed joints of S-curves: at switching times, between them and the delay after them."""
     found, gaps = [], np.diff(times)
     places = [(event, after, 0.0) for event in range(len(times)) for after in (0.0, delay)]
     places += [(event, 0.0, share) for event in np.flatnonzero(gaps > delay).tolist() for share in BETWEEN]
@@ -110,7 +110,7 @@ def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay:
 
 
 def _apart(groups: np.ndarray, times: np.ndarray) -> list[int]:
-    """Of groups of steps that meet, the first; together they are one jump."""
+    """Of groups of steps that meet, the first; together they are one step."""
     return groups[np.diff(times[groups], prepend=-np.inf) > MEET].tolist()
 
 
@@ -140,7 +140,7 @@ def time_of(order: EventOrder, place: Deviating) -> np.ndarray:
 
 
 def masks_of(order: EventOrder, place: Deviating) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Masks (n, C), those of the ends of rises, and how late joints (n,) are, of a node: see `Nodes`."""
+    """Masks (n, C), those of the ends of rises, and delays of joints (n,), of a node: see `Nodes`."""
     groups, late = order.corner_positions, list(place.late.joints)
     at, behind = np.full((len(groups), 1), place.interval), np.zeros(len(groups))
     at[late], behind[late] = place.late.interval, place.late.delay
@@ -153,7 +153,9 @@ def masks_of(order: EventOrder, place: Deviating) -> tuple[np.ndarray, np.ndarra
 def worst_places(
     program: MotionProgram, x: np.ndarray, places: list[Deviating], first: int, share: float
 ) -> list[Deviating]:
-    """Of deviating nodes, from node `first` on, the worst of each event and row, if it uses so much."""
+    """Of deviating nodes, from node `first` on, the worst of each switching time and row, if its use is at
+    least `share`.
+    """
     if not places:
         return []
     kinds = [(place.event, place.after > 0, place.share) for place in places]
@@ -172,7 +174,7 @@ def worst_places(
 
 
 def kept_at_worst(program: MotionProgram, x: np.ndarray) -> bool:
-    """Whether rows within a tolerance are kept with the deviations chosen anew, not those of the solve."""
+    """Whether rows within a tolerance are kept with deviations chosen at x, not those of the solve."""
     at = program.instants(x, np.arange(program.n_nodes))
     own = [limit for limit in program.limits if DEVIATING in limit.node_kinds]
     return all(float(np.max(limit.use(at), initial=0.0)) <= 1 + KEPT for limit in own)

@@ -1,7 +1,8 @@
-"""The order of the events of a motion: ends of ramps and cruises, zero crossings, passive joints' corners.
+"""The order of the switching times of a motion: ends of acceleration phases and cruises, zero crossings,
+corners of non-optimised joints.
 
-In S-curves every corner is two events: its acceleration begins to change, and a rise time later it has
-changed. What is simultaneous at the first is so at the second.
+In S-curves every corner is two switching times: its acceleration begins to change, and a rise time later it
+has changed. What is simultaneous at the first is so at the second.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ from ocptip.trajectories.ramps import JointRamps
 from ocptip.trajectories.s_curves import s_curve
 
 SLOWEST = 5e-3
-"""Least peak speed of a command in an ordered program, rad/s."""
+"""Minimum peak speed of a command in an ordered program, rad/s."""
 
 
 class Ramped(Protocol):
-    """What is planned; `Formulation` is one: a mechanism's joints, those of `layout` by ramps."""
+    """What is planned; `Formulation` is one: a mechanism's joints, those of `layout` with optimised velocity
+    profiles.
+    """
 
     layout: Layout
     start: np.ndarray
@@ -35,21 +38,21 @@ class Ramped(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class EventOrder:
-    """Signs of speeds and order of events of a motion.
+    """Signs of speeds and order of switching times of a motion.
 
     Attributes:
         layout: with the crossings counted.
         speed_signs: (joints, K) +1 or -1.
         change_signs: (joints, K) sign of w_k - w_{k-1}.
-        regime: passive joints, see `Profiles`.
-        groups: names of the events in order, simultaneous ones in one group; "2.3" is corner 3 of joint 2
-            (1-based), "2.x1" its crossing in ramp 1, "5.p" and "5.pp" are t' and t'' of a passive joint. In
-            S-curves "2.x1" is the joint's first crossing, and groups that end rises are named
-            "2.3+", "5.p+", after the first of their corners.
-        times: by name, (nx,): event times are times[name] @ x.
+        regime: of non-optimised joints, see `Profiles`.
+        groups: names of the switching times in order, simultaneous ones in one group; "2.3" is corner 3 of
+            joint 2 (1-based), "2.x1" its crossing in acceleration phase 1, "5.p" and "5.pp" are t' and t'' of
+            a non-optimised joint. In S-curves "2.x1" is the joint's first crossing, and groups that end rises
+            are named "2.3+", "5.p+", after the first of their corners.
+        times: by name, (nx,): switching times are times[name] @ x.
         rows: (groups, nx), the times of the groups.
         corner_positions: (n, C) group of each corner.
-        late_positions: (n, C) group of each corner's end of rise; the same for ramps.
+        late_positions: (n, C) group of each corner's end of rise; the same without rise times.
         directions: (intervals, n) directions of motion, +1 at rest.
         apart: (., nx) rows more that are at least 0, see `kept_apart`.
     """
@@ -68,7 +71,7 @@ class EventOrder:
 
     @property
     def equalities(self) -> list[tuple[str, str]]:
-        """Events tied together: (first of the group, other member)."""
+        """Simultaneous switching times: (first of the group, other member)."""
         return [(group[0], member) for group in self.groups for member in group[1:]]
 
     @cached_property
@@ -81,7 +84,7 @@ class EventOrder:
         return steps[np.any(np.delete(steps, self.layout.one, axis=1) != 0, axis=1)]
 
     def kept_apart(self, x: np.ndarray, delay: float) -> EventOrder:
-        """The same where groups of events that are more than a delay (s) apart at x remain so."""
+        """The same where groups of switching times that are more than a delay (s) apart at x remain so."""
         times = self.rows @ x
         before = np.searchsorted(times, times - delay) - 1  # the last group that is so far before each
         late, early = np.arange(len(times))[before >= 0], before[before >= 0]
@@ -105,7 +108,9 @@ class EventOrder:
         return [(joint, k) for joint, k, _ in sorted(found, key=lambda one: one[2])]
 
     def speed(self, x: cs.SX, rise: float, joint: int, time: cs.SX, group: int) -> cs.SX:
-        """Speed of an optimised joint, whose rise time is given, in the interval after a group of events."""
+        """Speed of an optimised joint, whose rise time is given, in the interval after a group of switching
+        times.
+        """
         layout = self.layout
         j = layout.joints.index(joint)
         w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
@@ -123,22 +128,22 @@ class EventOrder:
         return speed
 
     def jump_masks(self, overshoot: float) -> np.ndarray:
-        """Masks (groups, n, C) of the accelerations after the jump at each group with its overshoot.
+        """Masks (groups, n, C) of the accelerations after the step at each group with its overshoot.
 
-        Those after the jump are the steps until then, each once; the step that is being taken counts once
-        more by the share `overshoot`. Angles and speeds are those of the event.
+        The steps until then count once each; the present step counts once more by the share `overshoot`.
+        Angles and speeds are those of the switching time.
         """
         at = np.arange(len(self.groups))[:, None, None]
         return (self.corner_positions <= at) + overshoot * (self.corner_positions == at)
 
 
 def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[EventOrder, np.ndarray]:
-    """Signs and order of events at x (variables of the smooth program, or of an ordered one).
+    """Signs and order of switching times at x (variables of the smooth program, or of an ordered one).
 
     Args:
         formulation: of the task.
         x: variables; crossings at its end are ignored.
-        merge: s; events nearer to each other than this are made simultaneous, if they can be.
+        merge: s; switching times nearer to each other than this are made simultaneous, if they can be.
 
     Returns:
         The order, and x with speeds moved to the right side of zero and with the crossings.
@@ -196,9 +201,9 @@ def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[Ev
 
 
 def _may_join(group: list[str], name: str, commands: int) -> bool:
-    """Whether an event may happen together with a group.
+    """Whether a switching time may coincide with a group.
 
-    Not with another of its own joint, except the two ends of its first or last cruise, and not at t = 0.
+    Not with another of the same joint, except the two ends of its first or last cruise, and not at t = 0.
     """
     if group[0] == "start":
         return False
@@ -251,10 +256,11 @@ def _ordered(
 
 
 def _risen(ramps: EventOrder, profiles: Profiles, x: np.ndarray) -> tuple[EventOrder, np.ndarray]:
-    """The order of an S-curve motion from that of its ramps, and x with its own crossings.
+    """The order of an S-curve motion from that of its trapezoidal profiles, and x with the crossings of the
+    S-curve.
 
-    The ramps' events keep their order and groups, the ends of their rises have the same; in time these two
-    rows of events, and the crossings, come among each other as they do at x.
+    The switching times of the trapezoidal profiles keep their order and groups, the ends of their rises have
+    the same. These two sequences, and the crossings, are interleaved in time as at x.
     """
     base = ramps.layout.extended(0)
     x = x[: base.size]
@@ -321,7 +327,9 @@ def _risen(ramps: EventOrder, profiles: Profiles, x: np.ndarray) -> tuple[EventO
 
 
 def _chains(count: int, late: dict[tuple[int, float], int]) -> list[list[int]]:
-    """Events that follow each other anyway: those of the ramps, and their ends for each rise time."""
+    """Switching times with a fixed order: those of the trapezoidal profiles, and their ends for each rise
+    time.
+    """
     rises = sorted({rise for _, rise in late})
     return [list(range(count)), *([at for (_, own), at in late.items() if own == rise] for rise in rises)]
 

@@ -1,8 +1,8 @@
 """From a solution of the smooth programs to an exact one.
 
-The order of events is fixed in each solve. Events that all but meet are simultaneous, so that no
-empty interval between them puts up constraints. Between solves, instants between the nodes at which a limit
-is broken become further nodes (an exchange method for the semi-infinite constraints).
+The order of switching times is fixed in each solve. Those that nearly coincide are simultaneous, so that no
+empty interval between them adds constraints. Between solves, instants between the nodes at which a limit is
+broken become further nodes (an exchange method for the semi-infinite constraints).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Exact:
     """An exact solution with a given order.
 
     Attributes:
-        order: of the events.
+        order: of the switching times.
         program, solution: of the last solve.
         extra: nodes added to the quadrature's.
     """
@@ -70,7 +70,9 @@ class Refiner:
         self.iterations, self.solves = 0, 0
 
     def first(self, x: np.ndarray, merge: float) -> Exact:
-        """The exact solution with the order that x has; events within `merge` seconds become simultaneous."""
+        """The exact solution with the order at x; switching times within `merge` seconds become
+        simultaneous.
+        """
         exact = self._solved(x, merge)
         if (beyond := self._beyond_edge(exact)) is not None:
             other = self._solved(beyond, merge)
@@ -86,7 +88,8 @@ class Refiner:
         return self.solve_order(order, x, start_mu=1e-3)
 
     def _beyond_edge(self, exact: Exact) -> np.ndarray | None:
-        """Variables beyond the end time at which a passive joint's ramp becomes a triangle, or a trapezoid.
+        """Variables beyond the end time at which the profile of a non-optimised joint becomes a triangle, or
+        a trapezoid.
 
         Only for a solution that lies just there, because its program goes no further; else None.
         """
@@ -182,7 +185,7 @@ class Refiner:
 
     @staticmethod
     def _lost(new: Solution, old: Solution, program: MotionProgram) -> bool:
-        """Whether a solve lost its way: rows of stops have corners, at which Newton steps may fail."""
+        """Whether a solve diverged: rows of stops have corners, at which Newton steps may fail."""
         if old.violation > FEASIBLE or new.status in SOLVED:
             return False
         costs = [program.values(solution.x)[0] for solution in (new, old)]
@@ -211,6 +214,6 @@ class Refiner:
         return chosen
 
     def motion(self, exact: Exact) -> Trajectory:
-        """The ramp motion of an exact solution."""
+        """The motion of an exact solution."""
         x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
         return self.formulation.motion(x)

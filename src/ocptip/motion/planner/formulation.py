@@ -1,9 +1,9 @@
-"""Programs of a motion task: one that leaves the order of events open, and one with the order fixed.
+"""Programs of a motion task: one that leaves the order of switching times open, and one with the order fixed.
 
-The smooth program replaces the jumps of accelerations (and of power at zero speed) by short smooth
-transitions at nodes spread evenly over the motion; it is as smooth as Ipopt wants it, whatever the order of
-the joints' events, and finds order and signs. The ordered program is exact: Gauss-Legendre nodes inside the
-intervals between events (5.25), with the order of the events and the signs of all speeds as constraints.
+The smooth program replaces the steps of accelerations (and of power at zero speed) by short smooth
+transitions at nodes spread evenly over the motion. It is as smooth as Ipopt wants it, for any order of
+switching times, and finds order and signs. The ordered program is exact: Gauss-Legendre nodes inside the
+intervals between switching times (5.25), with their order and the signs of all speeds as constraints.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class Smoothing:
 
     Attributes:
         width: s; half width of a step of an acceleration; None for the node spacing.
-        power: rad/s; the jump of a drive's power is spread over twice this speed.
+        power: rad/s; the step of a drive's power is spread over twice this speed.
         brake: rad/s; rounding of |speed| in the brake law.
-        shortest: least duration of a ramp, in half widths.
+        shortest: minimum duration of an acceleration phase, in half widths.
     """
 
     width: float | None
@@ -66,10 +66,10 @@ class Formulation:
         start, goal: (n,), rad.
         joints: optimised joints, 0-based.
         commands: K, profile commands of each.
-        objective: what is least.
-        durations: least and greatest duration, s.
+        objective: what is minimised.
+        durations: minimum and maximum duration, s.
         ends: which of start and goal are free; default none.
-        rise_times: (n,), s, of the accelerations; default 0: ramps.
+        rise_times: (n,), s, of the accelerations; default 0: trapezoidal profiles.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Formulation:
         return x
 
     def motion(self, x: np.ndarray) -> Trajectory:
-        """The exact ramp motion of a solution, rebuilt by way of its commands.
+        """The exact motion of a solution, rebuilt from its commands.
 
         Raises:
             InputError: no commands produce these phases.
@@ -159,7 +159,7 @@ class Formulation:
     def polished(self, order: EventOrder, structure: Structure, x: np.ndarray) -> np.ndarray:
         """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
 
-        Ipopt leaves errors of about 1e-8 s, in which simultaneous events would follow one another.
+        Ipopt leaves errors of about 1e-8 s, in which simultaneous switching times would follow one another.
         """
         count = len(structure.lower)
         equal = structure.lower == structure.upper
@@ -195,7 +195,7 @@ class Formulation:
     # --- programs ------------------------------------------------------------------------------------------
 
     def coarse_program(self, limits: Limits, end: float, nodes: int | None = None) -> MotionProgram:
-        """The smooth program with nodes spread evenly, for ramps that end after about `end` seconds."""
+        """The smooth program with nodes spread evenly, for profiles that end after about `end` seconds."""
         layout, nodes = self.layout, nodes or int(np.clip(end / SPACING, *SMOOTH_NODES))
         spacing = (end + self.rise) / nodes
         last = self._last(layout)
@@ -204,10 +204,10 @@ class Formulation:
         return self._smooth_program(limits, COARSE, spacing, times, weights)
 
     def fine_program(self, limits: Limits, smoothing: Smoothing, x: np.ndarray) -> MotionProgram:
-        """The smooth program with nodes that follow the events of a motion near x.
+        """The smooth program with nodes that follow the switching times of a motion near x.
 
-        The integrand is one smooth function of time, so that the sum over pieces from event to event is the
-        integral even when events pass each other.
+        The integrand is one smooth function of time, so that the sum over pieces between switching times is
+        the integral even when these pass each other.
         """
         layout, width = self.layout, smoothing.width
         assert width is not None  # fine programs have one
@@ -258,11 +258,11 @@ class Formulation:
     def ordered_program(
         self, limits: Limits, order: EventOrder, x: np.ndarray, extra: list[Place]
     ) -> MotionProgram:
-        """The exact program with the events in the given order.
+        """The exact program with the switching times in the given order.
 
         Args:
-            limits: to keep at the nodes; where jumps count with their overshoot every event is a node, too.
-            order: of the events.
+            limits: to keep at the nodes; where acceleration steps count, every switching time is also a node.
+            order: of the switching times.
             x: near the solution; short intervals there get fewer nodes.
             extra: further nodes, for rows only.
         """
@@ -399,7 +399,7 @@ class Formulation:
         return Course.of(self.robot.varying, self._last(layout))
 
     def _last(self, layout: Layout) -> np.ndarray:
-        """The row of the end of the motion, that of its ramps and the rise."""
+        """The row of the end of the motion, that of its trapezoidal profiles and the rise."""
         return unit_row(layout, layout.end) + self.rise * unit_row(layout, layout.one)
 
     def _ends(
@@ -418,7 +418,7 @@ def _arrive(rows: _Rows, asked: cs.SX, before: cs.SX, w: cs.SX, d: cs.SX, c: cs.
 
 
 def _delayed(w: cs.SX) -> cs.SX:
-    """Speeds before each ramp: 0, w_1 .. w_{K-1}."""
+    """Speeds before each acceleration phase: 0, w_1 .. w_{K-1}."""
     return cs.vertcat(0, *cs.vertsplit(w)[:-1])
 
 

@@ -12,20 +12,20 @@ from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.model import ArmModel
 
 FOUND_MARGIN = float(np.deg2rad(2.0))
-"""Distance from the angle limits that postures found from poses keep where they can, rad."""
+"""Distance from the angle limits that postures of poses keep where they can, rad."""
 
 
 class FreeEnds:
     """Which ends of a motion are free, and what they have to fulfil.
 
-    An end is free if the joints with ramps have more angles than its pose has equations; the others, passive,
-    keep those of the posture at hand.
+    An end is free if the optimised joints have more angles than its pose has equations; the other joints keep
+    the angles of the given posture.
 
     Args:
         arm: whose gripper; None for mechanisms without one.
         postures: start and goal (n,) at hand, rad (sliding joints: m).
         targets: poses they are postures of; None: of none, the angles are what is wanted.
-        joints: with ramps, 0-based.
+        joints: optimised ones, 0-based.
         margin: rad, from the angle limits.
     """
 

@@ -17,15 +17,15 @@ from ocptip.standing.mechanism import StandingMechanism
 class NodePhysics:
     """Quantities y = (power; torques (n); wrench (6); further (k)) of a robot over s = (q, qd, qdd) (3 n).
 
-    Of a robot with a process that varies s has this process's present value, too: (3 n + 6).
+    Of a robot with a process that varies s also has the present value of this process: (3 n + 6).
 
     Power is the sum over the joints, W; torques in N m; the wrench acts on the base about its centre of mass,
-    its weight included, N and N m; further quantities: see `StandingMechanism`. Where a drive's power jumps
-    with the direction of motion, one more input says how: the direction itself (+1 or -1 per joint), or in
-    the smooth form a speed r (rad/s): the jump is then spread over speeds from -r to r.
+    its weight included, N and N m; further quantities: see `StandingMechanism`. Where a drive's power has a
+    step at zero speed, one more input is needed: the direction of motion itself (+1 or -1 per joint), or in
+    the smooth form a speed r (rad/s): the step is then spread over speeds from -r to r.
 
-    The power of a motor depends on its own torque and speed alone: its derivatives are joined to those of the
-    dynamics here, which keeps CasADi's expressions a third as long.
+    The power of a motor depends on the torque and speed of this motor alone: its derivatives are joined to
+    those of the dynamics here, which keeps CasADi's expressions a third as long.
 
     Args:
         robot: on its support. Where the motors' speeds are functions of the state, the last n of the further
@@ -252,7 +252,7 @@ def _weigh(s, weights, of_power, n, speeds):
 
 @compiled_in_any_order
 def _bend(upper, on_s, slopes, of_power, inputs, on_power, n, speeds):
-    """Add what the power's own second derivatives make to upper; put the sum's slopes into on_s (S, N)."""
+    """Add the second derivatives of the power to upper; put the sum's slopes into on_s (S, N)."""
     size, N = on_s.shape
     m = len(inputs) - size
     on_s[:] = 0.0

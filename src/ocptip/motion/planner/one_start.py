@@ -75,7 +75,9 @@ class Search:
             self.inner = limit.inner(self.inner)
 
     def rough(self, number: int, seed: int) -> Rough:
-        """The start of that number, as far as the coarse program; with jumps, as far as the fine ones."""
+        """The start of that number, as far as the coarse program; if acceleration steps count, as far as the
+        fine ones.
+        """
         clock, task = Clock(), self.task
         rng = np.random.default_rng([seed, number])
         try:
@@ -135,9 +137,9 @@ class Search:
         return Attempt(clock.result(number, status, checked), motion, checked)
 
     def hopped(self, before: Attempt, draw: tuple[int, ...]) -> Attempt:
-        """A verified start solved anew from its motion changed at random, if that is better; by itself.
+        """A verified start solved again from its motion changed at random, if that is better; by itself.
 
-        Basin hopping: cheaper motions are found near a good one more often than anywhere.
+        Basin hopping: near a good motion cheaper ones are more frequent than elsewhere.
 
         Args:
             before: the start.
@@ -163,11 +165,11 @@ class Search:
         return replace(found, result=replace(found.result, hops=1))
 
     def changed(self, before: Attempt) -> Attempt:
-        """A verified start of a task with other rise times, solved anew with those of this one.
+        """A verified start of a task with other rise times, solved again with those of this one.
 
-        It stays as it is if that does not cost less, or promises to cost more: where jumps count from the
-        beginning, else after the smooth programs, which begin from the motion and from what is coarsely the
-        best near it, which may have another order of events.
+        It stays as it is if that does not cost less, or promises to cost more: from the beginning where
+        acceleration steps count, else after the smooth programs. These begin from the motion, and from a
+        coarse optimum near it, which may have another order of switching times.
         """
         assert before.motion is not None
         assert before.check is not None
@@ -205,7 +207,7 @@ class Search:
     def proved(self, before: Attempt, prove: Prove) -> Attempt:
         """A verified start with its certificate; solved again, tighter, where something is not proved.
 
-        What is proved replaces what is not, if it costs hardly more.
+        A proved motion replaces one that is not, if its cost is nearly the same.
         """
         assert before.motion is not None
         assert before.check is not None
@@ -221,7 +223,7 @@ class Search:
     def _made_provable(
         self, motion: Trajectory, checked: MotionCheck, prove: Prove, clock: Clock
     ) -> tuple[Trajectory, MotionCheck] | None:
-        """A certified motion near one that is not, if there is a way to one."""
+        """A proved motion near one that is not, if the search reaches one."""
         cost, refiner, exact = self._cost(checked), Refiner(self.formulation, self.inner), None
         try:
             for _ in range(PROOFS):
@@ -276,7 +278,9 @@ class Search:
         return replace(limits.without_stops, brakes=limits.brakes if number % 2 else None)
 
     def _coarse(self, x: np.ndarray, limits: Limits, clock: Clock) -> tuple[np.ndarray, float]:
-        """As `_fine`, of the coarse programs: anew while the motion becomes much shorter than the grid."""
+        """As `_fine`, of the coarse programs: repeated while the motion becomes much shorter than the
+        grid.
+        """
         formulation, x, cost = self.formulation, x.copy(), np.inf
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):
@@ -320,8 +324,8 @@ class Search:
     def _ordered(self, refiner: Refiner, x: np.ndarray, clock: Clock) -> Exact:
         """The exact solution near x.
 
-        Where the order of events found at x leads nowhere, others that x suggests are tried, and within a
-        tolerance slower motions.
+        Where the order of switching times at x leads nowhere, others that x suggests are tried, and within an
+        uncertainty slower motions.
         """
         best, within = None, bool(self.task.limits.tolerance.given)
         paces = SLOWER_JUMPS if self.jumps else SLOWER if within else (1.0,)

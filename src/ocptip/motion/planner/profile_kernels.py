@@ -1,18 +1,18 @@
-"""The loops of `profiles`: joint states at nodes, their derivatives, and what these make of others.
+"""The loops of `profiles`: joint states at nodes, their derivatives, and chain rules with these.
 
-A joint's corners depend on its own few variables only, so that the loops go over these and not over all of x.
-Innermost are the nodes, side by side in memory, but where rows are of single nodes: that is what the
-processor's vector units want, and why each line has few arrays.
+The corners of a joint depend on a few variables of this joint only, so that the loops go over these and not
+over all of x. Innermost are the nodes, side by side in memory, but where rows are of single nodes: that is
+what the processor's vector units want, and why each line has few arrays.
 
 States come in groups of three (angle, speed and acceleration of a joint; force or moment of a process) that
-depend on variables of their own, and through the time of the node on all others:
+depend on variables of the group, and through the time of the node on all others:
 
-    d state / dx = slope over the group's own variables + rate of the state * d time / dx
+    d state / dx = slope over the variables of the group + rate of the state * d time / dx
 
 Steps at a corner are exact (0 or 1, given) or spread smoothly over [-half_width, half_width], twice
 continuously differentiable. Behind a smooth step its first integral is exactly the time since the corner, so
 that a motion of steps that add to zero ends exactly where the sharp one does. In S-curves a step is the mean
-of these over the last rise time: with exact steps its ends are two events.
+of these over the last rise time: with exact steps its ends are two switching times.
 """
 
 import numpy as np
@@ -96,7 +96,7 @@ def _exact_steps(t, mask, of):
 
 @compiled
 def put_corners(x, joints, K, ramps, steps, times, d_steps):
-    """Put accelerations of ramps (joints, K + 1), and steps and times of the corners, of optimised joints.
+    """Put accelerations (joints, K + 1), and steps and times of the corners, of optimised joints.
 
     Args:
         x: variables.
@@ -130,12 +130,12 @@ def put_corners(x, joints, K, ramps, steps, times, d_steps):
 def put_passive_corners(
     end, joints, ways, cruises, rounding, trapezoid, steps, times, d_steps, d_times, second
 ):
-    """The same of passive joints, whose one variable is the end time, with two derivatives.
+    """The same of non-optimised joints, whose one variable is the end time, with two derivatives.
 
     Args:
         end: s.
         joints, ways, cruises: of each that moves; rad, and s at the speed at which it cruises.
-        rounding: s, of the transition between both forms of ramps; 0: which it is says trapezoid.
+        rounding: s, of the transition between both forms of profiles; 0: `trapezoid` says which.
         trapezoid: of each.
         steps, times, d_steps, d_times: of `Corners`, zero as they come.
         second: (n, 2) of acceleration and of t'.
@@ -209,21 +209,21 @@ def joint_states(
 
     Args:
         t: node times (N,), s.
-        behind: (n, N), s, by how much joints are late at nodes; or (0, 0): none is.
+        behind: (n, N), s, delay of joints at nodes; or (0, 0): none.
         masks: (n, C, N), or anything where half_width is not 0.
         ends: the same for the ends of rises; anything where there are none.
         half_width: of the smooth steps, s; 0 for exact ones.
-        rise: (n,), s, 0 for ramps.
+        rise: (n,), s, 0 for trapezoidal profiles.
         start: (n,), rad.
         alpha, tau: (n, C) steps and times of the corners.
-        d_alpha, d_tau: (n, C, P) their derivatives over the joint's own variables.
-        counts, used: (n,), how many of the own variables and of the corners a joint has.
+        d_alpha, d_tau: (n, C, P) their derivatives over the variables of the joint.
+        counts, used: (n,), how many variables and corners a joint has.
         size: S, number of states, 3 n or more; what is more is zero.
-        own_size: number of a group's own variables at most; 0: without derivatives.
+        own_size: maximum number of variables of a group; 0: without derivatives.
 
     Returns:
-        Angles, speeds, accelerations (S, N), their rates (S, N), their slopes over the own variables (S / 3,
-        own_size, 3, N), the steps (n, C, 5, N; of corners that are used).
+        Angles, speeds, accelerations (S, N), their rates (S, N), their slopes over the variables of the
+        groups (S / 3, own_size, 3, N), the steps (n, C, 5, N; of corners that are used).
     """
     N = len(t)
     n, C = alpha.shape
@@ -269,7 +269,7 @@ def over_all_variables(nodes, slopes, own, rates, rows, columns, counts, T):
         nodes, slopes: of the functions.
         own, rates: of `joint_states`.
         rows: (G, 3), the states of each group.
-        columns, counts: (G, own variables at most) and (G,), the own variables of each.
+        columns, counts: (G, maximum number of variables) and (G,), the variables of each group.
         T: (N, nx), d time / dx.
     """
     found = np.empty((len(nodes), T.shape[1]))
@@ -338,7 +338,7 @@ def slopes_at_all_nodes(on, own, rates, rows, columns, counts, T):
 
 @compiled
 def add_curvature(hessian, H, own, rates, rows, columns, counts, on_t, mixed):
-    """Add the sum over nodes of S' H S, S = d states / dx, as far as it is over own variables.
+    """Add the sum over nodes of S' H S, S = d states / dx, as far as it is over variables of the groups.
 
     Args:
         hessian: (nx, nx), added to.
@@ -390,7 +390,7 @@ def add_second_derivatives(
         hessian: (nx, nx), added to.
         weights: (S, N) of the states.
         steps, alpha, d_alpha, d_tau, counts, used: as in `joint_states`.
-        columns: (n, P or more), the own variables.
+        columns: (n, P or more), the variables of the joints.
         T: (N, nx), d time / dx.
         on_t, mixed: of `add_curvature`, added to; half of what on_t makes goes into mixed in the end.
         on_steps, on_times: (n, C), added to: weights of the second derivatives of the corners' steps, times.

@@ -1,10 +1,9 @@
 """Joint motions as functions of the optimisation variables, with first and second derivatives.
 
-Variables x, per optimised joint: signed cruise speeds w_1 .. w_K (rad/s), ramp durations d_1 .. d_K and the
-brake duration d_{K+1} (s), cruise durations c_1 .. c_K (s); then the end t_E (s), a constant 1 (so that
-affine expressions are linear in x), angles of start and goal (rad) where these are free, and the zero
-crossings of speeds (s). A joint's acceleration is a sum of
-steps alpha_k at its corner times tau_k, so that
+Variables x, per optimised joint: signed cruise speeds w_1 .. w_K (rad/s), acceleration durations d_1 .. d_K
+and the brake duration d_{K+1} (s), cruise durations c_1 .. c_K (s); then the end t_E (s), a constant 1 (so
+that affine expressions are linear in x), angles of start and goal (rad) where these are free, and the zero
+crossings of speeds (s). A joint's acceleration is a sum of steps alpha_k at its corner times tau_k, so that
 
     acceleration = sum alpha_k phi0(t - tau_k),  speed = sum alpha_k phi1,  angle = start + sum alpha_k phi2
 
@@ -72,7 +71,7 @@ class Layout:
         return slice(j * self.per_joint, j * self.per_joint + self.commands)
 
     def d(self, j: int) -> slice:
-        """Its ramp durations, the brake's last."""
+        """Its acceleration durations, the brake's last."""
         start = j * self.per_joint + self.commands
         return slice(start, start + self.commands + 1)
 
@@ -92,8 +91,9 @@ class Corners:
 
     Attributes:
         steps, times: (n, C), rad/s^2 and s.
-        d_steps, d_times: (n, C, P) derivatives with respect to the joint's own variables, `Profiles.columns`.
-        ramps: (joints optimised, K + 1) accelerations of the ramps, for second derivatives.
+        d_steps, d_times: (n, C, P) derivatives with respect to the variables of the joint,
+            `Profiles.columns`.
+        ramps: (joints optimised, K + 1) accelerations of the phases, for second derivatives.
         passive: (n, 2) second derivatives of acceleration and of t' with respect to t_E.
     """
 
@@ -110,11 +110,11 @@ class Profiles:
 
     Args:
         layout: of x.
-        start, goal: (n,), rad; where they are free, this is the passive joints'.
-        speed_limits: (n,), rad/s; those of the passive joints are what their ramps aim at.
-        rounding: s; width of the rounded transition of passive joints from triangle to trapezoid, 0 for
+        start, goal: (n,), rad; where they are free, this is that of the non-optimised joints.
+        speed_limits: (n,), rad/s; those of the non-optimised joints are what their profiles aim at.
+        rounding: s; width of the rounded transition of non-optimised joints from triangle to trapezoid, 0 for
             the exact rule.
-        rise_times: (n,), s, of the accelerations; default 0: ramps.
+        rise_times: (n,), s, of the accelerations; default 0: trapezoidal profiles.
     """
 
     def __init__(
@@ -162,15 +162,21 @@ class Profiles:
         return row
 
     def edge(self, joint: int) -> float:
-        """End time t_E, s, up to which a passive joint's ramp is a trapezoid; then it is a triangle."""
+        """End time t_E, s, up to which the profile of a non-optimised joint is a trapezoid; then it is a
+        triangle.
+        """
         return 2 * abs(self.way[joint]) / self.speed_limits[joint]
 
     def regime(self, end: float) -> dict[int, bool]:
-        """Whether each moving passive joint's ramp is a trapezoid (else a triangle) at this t_E."""
+        """Whether the profile of each moving non-optimised joint is a trapezoid (else a triangle) at this
+        t_E.
+        """
         return {joint: bool(self.edge(joint) > end) for joint in self.passive_joints}
 
     def __call__(self, x: np.ndarray, regime: dict[int, bool] | None = None) -> Corners:
-        """Corners at x ((nx,)); passive joints in the given regime, in the one that fits t_E by default."""
+        """Corners at x ((nx,)); non-optimised joints in the given regime, by default in the one that fits
+        t_E.
+        """
         layout = self.layout
         n, K, C, P = layout.n, layout.commands, self.corners, layout.per_joint
         steps, times = np.zeros((n, C)), np.zeros((n, C))
@@ -208,14 +214,14 @@ class Course:
 
     @classmethod
     def of(cls, process: ProcessWrench | None, end: np.ndarray) -> Course | None:
-        """None if nothing varies; tasks with a process over the way of the gripper are refused."""
+        """None if nothing varies; tasks with a process over the path of the TCP are refused."""
         assert process is None or process.over != PATH
         return None if process is None else cls(process, end)
 
     def put(self, x: np.ndarray, times: np.ndarray, states: NodeStates, columns: list[int]) -> None:
         """Put force and moment at times @ x, times (N, nx), and their slopes, into the last six states.
 
-        Own variables (columns) are those of the duration; none of a process that varies over time.
+        Its variables (columns) are those of the duration; none of a process that varies over time.
         """
         at, length = times @ x, 1.0
         if self.process.over != TIME:
@@ -245,7 +251,7 @@ class NodeStates:
     Attributes:
         values: (S, N): angles, speeds, accelerations, n each; force and moment of a process that varies.
         rates: (S, N), their derivatives over the nodes' times.
-        own: (groups, own variables, 3, N), over the variables of each group of three states.
+        own: (groups, variables, 3, N), over the variables of each group of three states.
         nodes: whose.
         steps, corners: what second derivatives need.
     """
@@ -311,15 +317,15 @@ class Nodes:
         masks: (N, n, C) of 0 and 1, which corners have passed at each node; None with a smooth step.
         late: (N, n, C) the same a rise time later; needed for exact S-curves only.
         half_width: s, of the smooth step, see `profile_kernels`; 0 with masks.
-        regime: of the passive joints, see `Profiles`.
-        behind: (N, n), s, by how much joints are late at nodes, with masks of then; default: none is.
-        kinds: (N,) of the nodes, see `standing.limit_kinds.limit`; at jumps masks are 1 + kappa at the
-            event's corners; default all ordinary.
+        regime: of the non-optimised joints, see `Profiles`.
+        behind: (N, n), s, delay of joints at nodes, with masks of then; default: none.
+        kinds: (N,) of the nodes, see `standing.limit_kinds.limit`; at acceleration steps masks are 1 + kappa
+            at the corners of the switching time; default all ordinary.
         course: of a process that varies.
 
     Attributes:
-        groups: rows (G, 3) of the states that depend on the same variables of their own, columns (G, most)
-            of these in x, and how many they are (G,).
+        groups: rows (G, 3) of the states that depend on the same variables, columns (G, most) of these in x,
+            and how many they are (G,).
     """
 
     def __init__(

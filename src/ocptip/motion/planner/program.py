@@ -1,13 +1,14 @@
-"""The optimal-control problem of ramp motions as a nonlinear program with exact derivatives.
+"""The optimal-control problem of velocity profiles as a nonlinear program with exact derivatives.
 
-Least cost (energy, time or both) over the variables of `profiles`, subject to
+Minimum cost (energy, time or both) over the variables of `profiles`, subject to
 
-- the structure: every joint arrives, brakes with the deceleration of its last ramp, keeps its acceleration
-  limit, ends no later than t_E; in an ordered program also the order of all events and the signs of speeds;
+- the structure: every joint arrives, brakes with the deceleration of its last phase, keeps its acceleration
+  limit, ends no later than t_E; in an ordered program also the order of all switching times and the signs of
+  speeds;
 - rows at nodes: those of the limits (`standing.limit_kinds.limit`).
 
-Most node rows are far from their limits; only those that are near take part (`RowSet`), the others are looked
-at after each solve.
+Most node rows are far from their limits; only those that are near take part (`RowSet`), the others are
+checked after each solve.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class RowSet:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Rows that depend on x only: equalities, limits of ramps, order of events.
+    """Rows that depend on x only: equalities, limits of velocity profiles, order of switching times.
 
     Attributes:
         function: CasADi function x -> g.
@@ -177,7 +178,7 @@ class MotionProgram:
         weights: (N, nx): the quadrature weights, s, are weights @ x; zero for nodes of rows only.
         directions: (N, n) directions of motion for the power.
         structure: rows in x.
-        objective: what is least.
+        objective: what is minimised.
         rows: node rows that take part; default none.
         pull: a term of the objective; default none.
     """
@@ -247,7 +248,7 @@ class MotionProgram:
         return names[int(np.argmax(np.maximum(lower - values, values - upper)))] if names else "range"
 
     def instants(self, x: np.ndarray, nodes: np.ndarray) -> Instants:
-        """Some of the nodes as limits look at them."""
+        """Some of the nodes as limits evaluate them."""
         return self._instants(x).some(nodes)
 
     def _about(self, limit: Limit) -> np.ndarray:
@@ -335,7 +336,7 @@ class MotionProgram:
         return result
 
     def _instants(self, x: np.ndarray) -> Instants:
-        """The nodes as limits look at them."""
+        """The nodes as limits evaluate them."""
         if self._looked is None or not np.array_equal(self._looked[0], x):
             s, columns = self.nodes.values(x), self.physics.columns
             y = self.physics.values(s, self._directions)

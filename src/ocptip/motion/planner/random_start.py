@@ -1,4 +1,4 @@
-"""Random ramp motions to start from: paths on which the robot stands at rest, run slowly enough to stand."""
+"""Random motions to start from: paths on which the robot stands at rest, run slowly enough to stand."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def random_start(
     rng: np.random.Generator,
     objective: Objective = ENERGY,
 ) -> Trajectory:
-    """A random motion from start to goal ((n,), rad) with `commands` ramps of each of `joints`.
+    """A random motion from start to goal ((n,), rad) with `commands` profile commands of each of `joints`.
 
     Targets, speeds and accelerations are drawn until the path neither collides nor tips at rest (after DRAWS
     draws the best path so far is taken), then the motion is slowed down until it stands. Of CANDIDATES such
-    motions it is the one with the least cost; with stops by brakes, of more of them the one in which those
-    are least bad. Where time counts, speeds and accelerations are drawn high.
+    motions it is the one with the minimum cost; with stops by brakes, of more of them the one whose stops
+    violate limits by the minimum amount. Where time counts, speeds and accelerations are drawn high.
     """
     kinds = limits_of(robot, limits, joints)
     kept = tuple(limit for limit in kinds if not isinstance(limit, BrakeLimit))
@@ -63,7 +63,9 @@ def random_start(
 
 
 def random_change(layout: Layout, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Variables (nx,) of a motion that takes as long, with other speeds and ramps of one joint, or of all."""
+    """Variables (nx,) of a motion that takes as long, with other speeds and acceleration durations of one
+    joint, or of all.
+    """
     x, one = x.copy(), rng.random() < 0.5
     size = rng.uniform(*(ONE_CHANGES if one else ALL_CHANGE))
     joints = [int(rng.integers(len(layout.joints)))] if one else range(len(layout.joints))
@@ -126,7 +128,7 @@ def _path_violation(robot: StandingMechanism, motion: Trajectory, limits: tuple[
 def pace_that_stands(
     robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...], paces: Sequence[float] = (1.0,)
 ) -> float | None:
-    """How many times slower a motion keeps the limits of the contacts, looked at coarsely.
+    """Time-scaling factor with which a motion keeps the limits of the contacts, checked on a coarse grid.
 
     Returns:
         The first such of the paces; None if it does at none.
