@@ -12,14 +12,15 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from tests import places
+from tests.quick import examples
 
 # Small matrices run on one thread, as in the workers of the planner; the tests have all cores anyway.
 threadpool_limits(1)
 
 # In CI the examples are the same in every run: no change fails because of an example that is new. How long
 # one takes is never a matter of these tests.
-settings.register_profile("ci", derandomize=True, deadline=None, max_examples=40)
-settings.register_profile("by hand", deadline=None)
+settings.register_profile("ci", examples(50, derandomize=True, deadline=None))
+settings.register_profile("by hand", examples(50, deadline=None))
 settings.load_profile("ci" if os.environ.get("CI") else "by hand")
 
 

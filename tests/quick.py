@@ -1,8 +1,10 @@
-"""What keeps tests quick: arguments of `ocptip plan`, and cases of which some run with slow tests only."""
+"""What keeps tests quick: arguments of `ocptip plan`, fewer random examples, cases that are slow tests."""
 
+import os
 from collections.abc import Iterable
 
 import pytest
+from hypothesis import settings
 
 ONE_START = ("--starts", "1", "--jobs", "1", "--tolerance", "none", "--no-figures")
 """One start in this process, as described: no tolerance."""
@@ -13,3 +15,12 @@ def some(count: int, cases: Iterable) -> list:
     cases = list(cases)
     marked = [case if isinstance(case, tuple) else (case,) for case in cases[count:]]
     return [*cases[:count], *(pytest.param(*case, marks=pytest.mark.slow) for case in marked)]
+
+
+THOROUGH = bool(os.environ.get("OCPTIP_THOROUGH"))
+"""All random examples run. Without it a fifth of them does, which finds what breaks a rule everywhere."""
+
+
+def examples(count: int, **more) -> settings:
+    """The settings of a test by random examples: `count` of them in a thorough run."""
+    return settings(max_examples=count if THOROUGH else max(3, count // 5), **more)

@@ -6,7 +6,7 @@ counts, such as a push at the base times the place of the base's centre of mass.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.certificate.describe import model_data, tolerance_data
@@ -17,6 +17,7 @@ from ocptip.standing.tolerance import Uncertainty
 from tests.certificate.test_find import _swing
 from tests.certificate.test_within_in_balls import _random_model, _random_motion
 from tests.oracles.worlds import ArmOnBase
+from tests.quick import examples
 
 KINDS = {
     "base_mass": [-0.2, 0.15],
@@ -73,7 +74,7 @@ def test_each_product_of_two_quantities_is_covered(pair):
         assert np.all(found - proved <= 0.02 * sizes), pair  # the bound is close: the attack is strong
 
 
-@settings(max_examples=10, derandomize=True)
+@examples(10, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_all_products_at_once_are_covered(seed):
     rng = np.random.default_rng(seed)

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from tests.places import EXAMPLES, UR5
+from tests.places import EXAMPLES, RESULTS, UR5
 from tests.quick import ONE_START
 
 RUN = """
@@ -37,10 +37,11 @@ def run(tmp_path):
     "arguments",
     [
         ["stand", EXAMPLES / "scenes/rover_on_slope.toml"],
-        ["plan", "A", *ONE_START],
+        ["check", RESULTS / "plans" / "A-effective" / "plan.json"],
         *(
             pytest.param(call, marks=pytest.mark.slow)
             for call in (
+                ["plan", "A", *ONE_START],
                 ["place", EXAMPLES / "tasks/place_incline.toml", "--starts", "1", "--no-figures"],
                 ["rate", "FP1W2F", *POSE],
                 ["parallel", "6UPS"],

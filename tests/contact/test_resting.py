@@ -6,7 +6,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
@@ -18,6 +18,7 @@ from ocptip.contact.verdict import equilibrium, stability
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from studies.contact.random_supports import random_support
+from tests.quick import examples
 
 
 def four_feet(rng: np.random.Generator) -> tuple[Support, np.ndarray]:
@@ -34,7 +35,7 @@ def stands(support: Support, wrenches: np.ndarray, **how) -> np.ndarray:
     return (TipOver(support).evaluate(states).GN < 1) & (Slip(support).evaluate(states).GT < 1)
 
 
-@settings(max_examples=12)
+@examples(12)
 @given(st.integers(0, 10_000))
 def test_the_verdict_depends_on_the_wrench_alone(seed):
     rng = np.random.default_rng(seed)

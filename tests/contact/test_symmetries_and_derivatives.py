@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +21,7 @@ from tests.contact.contact_cases import (
     parameters,
     polygon,
 )
+from tests.quick import examples
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=kind_name)
 every_space = pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
@@ -64,7 +65,7 @@ def changed(kind, transform, *, force=1.0, length=1.0, mass=1.0):
 PLAIN = {kind: changed(kind, np.eye(3)) for kind in KINDS}
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.sampled_from(KINDS), loads_of_all_kinds, st.integers(-6, 6), st.integers(-3, 3))
 def test_units_of_force_and_length_do_not_matter(kind, disturbance, force_exponent, length_exponent):
     force, length = 10.0**force_exponent, 10.0**length_exponent
@@ -79,7 +80,7 @@ def test_units_of_force_and_length_do_not_matter(kind, disturbance, force_expone
     np.testing.assert_allclose(scaled.acceleration / factor, state.acceleration, atol=1e-7 * size)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.sampled_from(KINDS), loads_of_all_kinds, vectors.filter(lambda v: np.linalg.norm(v) > 0.1))
 def test_the_choice_of_base_axes_does_not_matter(kind, disturbance, axis):
     turn = Rotation.from_rotvec(3 * axis).as_matrix()

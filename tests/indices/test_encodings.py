@@ -1,7 +1,7 @@
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -14,6 +14,7 @@ from ocptip.indices.encodings import (
     soft_smallest_eigenvalue,
 )
 from tests.indices.sample_platforms import SEEDS
+from tests.quick import examples
 
 SX = cs.SX.sym("A", 4, 4)
 
@@ -28,7 +29,7 @@ def evaluated(expression, *pairs):
     return np.array(function(*[value for _, value in pairs]))
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, st.floats(0.2, 3), st.sampled_from([cs.SX, cs.MX]))
 def test_pivots_have_the_signs_of_the_eigenvalues(seed, floor, kind):
     A = random_spd(np.random.default_rng(seed), 4)
@@ -43,7 +44,7 @@ def test_pivots_have_the_signs_of_the_eigenvalues(seed, floor, kind):
     assert block.guess(A).shape == (0,)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, st.floats(-1.0, 0.9))
 def test_lifted_start_is_feasible_where_the_matrix_is(seed, share):
     A = random_spd(np.random.default_rng(seed), 4)
@@ -57,7 +58,7 @@ def test_lifted_start_is_feasible_where_the_matrix_is(seed, share):
         assert (g <= block.upper + 1e-9 * np.abs(A).max()).all()
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, st.sampled_from([1, 2, 4, 8]))
 def test_soft_eigenvalue_is_conservative(seed, p):
     A = random_spd(np.random.default_rng(seed), 4)
@@ -72,7 +73,7 @@ def test_soft_eigenvalue_is_conservative(seed, p):
     assert evaluated(block.g, (SX, A - 1.01 * smallest * np.eye(4))).ravel()[1:].min() < 0
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, st.sampled_from([1, 2, 4, 8]), st.floats(1e-3, 1e3))
 def test_surrogate_bounds_the_index(seed, p, scale):
     rng = np.random.default_rng(seed)
@@ -86,7 +87,7 @@ def test_surrogate_bounds_the_index(seed, p, scale):
     assert same == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, st.sampled_from(["ldl", "lifted"]), st.floats(0.5, 1.5))
 def test_ratio_is_met_at_the_start_exactly_where_the_index_is(seed, method, share):
     rng = np.random.default_rng(seed)

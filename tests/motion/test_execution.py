@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
-from hypothesis import assume, given, seed, settings
+from hypothesis import assume, given, seed
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -23,6 +23,7 @@ from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.read_points import motion_of_points
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import stand_in_plan
+from tests.quick import examples
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +192,7 @@ def test_points_of_drives_keep_limits_in_whole_nanoseconds(task, apart, tmp_path
 
 @pytest.mark.slow
 @seed(3)
-@settings(max_examples=8)
+@examples(8)
 @given(st.integers(0, 10**6))
 def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
     """Of joints whose events lie anywhere, or near to each other."""

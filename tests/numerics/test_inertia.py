@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import parallel_axis, symmetric_matrix, union, why_impossible
+from tests.quick import examples
 
 
 def body(masses, points):
@@ -19,7 +20,7 @@ def body(masses, points):
     )
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(0, 10_000))
 def test_the_union_of_two_clouds_is_the_cloud_of_both(seed):
     rng = np.random.default_rng(seed)

@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
-from hypothesis import given, seed, settings
+from hypothesis import given, seed
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, nnls
 
 from ocptip.numerics.non_negative import non_negative
+from tests.quick import examples
 
 
 @seed(1)
-@settings(max_examples=60)
+@examples(60)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 16), st.booleans(), st.integers(-6, 6))
 def test_nothing_is_nearer(number, m, n, alike, power):
     rng = np.random.default_rng(number)
@@ -27,7 +28,7 @@ def test_nothing_is_nearer(number, m, n, alike, power):
 
 
 @seed(2)
-@settings(max_examples=40)
+@examples(40)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 12), st.integers(1, 8), st.integers(0, 8))
 def test_the_last_ones_may_have_any_sign(number, m, n, signed):
     rng, signed = np.random.default_rng(number), min(signed, n)

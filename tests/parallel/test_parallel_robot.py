@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, SolverError
@@ -18,6 +18,7 @@ from tests.oracles.parallel_routes.multipliers import accelerations
 from tests.parallel.parallel_cases import KIND_NAMES
 from tests.parallel.parallel_examples import extra_leg, five_axes, redundant_leg, spu6
 from tests.parallel.parallel_twin import random_robot, relative, rod_delta
+from tests.quick import examples
 
 ROBOTS = {name: ParallelRobot(make()) for name, make in READY_MADE.items()}
 
@@ -30,7 +31,7 @@ def near_home(robot, seed, size=0.05):
 
 @pytest.mark.parametrize("name", ROBOTS)
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=8)
+@examples(8)
 def test_inverse_and_forward_kinematics(name, seed):
     robot = ROBOTS[name]
     z, _, _ = near_home(robot, seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -12,6 +12,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.placement.least_slip import LeastSlip
 from ocptip.reserves.slip import Slip
+from tests.quick import examples
 from tests.reserves.test_mixed_friction import least_use, random_case
 
 
@@ -34,7 +35,7 @@ def loads(rng, turned, count=12):
     return np.hstack([forces @ turned.T, moments @ turned.T])
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(count=st.integers(3, 6), seed=st.integers(0, 10**6))
 def test_bound_is_no_larger_than_the_reserve_and_near_to_it(count, seed):
     """Duality: the largest share over all ways to slide is the smallest use over all forces that hold."""

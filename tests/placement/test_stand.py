@@ -3,7 +3,7 @@
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
@@ -18,6 +18,7 @@ from ocptip.placement.terrain import plane, rough_ground
 from ocptip.published.arms import load_arm, modular_motors
 from ocptip.standing.arm import Robot
 from tests.placement.placement_scenes import clamped, drilling, four_feet, on_uneven_ground, tripod
+from tests.quick import examples
 
 LINES = np.linspace(-3, 3, 13)
 FIELD = HeightField(
@@ -78,7 +79,7 @@ def test_feet_are_on_the_ground_with_its_normals(mode):
         assert moved == pytest.approx(0.0, abs=1e-12)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(x=st.floats(-1, 1), y=st.floats(-1, 1), angle=st.floats(-3, 3))
 def test_a_tripod_stands_where_a_general_solver_puts_it(x, y, angle):
     own = stand("tripod")

@@ -3,17 +3,18 @@
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.placement.terrain import custom_terrain, plane
 from tests.placement.placement_scenes import hills
+from tests.quick import examples
 
 SLOPE = st.floats(-2, 2)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SLOPE, SLOPE, st.floats(-3, 3), st.floats(-3, 3), st.floats(-7, 7))
 def test_plane_has_the_axes_of_the_source(a, b, x, y, angle):
     position, rotation = plane((a, b), 0.3).poses([[x, y, angle]])

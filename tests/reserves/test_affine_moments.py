@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
@@ -10,6 +10,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
 from ocptip.reserves.tipping import TipOver
+from tests.quick import examples
 from tests.reserves.reserve_scenes import (
     CLAMPS,
     FRICTION,
@@ -61,7 +62,7 @@ def assert_moments_follow_from_the_wrench(support, rng, count=30, least=5):
     assert np.max(error) < 1e-9 * scale
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 10**6), n=st.integers(3, 5))
 def test_feet_on_a_plane_anywhere_in_space(seed, n):
     rng = np.random.default_rng(seed)

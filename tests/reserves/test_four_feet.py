@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +16,7 @@ from ocptip.reserves.four_feet import four_feet
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.margins import Margins
+from tests.quick import examples
 
 RECTANGLE = [0.3, 0.2, 0], [0.3, -0.2, 0], [-0.3, -0.2, 0], [-0.3, 0.2, 0]
 
@@ -41,7 +42,7 @@ def random_wrenches(rng, support, turn, count):
     return np.hstack([force @ turn.T, moment @ turn.T])
 
 
-@settings(deadline=None, max_examples=15)
+@examples(15)
 @given(st.integers(0, 10**6))
 def test_the_usage_is_the_optimum_of_the_cone_program(seed):
     rng = np.random.default_rng(seed)
@@ -79,7 +80,7 @@ def test_nearly_all_states_are_certain_and_all_kinds_of_optima_occur():
     assert four_feet(square).share(square.wrench()[None]).usage[0] == 0.0
 
 
-@settings(deadline=None, max_examples=10)
+@examples(10)
 @given(st.integers(0, 10**6))
 def test_margins_are_the_same_with_and_without_a_contact_solver(seed):
     rng = np.random.default_rng(seed)

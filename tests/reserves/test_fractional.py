@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import null_space
 
@@ -8,6 +8,7 @@ from ocptip.reserves import fractional
 from ocptip.reserves.fractional import largest_usage, minimise_fraction
 from ocptip.reserves.minimax import forces_of
 from ocptip.reserves.optimality import ForceRange, RefinedPoint, refined
+from tests.quick import examples
 
 
 def problem(rng, count, n, k, radius=0.0, upper=10.0):
@@ -48,7 +49,7 @@ def test_derivatives_of_the_optimum(n, k):
     assert np.max(errors) < 0.05
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10**6), n=st.integers(3, 7), radius=st.sampled_from([0.0, 0.3]))
 def test_no_other_forces_are_better(seed, n, radius):
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
@@ -12,6 +12,7 @@ from ocptip.contact.support import Load, Support
 from ocptip.contact.verdict import equilibrium
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap, TipOver
+from tests.quick import examples
 from tests.reserves.reserve_scenes import corners, feet
 
 seeds = st.integers(0, 10**6)
@@ -43,7 +44,7 @@ def loaded(rng, support, force=60.0):
     return wrench, states, tip_over
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seed=seeds, n=st.integers(3, 6))
 def test_the_least_moment_is_what_can_be_added_about_any_axis(seed, n):
     rng = np.random.default_rng(seed)
@@ -60,7 +61,7 @@ def test_the_least_moment_is_what_can_be_added_about_any_axis(seed, n):
     assert not stands(nearest, least + 1e-3 * max(1.0, least))
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seed=seeds, n=st.integers(3, 5), clamp=st.booleans())
 def test_derivatives(seed, n, clamp):
     rng = np.random.default_rng(seed)
@@ -83,7 +84,7 @@ def test_derivatives(seed, n, clamp):
     assert reserve.moments[0, at] == pytest.approx(moments(wrench), rel=1e-6, abs=1e-6)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=seeds)
 def test_almost_on_a_plane_the_reserve_is_that_of_the_plane(seed):
     rng = np.random.default_rng(seed)

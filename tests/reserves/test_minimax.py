@@ -1,13 +1,14 @@
 import clarabel
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.optimize import linprog, minimize
 
 from ocptip.reserves import minimax
 from ocptip.reserves.minimax import ConeBatch, lengths, minimise_usage, solve_each
+from tests.quick import examples
 
 
 def problem(rng, count, n, k, spread=1.0):
@@ -55,7 +56,7 @@ def test_against_slsqp():
         assert optimum.usage[s] == pytest.approx(found.x[0], rel=1e-6)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 10**6), n=st.integers(2, 8), spread=st.floats(0, 8))
 def test_bounds_meet_and_the_forces_are_redistributions(seed, n, spread):
     q, Q, limits = problem(np.random.default_rng(seed), 5, n, 2, spread)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.reserves.minimax import _minimise_general, minimise_usage
+from tests.quick import examples
 
 
 def problem(seed, count=6):
@@ -25,7 +26,7 @@ def problem(seed, count=6):
     return q, *(np.broadcast_to(a, (count, *a.shape)).copy() for a in (Q, J)), limits
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seed=st.integers(0, 10**6))
 def test_both_ways_find_the_same_optimum_and_the_same_derivative(seed):
     q, Q, J, limits = problem(seed)
@@ -44,7 +45,7 @@ def test_both_ways_find_the_same_optimum_and_the_same_derivative(seed):
     np.testing.assert_allclose(np.sum(np.linalg.norm(fast.pull, axis=2) * limits, axis=1), 1, rtol=1e-9)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 10**6))
 def test_the_pull_is_the_derivative_of_the_usage(seed):
     q, Q, J, limits = problem(seed, count=1)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -15,7 +15,7 @@ from ocptip.reserves.minimax import ConeBatch, lengths
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from studies.contact.random_supports import random_support, random_wrenches
-from tests.quick import some
+from tests.quick import examples, some
 from tests.reserves.reserve_scenes import (
     CLAMPS,
     FRICTION,
@@ -250,7 +250,7 @@ def test_contacts_that_squeeze_each_other_say_so():
     assert full.GT[0] < 0.2 * tangential.GT[0]
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seed=st.integers(0, 10**6))
 def test_persistent_means_both_reserves_below_one_on_three_feet(seed):
     rng = np.random.default_rng(seed)
@@ -263,7 +263,7 @@ def test_persistent_means_both_reserves_below_one_on_three_feet(seed):
     np.testing.assert_array_equal((worst < 1)[clear], states.persistent[clear])
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seed=st.integers(0, 10**6))
 def test_any_support(seed):
     rng = np.random.default_rng(seed)
@@ -283,7 +283,7 @@ def test_any_support(seed):
     assert np.all(tangential.GT[states.persistent] <= outer * (1 + 1e-6))
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 10**6), mode=st.sampled_from(MODES))
 def test_rotating_the_base_axes_changes_nothing(seed, mode):
     rng = np.random.default_rng(seed)
@@ -375,7 +375,7 @@ def test_a_state_whose_forces_are_all_but_optimal_is_certified():
     assert Slip(support).evaluate(states).solved.all()  # the 309th had a gap of 1.6e-7
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 10**6), n=st.integers(4, 6))
 def test_tiny_friction_is_certified(seed, n):
     """Friction and the loads in its plane times the same factor give the same reserve."""

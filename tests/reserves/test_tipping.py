@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -17,6 +17,7 @@ from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver, largest_least
 from studies.contact.random_supports import random_support, random_wrenches
+from tests.quick import examples
 from tests.reserves.reserve_scenes import (
     CLAMPS,
     GRAVITY,
@@ -209,7 +210,7 @@ def test_gradients_against_central_differences(name):
         assert np.max(np.abs(reserve.moment_gradients[:, i] - reference)[same]) < 1e-5
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 10**6))
 @example(seed=5392)  # no load beside large preloads
 @example(seed=293092)  # hardly any
@@ -232,7 +233,7 @@ def test_ratio_is_between_0_and_1_and_moments_are_affine(seed):
     assert np.all(np.isfinite(reserve.gradient[ok]))
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10**6))
 def test_rotating_the_base_axes_changes_nothing(seed):
     rng = np.random.default_rng(seed)

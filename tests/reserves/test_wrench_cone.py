@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
@@ -16,6 +16,7 @@ from ocptip.contact.verdict import stability
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap, TipOver
 from ocptip.reserves.wrench_cone import TOLERANCE, ConeMap
+from tests.quick import examples
 
 SHARE = 0.8
 
@@ -99,7 +100,7 @@ def test_programs_stop_where_contacts_hold_for_sure(count):
     assert np.max(slip.evaluate(states, derivatives=False).GT[~sliding]) <= slip.sure * (1 + 1e-7)
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(seed=st.integers(0, 10**6), count=st.sampled_from([3, 4, 5]), size=st.floats(0.05, 1.0))
 def test_the_greatest_reserves_are_exact_and_all_others_are_below(seed, count, size):
     """Whether wrenches hold the base or not."""

@@ -9,7 +9,7 @@ import clarabel
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import sparse
 
@@ -30,6 +30,7 @@ from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import earliest_end
 from tests.places import EXAMPLES, RESULTS
+from tests.quick import examples
 from tests.retiming.paths import cart, delta, random_path, tripod
 
 
@@ -65,7 +66,7 @@ def test_splines_that_turn_back_are_timed_as_well_as_others():
     assert enough(random_path(task, 1, 0.1), 300) <= 600
 
 
-@settings(max_examples=3, derandomize=True)
+@examples(3, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_random_paths_keep_all_limits(seed):
     for task, limits in ((tripod(), Limits()), (delta(), delta().limits)):

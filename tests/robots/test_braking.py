@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
@@ -15,6 +15,7 @@ from ocptip.robots.braking import brake, terms
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.urdf import arm_from_urdf
 from tests.places import UR5
+from tests.quick import examples
 from tests.robots.pinocchio_twin import twin
 from tests.robots.sample_arms import random_arm
 
@@ -60,7 +61,7 @@ def test_rest_is_where_pinocchio_comes_to_rest(arm, share):
     np.testing.assert_allclose(exact.angles[-1, 0], angles, atol=0.005 * np.abs(angles - q).max())
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 10**6))
 def test_brakes_only_take_energy_until_everything_rests(seed):
     arm = arm_from_urdf_once()
@@ -119,7 +120,7 @@ def test_links_without_mass_stop_at_once():
     assert np.abs(run.angles[-1] - 0.3).max() < 1e-3
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(
     inertia=st.floats(0.1, 5.0),
     speed=st.floats(0.2, 3.0),

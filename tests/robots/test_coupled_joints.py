@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -18,6 +18,7 @@ from ocptip.robots.kinematics import gripper_pose, jacobian, link_frames
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
+from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 
 pytestmark = pytest.mark.filterwarnings("ignore::ocptip.basics.errors.InputWarning")  # odd masses
@@ -88,7 +89,7 @@ def chains(draw, forwards: bool):
     return draw(st.integers(0, 2**31 - 1)), slides, mimics
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(chain=chains(forwards=True))
 def test_it_agrees_with_the_mimic_joints_of_pinocchio(chain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("chain")
@@ -112,7 +113,7 @@ def test_it_agrees_with_the_mimic_joints_of_pinocchio(chain, tmp_path_factory):
     np.testing.assert_allclose(rotation, data.oMf[frame].rotation, atol=1e-12)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(chain=chains(forwards=False))
 def test_it_is_the_projection_of_the_chain_of_all_joints(chain, tmp_path_factory):
     """Torques are G' tau, in whatever order joints follow each other; tau by Pinocchio."""

@@ -6,7 +6,7 @@ import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -15,6 +15,7 @@ from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_pinocchio
+from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 from tests.robots.sample_arms import random_arm
 
@@ -60,7 +61,7 @@ def test_negative_inertias_by_an_equivalent_of_positive_ones():
         np.testing.assert_allclose(ours.wrench, more[1] - less[1], atol=1e-10)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 8))
 def test_random_arms_agree_with_pinocchio(seed, joints):
     model = random_arm(seed, joints)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -14,6 +14,7 @@ from ocptip.robots.collision.shapes import Ball, BodyShape
 from ocptip.robots.geometry import CollisionModel, Pillar, Solid, Wall, floor, spheres_along_links
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import SphereSet
+from tests.quick import examples
 from tests.robots.sample_arms import random_arm
 
 TURN = np.array([0.6, 0.0, 0.8])
@@ -32,7 +33,7 @@ def centres(model, q):
 
 
 @pytest.mark.parametrize("name", arm_names())
-@settings(max_examples=15)
+@examples(15)
 @given(angles=st.lists(st.floats(-3, 3), min_size=6, max_size=6))
 def test_all_gaps_by_plain_geometry(name, angles):
     model = load_arm(name).mounted([0.02, 0.03, 0.1])

@@ -3,12 +3,13 @@
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.published.arms import load_arm, modular_motors
 from ocptip.robots.motors import DCMotors, PowerMaps
+from tests.quick import examples
 from tests.robots.sample_arms import random_arm
 
 MAPS = modular_motors()
@@ -37,7 +38,7 @@ def test_standing_still_costs_the_electronics():
     )
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(torque=SIX, speed=SIX)
 def test_maps_are_symmetric_and_jump_only_at_rest(torque, speed):
     tau, w = unit_states(torque, speed)
@@ -59,7 +60,7 @@ def test_load_reading_conserves_energy_and_the_literal_one_does_not():
     assert literal.min() < -100  # a drive that delivers 100 W more than it draws
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(torque=SIX, speed=SIX)
 @pytest.mark.parametrize(
     "motors", [MAPS, modular_motors(torque_reading="drive"), DC], ids=["load", "drive", "dc"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -14,6 +14,7 @@ from ocptip.robots.braking import terms
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_pose, jacobian
 from ocptip.robots.process import AXES, ProcessWrench
+from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 from tests.robots.sample_arms import random_arm
 
@@ -34,7 +35,7 @@ def in_base_axes(model, process, q):
     return turn @ process.force, turn @ process.moment
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 7), axes=st.sampled_from(AXES))
 def test_torques_and_base_wrench_are_pinocchios(seed, joints, axes):
     model, process = random_arm(seed, joints), random_process(seed, axes)

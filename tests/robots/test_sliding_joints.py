@@ -6,7 +6,7 @@ import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -19,6 +19,7 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.kinematics import gripper_pose, jacobian, link_frames
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.urdf import arm_from_pinocchio
+from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 from tests.robots.sample_arms import random_arm
 
@@ -49,7 +50,7 @@ def random_model(seed: int, slides: list[bool], root: pin.JointModelFreeFlyer | 
 chains = st.lists(st.booleans(), min_size=1, max_size=8)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 2**31 - 1), slides=chains)
 def test_any_chain_agrees_with_pinocchio_and_with_its_floating_base(seed, slides):
     pin.seed(seed)
@@ -94,7 +95,7 @@ def slider(seed: int, slides: list[bool]) -> ArmModel:
     return dataclasses.replace(random_arm(seed, len(slides)), prismatic=np.array(slides))
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 2**31 - 1), slides=chains)
 def test_loads_at_the_gripper_and_armatures_agree_with_pinocchio(seed, slides):
     model, rng = slider(seed, slides), np.random.default_rng(seed)
@@ -108,7 +109,7 @@ def test_loads_at_the_gripper_and_armatures_agree_with_pinocchio(seed, slides):
     assert np.abs(difference).max() < 1e-12 * np.abs(theirs).max()
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seed=st.integers(0, 2**31 - 1), slides=chains)
 def test_derivatives_agree_with_finite_differences(seed, slides):
     model, n = slider(seed, slides), len(slides)

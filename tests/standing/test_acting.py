@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -32,6 +32,7 @@ from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.late_joints import jump_states
 from ocptip.standing.within.worst_case import worst_case_of
 from tests.motion.test_process_in_motion import SMALL, case, varying
+from tests.quick import examples
 
 LATE = replace(SMALL, delay=0.01, damping=0.1)
 
@@ -158,7 +159,7 @@ def test_a_certificate_with_another_process_does_not_hold():
         assert not check_certificate(other).holds
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@examples(60, derandomize=True)
 @given(
     st.lists(st.floats(-1, 3), min_size=1, max_size=6, unique=True),
     st.lists(st.tuples(st.floats(-1.5, 3.5), st.floats(0, 2)), min_size=1, max_size=4),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -25,6 +25,7 @@ from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
+from tests.quick import examples
 
 pin = pytest.importorskip("pinocchio")
 SEEDS = st.integers(0, 10**6)
@@ -75,7 +76,7 @@ def above(found, points):
     return np.min([f.distance - points @ f.normal for f in found], axis=0)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(SEEDS)
 def test_contacts_in_a_plane_have_that_floor(seed):
     rng = np.random.default_rng(seed)
@@ -91,7 +92,7 @@ def test_contacts_in_a_plane_have_that_floor(seed):
     np.testing.assert_allclose(above(found, points), heights, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(SEEDS)
 def test_uneven_contacts_have_the_highest_of_their_planes(seed):
     """Nothing that is free lies below a contact's tangent plane, and what lies above all of them is free."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
@@ -18,6 +18,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing import sensitivity
 from ocptip.standing.arm import Robot
 from ocptip.standing.sensitivity import motion_sensitivities, scene_sensitivities
+from tests.quick import examples
 
 FEET = [[0.4, 0.3, 0.0], [-0.4, 0.35, 0.0], [0.0, -0.5, 0.0]]
 LOADS = (Load(force=[20.0, 5.0, -30.0], point=[0.1, 0.05, 0.9]),)
@@ -140,7 +141,7 @@ def outwards(feet, which):
 
 
 @pytest.mark.slow
-@settings(max_examples=6)
+@examples(6)
 @given(seed=st.integers(0, 10**6), own_reference=st.booleans())
 def test_slopes_of_scenes_are_those_of_scenes_built_anew(seed, own_reference):
     rng = np.random.default_rng(seed)
@@ -182,7 +183,7 @@ def test_slopes_of_scenes_are_those_of_scenes_built_anew(seed, own_reference):
 
 
 @pytest.mark.slow
-@settings(max_examples=3)
+@examples(3)
 @given(seed=st.integers(0, 10**6), case=st.sampled_from(["A", "B", "D", "G", "H"]))
 def test_slopes_of_motions_are_those_of_robots_built_anew(seed, case):
     """At one instant of a slower reference, holding a payload."""

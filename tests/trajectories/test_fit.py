@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.trajectories.fit import fitted, noise_of
@@ -10,6 +10,7 @@ from ocptip.trajectories.points import FINEST, PEAK_TOLERANCE
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.sequence import standstills
 from ocptip.trajectories.trajectory import Trajectory
+from tests.quick import examples
 
 SPEED, ACCELERATION = np.array([1.5, 1.5, 2.0]), np.array([4.0, 4.0, 6.0])
 
@@ -112,7 +113,7 @@ def test_speeds_of_the_file_are_compared():
     assert np.max(far.fit.speed_distance) == pytest.approx(0.5, abs=0.02)
 
 
-@settings(max_examples=15, derandomize=True)
+@examples(15, derandomize=True)
 @given(st.lists(st.floats(-1, 1), min_size=2, max_size=6), st.integers(0, 99))
 def test_few_samples_at_any_times_are_passed(values, seed):
     times = np.cumsum(np.random.default_rng(seed).uniform(0.05, 0.4, len(values)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import PPoly
 
@@ -15,6 +15,7 @@ from ocptip.trajectories.path_fit import FINE, FittedPath, blended_lines, path_o
 from ocptip.trajectories.path_legs import Leg
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
+from tests.quick import examples
 
 DENSE = np.linspace(0, 1, 5_001)
 
@@ -45,7 +46,7 @@ def _smooth(fit: FittedPath) -> bool:
     return all(np.allclose(a, b, atol=1e-7 * size) for a, b in zip(left, right, strict=True))
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 10_000))
 def test_path_of_ramps_is_theirs(seed: int) -> None:
     """Between the first and the last event they pass it at an even pace; that of S-curves is fitted."""
@@ -70,7 +71,7 @@ def test_path_of_ramps_is_theirs(seed: int) -> None:
     assert np.abs(fit.path.at(between)[0] - chords).max() < 3 * FINE
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 10_000))
 def test_its_parameter_is_nearly_the_length(seed: int) -> None:
     """So that the first derivative never vanishes."""
@@ -100,7 +101,7 @@ def test_positions_alone_are_points_of_a_smooth_curve() -> None:
     assert "corners blended" in path_of_motion(motion, 0.02).how
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 10_000), tolerance=st.floats(1e-4, 0.5))
 def test_blends_keep_their_tolerance_and_are_smooth(seed: int, tolerance: float) -> None:
     rng = np.random.default_rng(seed)

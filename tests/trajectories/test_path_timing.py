@@ -6,13 +6,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from ocptip.basics.errors import InputError
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.trajectory import Trajectory
+from tests.quick import examples
 
 
 def spline_path(seed: int, joints: int = 3, pieces: int = 4) -> JointPath:
@@ -26,7 +27,7 @@ def timed(seed: int) -> Trajectory:
     return Trajectory.from_path(path, s, rng.uniform(0.5, 2, len(s)) * s * (1 - s))
 
 
-@settings(max_examples=10, derandomize=True)
+@examples(10, derandomize=True)
 @given(st.integers(0, 1000))
 def test_states_and_peaks(seed):
     motion = timed(seed)
@@ -49,7 +50,7 @@ def test_states_and_peaks(seed):
         assert np.all(largest >= 0.97 * peaks)
 
 
-@settings(max_examples=5, derandomize=True)
+@examples(5, derandomize=True)
 @given(st.integers(0, 1000))
 def test_given_times_make_cubics(seed):
     """Accelerations and jerks against differences; peaks against dense samples."""

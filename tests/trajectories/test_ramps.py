@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from ocptip.basics.errors import InputError
 from ocptip.trajectories.ramps import JointRamps, RampCommand, servo_ramp
+from tests.quick import examples
 from tests.trajectories.strategies import angles, commands
 
 
@@ -80,7 +81,7 @@ def test_motion_obeys_physics(phi_start, given_commands):
     assert angle.max() <= high + 1e-12
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(angles(), commands)
 def test_agrees_with_a_simulated_drive(phi_start, given_commands):
     """A drive simulated step by step, without any formula of (5.2) to (5.8), moves the same way.

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -17,6 +17,7 @@ from ocptip.trajectories.ramps import JointRamps, RampCommand
 from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import VelocityProfiles
+from tests.quick import examples
 from tests.trajectories.strategies import angles, commands, numbers
 
 rises = numbers(1e-3, 0.8)
@@ -28,7 +29,7 @@ def curve(phi, ramps, rise):
     return Trajectory(profiles=VelocityProfiles((made,), (rise,)))
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(phi=angles(), ramps=commands, rise=rises, seed=st.integers(0, 10**6))
 def test_states_are_means_of_the_ramps_over_the_rise_time(phi, ramps, rise, seed):
     """Gauss-Legendre between the ramps' own boundaries integrates their piecewise polynomials exactly."""
@@ -45,7 +46,7 @@ def test_states_are_means_of_the_ramps_over_the_rise_time(phi, ramps, rise, seed
         np.testing.assert_allclose(state, means, rtol=1e-9, atol=1e-9 + 1e-11 / rise)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(phi=angles(), ramps=commands, rise=rises)
 def test_pieces_join_and_rest_at_both_ends(phi, ramps, rise):
     made = curve(phi, ramps, rise)
@@ -58,7 +59,7 @@ def test_pieces_join_and_rest_at_both_ends(phi, ramps, rise):
     assert np.all(np.diff(made.breaks[0]) > 0)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(phi=angles(), ramps=commands, rise=rises)
 @example(
     phi=6e-6,  # back, then rest in the midst of the motion, then forth
@@ -85,7 +86,7 @@ def test_extremes_are_exact_and_within_those_of_the_ramps(phi, ramps, rise):
     assert acceleration <= ramps.acceleration_peaks[0] * (1 + 1e-9) + 1e-12 / rise
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(phi=angles(), ramps=commands, rise=rises)
 def test_crossings_are_where_the_speed_changes_its_sign(phi, ramps, rise):
     made = curve(phi, ramps, rise)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, seed, settings
+from hypothesis import given, seed
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -13,6 +13,7 @@ from ocptip.trajectories.points import Points, stamped
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.sequence import joined, parted, standstills
 from ocptip.trajectories.trajectory import Trajectory
+from tests.quick import examples
 
 
 def ramps(start, goal, speed=1.0):
@@ -25,7 +26,7 @@ MOTIONS = [ramps(a, b) for a, b in pairwise(STOPS)]
 
 
 @seed(3)
-@settings(max_examples=12)
+@examples(12)
 @given(st.sampled_from(CONTROLLERS), st.lists(st.sampled_from([0.0, 0.013, 0.5]), min_size=3, max_size=3))
 def test_parted_again_the_motions_are_those_that_were_joined(controller, pauses):
     rise = 0.02 if controller == "quintic" else 0.0

@@ -1,7 +1,7 @@
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -24,7 +24,7 @@ from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import arm_by_name, irb_2000
 from tests.indices.sample_axes import published_motion, random_axes, random_ellipsoid
-from tests.quick import some
+from tests.quick import examples, some
 from tests.robots.sample_arms import random_arm
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
@@ -76,7 +76,7 @@ def test_determinant_of_any_matrix():
         laplace_determinant(cs.SX.sym("m", 6, 7))
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds)
 def test_expressions_bound_the_indices(rng):
     model = arm_from_spears("random", random_axes(rng).T, tool_position=rng.normal(size=3))
@@ -242,7 +242,7 @@ def test_seven_axes_with_the_condition_number():
         dm_2_constraint(arm, 0.1, sign=1)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds)
 def test_heading_constraint_is_the_motion_angle(rng):
     arm = SymbolicArm.of(irb_2000())

@@ -4,7 +4,7 @@ import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -19,13 +19,14 @@ from ocptip.indices.lines import adjoint
 from ocptip.published.arms import arm_by_name, irb_2000, known_arms
 from ocptip.robots.kinematics import jacobian
 from tests.indices.sample_axes import random_axes, random_pose, turned
+from tests.quick import examples
 from tests.robots.pinocchio_twin import twin
 from tests.robots.sample_arms import random_arm
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seeds, st.integers(1, 8))
 def test_axes_are_those_of_a_product_of_rotations(rng, count):
     axes, (rotation, position) = random_axes(rng, count), random_pose(rng)

@@ -3,7 +3,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -15,6 +15,7 @@ from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import inv_cdn, inv_cdn_cl, inv_cdn_points
 from ocptip.published.arms import arm_by_name, irb_2000, known_arms
 from tests.indices.sample_axes import random_axes, random_ellipsoid, random_pose, stationary_pose
+from tests.quick import examples
 from tests.robots.sample_arms import random_arm
 
 POSE = np.array([0.3, 0.4, -0.5, 0.6, 0.7, 0.2])
@@ -58,7 +59,7 @@ def test_values_are_those_of_the_functions():
         rating["ctn"]
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_many_poses_are_rated_as_single_ones(rng):
     arm = heavy_arm(6)
@@ -70,7 +71,7 @@ def test_many_poses_are_rated_as_single_ones(rng):
             assert many[name][k] == pytest.approx(one[name], rel=1e-7, abs=1e-12), name
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_base_frame_and_unit_of_length_do_not_matter(rng):
     axes, tool = random_axes(rng), rng.normal(size=3)

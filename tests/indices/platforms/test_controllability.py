@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
@@ -22,9 +22,10 @@ from tests.indices.sample_platforms import (
     random_motion,
     random_pose,
 )
+from tests.quick import examples
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, LEGS)
 def test_equals_the_generalised_eigenproblem(seed, n):
     pose = random_pose(np.random.default_rng(seed), n)
@@ -40,7 +41,7 @@ def test_equals_the_generalised_eigenproblem(seed, n):
         assert np.linalg.norm(pose.jacobian @ screw) ** 2 * control.lambdas[k] == pytest.approx(1.0, rel=1e-6)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, LEGS, st.floats(1e-4, 1e4))
 def test_does_not_depend_on_frame_and_unit(seed, n, factor):
     rng = np.random.default_rng(seed)
@@ -61,7 +62,7 @@ def test_a_far_origin_costs_only_the_digits_of_the_anchors(distance, tolerance):
     assert control_number(far).value <= 1e-12
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, LEGS, st.data())
 def test_does_not_depend_on_order_handedness_and_exchange(seed, n, data):
     rng = np.random.default_rng(seed)
@@ -77,7 +78,7 @@ def test_does_not_depend_on_order_handedness_and_exchange(seed, n, data):
         assert control_number(other).value == pytest.approx(value, rel=1e-9)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS)
 def test_sees_anchors_that_slide_along_their_leg_when_others_do_not(seed, n):
     rng = np.random.default_rng(seed)
@@ -97,7 +98,7 @@ def test_sees_anchors_that_slide_along_their_leg_when_others_do_not(seed, n):
     assert abs(control_number(slid).value - control_number(pose).value) > 1e-7
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS)
 def test_eigenvalues_enclose_the_mean_of_the_legs(seed, n):
     pose = random_pose(np.random.default_rng(seed), n)
@@ -107,7 +108,7 @@ def test_eigenvalues_enclose_the_mean_of_the_legs(seed, n):
     assert mean <= lambdas[-1] * (1 + 1e-12)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS, LEGS)
 def test_flat_platform_has_three_infinite_eigenvalues(seed, n):
     control = control_number(flat_pose(np.random.default_rng(seed), n))
@@ -128,7 +129,7 @@ def test_legs_that_no_joint_feels():
     assert control_number(PlatformPose(line, line + np.array([0.5, 1.0, 1.5]))).value == 0.0
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, st.floats(-8, -5))
 def test_vanishes_with_the_distance_to_a_singularity(seed, exponent):
     """Legs leave one common line by epsilon: CTN goes to zero like epsilon, without loss of digits."""

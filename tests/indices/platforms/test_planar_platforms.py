@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -12,6 +12,7 @@ from ocptip.indices.platforms.planar import PlanarPlatformPose
 from ocptip.indices.platforms.platform import PlatformPose
 from studies.indices.designs.optimal_planar import LARGEST_R, optimal_planar_angle, optimal_planar_pose
 from tests.indices.sample_platforms import SEEDS
+from tests.quick import examples
 
 LEGS = st.sampled_from([3, 4, 6, 7])
 REACH = st.floats(0.02, LARGEST_R).flatmap(lambda r: st.sampled_from([r, -r]))
@@ -22,7 +23,7 @@ def random_planar(rng, n):
     return PlanarPlatformPose(rng.normal(size=(n, 2)), rng.normal(size=(n, 2)) + np.array([0.0, 2.0]))
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, st.sampled_from([6, 7, 9]))
 def test_forms_are_rows_3_to_5_of_the_spatial_ones(seed, n):
     pose = random_planar(np.random.default_rng(seed), n)
@@ -33,7 +34,7 @@ def test_forms_are_rows_3_to_5_of_the_spatial_ones(seed, n):
     np.testing.assert_allclose(Z, spatial.Z[part], rtol=1e-8, atol=1e-10)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, LEGS, st.floats(0.01, 100))
 def test_control_number_and_its_invariance(seed, n, factor):
     rng = np.random.default_rng(seed)
@@ -52,7 +53,7 @@ def test_control_number_and_its_invariance(seed, n, factor):
     assert control_number(other).value == pytest.approx(control.value, rel=1e-7)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS, LEGS)
 def test_legs_through_one_point_are_singular(seed, n):
     rng = np.random.default_rng(seed)
@@ -66,7 +67,7 @@ def test_legs_through_one_point_are_singular(seed, n):
     assert parallel.value == 0.0
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(REACH, BRANCHES, st.integers(3, 7), st.data())
 def test_optimal_poses(r, branch, n, data):
     exchanged = data.draw(st.sets(st.integers(0, n - 1)))
@@ -85,7 +86,7 @@ def test_published_optimal_poses(r, branch, n, exchanged):
     np.testing.assert_allclose(control.lambdas, 2 / r**2, rtol=1e-12)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(REACH, BRANCHES)
 def test_angle_solves_the_condition_and_the_curve(r, branch):
     angle, a = optimal_planar_angle(r, branch), abs(r)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -18,9 +18,10 @@ from tests.indices.sample_platforms import (
     random_motion,
     random_pose,
 )
+from tests.quick import examples
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, LEGS)
 def test_equals_the_generalised_eigenproblem(seed, n):
     rng = np.random.default_rng(seed)
@@ -36,7 +37,7 @@ def test_equals_the_generalised_eigenproblem(seed, n):
     assert rates**2 * result.lambdas[-1] == pytest.approx(1.0, rel=1e-6)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS, st.floats(0.01, 100))
 def test_does_not_depend_on_frame_and_unit(seed, n, factor):
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -19,9 +19,10 @@ from ocptip.indices.platforms.reviewed import (
     rigidity_rate,
 )
 from tests.indices.sample_platforms import LEGS, SEEDS, flat_pose, moved, random_motion, random_pose
+from tests.quick import examples
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS, st.floats(0.01, 100))
 def test_manipulability_is_the_determinant_and_scales_with_volume(seed, n, factor):
     rng = np.random.default_rng(seed)
@@ -32,7 +33,7 @@ def test_manipulability_is_the_determinant_and_scales_with_volume(seed, n, facto
     assert manipulability(other) == pytest.approx(factor**3 * manipulability(pose), rel=1e-8)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS)
 def test_plain_condition_number_is_that_of_the_form(seed, n):
     pose = random_pose(np.random.default_rng(seed), n)
@@ -50,7 +51,7 @@ def test_plain_condition_number_changes_with_origin_and_unit():
     assert abs(inverse_condition_number(moved(pose, np.eye(3), np.zeros(3), 10.0)) - value) > 1e-3 * value
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS, st.floats(0.05, 2.0))
 def test_characteristic_length_is_a_sphere(seed, n, radius):
     """[Naw07] 3.4.1: CDN_CL with CL = R sqrt(2/3) equals CDN_OE of a sphere of radius R about the point."""
@@ -65,7 +66,7 @@ def test_characteristic_length_is_a_sphere(seed, n, radius):
     assert other == pytest.approx(value, rel=1e-8)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS)
 def test_three_points_are_a_metric_of_three_points(seed, n):
     rng = np.random.default_rng(seed)
@@ -75,7 +76,7 @@ def test_three_points_are_a_metric_of_three_points(seed, n):
     assert inverse_condition_number_points(pose, points) == pytest.approx(expected, rel=1e-5)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, LEGS)
 def test_best_complex_is_the_minimum(seed, n):
     rng = np.random.default_rng(seed)
@@ -95,7 +96,7 @@ def test_best_complex_is_the_minimum(seed, n):
         assert np.linalg.norm(pose.jacobian @ other) >= best.sigma_r * (1 - 1e-12)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS, st.floats(0.01, 100))
 def test_sigmas_do_not_depend_on_the_frame_but_sigma_r_on_the_unit(seed, n, factor):
     rng = np.random.default_rng(seed)
@@ -115,7 +116,7 @@ def test_best_complex_of_parallel_legs_uses_the_pseudo_inverse():
     assert np.linalg.norm(pose.jacobian @ best.complex_r) < 1e-12
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, st.floats(0.01, 100))
 def test_rigidity_rate_and_its_invariance(seed, factor):
     rng = np.random.default_rng(seed)
@@ -134,7 +135,7 @@ def test_rigidity_rate_and_its_invariance(seed, factor):
     assert abs(rigidity_rate(pose.exchanged()).angle - rate.angle) > 1e-9
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS, LEGS)
 def test_all_are_zero_in_a_singular_pose(seed, n):
     rng = np.random.default_rng(seed)

@@ -3,7 +3,7 @@ import math
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
@@ -19,6 +19,7 @@ from ocptip.indices.platforms.symbolic import SymbolicPlatform, planar_forms, ro
 from studies.indices.designs.flight_simulator import FlightSimulator
 from studies.indices.designs.optimal_planar import optimal_planar_pose
 from tests.indices.sample_platforms import SEEDS, random_ellipsoid, random_pose
+from tests.quick import examples
 
 QUIET = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 600}}
 
@@ -38,7 +39,7 @@ def random_platform(seed, n=6):
     return rng, StewartPlatform(pose.base, pose.platform)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS)
 def test_forms_have_the_eigenvalues_of_the_numeric_ones(seed):
     rng, platform = random_platform(seed, 7)
@@ -60,7 +61,7 @@ def test_forms_have_the_eigenvalues_of_the_numeric_ones(seed):
     assert float(volume[0, 0]) == pytest.approx(manipulability(here), rel=1e-6)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS)
 def test_determinant_and_scaling_motion_of_six_legs(seed):
     rng, platform = random_platform(seed)
@@ -82,7 +83,7 @@ def test_determinant_and_scaling_motion_of_six_legs(seed):
             assert g[7] < 0
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(SEEDS)
 def test_sigmas_are_where_their_matrices_stop_being_positive(seed):
     rng, platform = random_platform(seed)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
@@ -10,13 +10,14 @@ from ocptip.indices.platforms.reviewed import manipulability
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
 from studies.indices.designs.flight_simulator import OPTIMAL_CTN, FlightSimulator
 from tests.indices.sample_platforms import LEGS, SEEDS
+from tests.quick import examples
 
 
 def ctn(pose):
     return control_number(pose).value
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(SEEDS, LEGS)
 def test_many_poses_at_once_as_one_by_one(seed, n):
     rng = np.random.default_rng(seed)

@@ -1,17 +1,18 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
 from tests.indices.sample_platforms import LEGS, SEEDS, random_motion, random_pose
+from tests.quick import examples
 
 
 def velocities(screw, points):
     return screw[3:] + np.cross(screw[:3], points)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS)
 def test_jacobian_gives_rates_of_leg_lengths(seed, n):
     rng = np.random.default_rng(seed)
@@ -22,7 +23,7 @@ def test_jacobian_gives_rates_of_leg_lengths(seed, n):
     np.testing.assert_allclose(pose.jacobian @ screw, (rates[0] - rates[1]) / (2 * step), atol=1e-8)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS)
 def test_passive_map_gives_the_turning_of_legs_against_both_bodies(seed, n):
     rng = np.random.default_rng(seed)
@@ -37,7 +38,7 @@ def test_passive_map_gives_the_turning_of_legs_against_both_bodies(seed, n):
     assert screw @ pose.Z @ screw == pytest.approx(total, rel=1e-10)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS, LEGS)
 def test_forms_equal_the_blocks_of_the_source(seed, n):
     pose = random_pose(np.random.default_rng(seed), n)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
@@ -10,6 +10,7 @@ from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.indices.platforms.singular_motion import singular_motion
 from studies.indices.designs.flight_simulator import FlightSimulator
 from tests.indices.sample_platforms import SEEDS, flat_pose, moved, random_motion, random_pose
+from tests.quick import examples
 
 
 @pytest.mark.parametrize(
@@ -30,7 +31,7 @@ def test_pitch_near_the_singular_turn(epsilon, pitch, kernel):
     np.testing.assert_allclose(np.abs(diagnosis.motion.direction), [0, 0, 1], atol=1e-9)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SEEDS)
 def test_screw_near_a_singularity_converges_to_the_self_motion(seed):
     """Legs nearly path normals of a random screw."""
@@ -56,7 +57,7 @@ def test_screw_near_a_singularity_converges_to_the_self_motion(seed):
     np.testing.assert_allclose(exact.motion.pitch, screw[:3] @ screw[3:] / (screw[:3] @ screw[:3]), rtol=1e-4)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS)
 def test_lines_through_one_axis_give_a_rotation(seed):
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, seed, settings
+from hypothesis import given, seed
 from hypothesis import strategies as st
 
 from ocptip import load_task
@@ -34,6 +34,7 @@ from ocptip.trajectories.controllers import CONTROLLERS
 from ocptip.trajectories.read import load_motion, load_motions
 from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.cycles.cycle_files import CYCLE, written
+from tests.quick import examples
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +216,7 @@ def test_what_cannot_be_planned_names_the_segment(tmp_path):
 
 
 @seed(5)
-@settings(max_examples=60)
+@examples(60)
 @given(st.data())
 def test_best_ways_are_those_of_enumeration(data):
     sizes = data.draw(st.lists(st.integers(1, 3), min_size=2, max_size=5))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -13,6 +13,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import earliest_end
+from tests.quick import examples
 
 TASKS = {name: experiment_task(name, "effective") for name in ("A", "D")}
 FORMULATIONS = {
@@ -37,7 +38,7 @@ def drawn(name, seed):
     return formulation, formulation.motion(x), x  # once around: a slowed-down start has other passive ramps
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(name=NAMES, seed=SEEDS)
 def test_variables_and_motion_are_inverse(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -64,7 +65,7 @@ def test_joints_with_fewer_commands_have_variables_too():
         assert np.all(d >= 1e-3)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(name=NAMES, seed=SEEDS)
 def test_order_has_all_events_sorted(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -89,7 +90,7 @@ def test_order_has_all_events_sorted(name, seed):
     np.testing.assert_allclose(np.sort([order.times[c] @ x for c in crossings]), motion.crossings, atol=1e-12)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(name=NAMES, seed=SEEDS)
 def test_directions_are_the_signs_of_the_speeds(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -102,7 +103,7 @@ def test_directions_are_the_signs_of_the_speeds(name, seed):
     np.testing.assert_array_equal(order.directions[inside][moving], np.sign(speeds[moving]))
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(name=NAMES, seed=SEEDS)
 def test_corner_positions_are_those_of_the_times(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -118,7 +119,7 @@ def test_corner_positions_are_those_of_the_times(name, seed):
             )
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(name=NAMES, seed=SEEDS, merge=st.sampled_from([0.01, 0.05, 0.2]))
 def test_merged_events_are_near_each_other_and_of_different_joints(name, seed, merge):
     formulation, _, x = drawn(name, seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.motion.planner.profile_kernels import joint_states
@@ -11,6 +11,7 @@ from ocptip.robots.process import SHARE, TIME, ProcessWrench
 from ocptip.trajectories.ramps import JointRamps, phases_to_commands
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import earliest_end, passive_command
+from tests.quick import examples
 from tests.trajectories.strategies import numbers, phases
 
 START = np.array([0.3, -0.2, 0.1])
@@ -81,7 +82,7 @@ def exact_states(layout, x, start, goal):
     return states
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(phases=phases(), way=numbers(-1.5, 1.5), seed=st.integers(0, 10**6))
 def test_sharp_states_are_those_of_the_velocity_ramps(phases, way, seed):
     layout, x, goal = with_two_optimised(*phases, passive_way=way)
@@ -96,7 +97,7 @@ def test_sharp_states_are_those_of_the_velocity_ramps(phases, way, seed):
     np.testing.assert_allclose(values[inside, 6:], a[inside], rtol=1e-6, atol=1e-6)
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(phases=phases(), way=numbers(-1.5, 1.5), rise=numbers(1e-3, 0.8), seed=st.integers(0, 10**6))
 def test_sharp_s_curves_are_those_of_the_joints(phases, way, rise, seed):
     layout, x, goal = with_two_optimised(*phases, passive_way=way)
@@ -363,7 +364,7 @@ def test_smooth_motion_ends_at_the_goal(way):
         np.testing.assert_allclose(smooth[-1, 3:], 0, atol=1e-11)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(way=numbers(-3.0, 3.0), slack=numbers(1.0, 4.0))
 def test_passive_ramps_are_those_of_the_passive_command(way, slack):
     """Triangle at slow ends, trapezoid at early ones."""

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.motion.check import check_motion
@@ -16,6 +16,7 @@ from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
+from tests.quick import examples
 
 TASK = experiment_task("B")
 RISES = {
@@ -46,7 +47,7 @@ def drawn(seed, kind):
     return formulation, formulation.motion(x), x
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(seed=SEEDS, kind=KINDS)
 def test_order_has_all_events_of_the_motion(seed, kind):
     formulation, motion, x = drawn(seed, kind)
@@ -70,7 +71,7 @@ def test_order_has_all_events_of_the_motion(seed, kind):
 
 
 @pytest.mark.slow
-@settings(max_examples=8)
+@examples(8)
 @given(seed=SEEDS, kind=KINDS)
 def test_directions_are_the_signs_of_the_speeds(seed, kind):
     formulation, motion, x = drawn(seed, kind)

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, SolverError
@@ -20,7 +20,7 @@ from ocptip.parallel.robot import ParallelRobot
 from tests.oracles.parallel_routes.constraint import ConstraintRoute
 from tests.oracles.parallel_routes.forces import ROUTES, forces_by
 from tests.parallel.parallel_cases import KIND_NAMES, error, golden, random_state
-from tests.quick import some
+from tests.quick import examples, some
 
 GOLDEN = 1e-9
 SAME = 1e-10
@@ -110,7 +110,7 @@ def test_conventions(convention):
     assert lean.count.weighted == pytest.approx(2401, rel=0.01)
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(seed=st.integers(0, 10**6))
 def test_power_balance(seed):
     """Power of the motors equals the change of energy, by differences along a motion."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.parallel.description.entries import product_of
@@ -21,6 +21,7 @@ from ocptip.parallel.description.mdh import (
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE
 from tests.oracles.parallel_urdf.chain import JointAxis, joints_to_coupling, mdh_chain
 from tests.parallel.parallel_cases import random_body
+from tests.quick import examples
 
 X, Y, Z = np.eye(3)
 ANGLES = [0.0, math.pi / 2, -math.pi / 2, math.pi, 0.3, -2.0]
@@ -38,7 +39,7 @@ def random_frame(seed):
 
 
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=100)
+@examples(100)
 def test_any_frame_is_one_row(seed):
     R, p = random_frame(seed)
     row = fixed_row((R, p))

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -31,6 +31,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 from tests.parallel.parallel_cases import random_body
 from tests.parallel.parallel_twin import relative, rod_delta
+from tests.quick import examples
 
 
 def test_right_angles_are_exact_numbers_but_parameters_are_not():
@@ -45,7 +46,7 @@ def test_right_angles_are_exact_numbers_but_parameters_are_not():
 
 
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=30)
+@examples(30)
 def test_inertia_forms(seed):
     rng = np.random.default_rng(seed)
     mass, center = rng.uniform(0.1, 3), rng.uniform(-1, 1, 3)

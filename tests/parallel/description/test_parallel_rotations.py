@@ -4,7 +4,7 @@ import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.numerics.vectors import skew
@@ -16,6 +16,7 @@ from ocptip.parallel.description.rotations import (
     rate_matrix_derivative,
     rotation_vector,
 )
+from tests.quick import examples
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
@@ -53,7 +54,7 @@ def test_determinant_of_the_rates(convention):
 
 
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3), st.floats(0, np.pi))
-@settings(max_examples=60)
+@examples(60)
 def test_rotation_vector_inverts_the_exponential(direction, angle):
     axis = np.array(direction)
     if np.linalg.norm(axis) < 1e-3:

@@ -6,13 +6,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.dynamics.actuation import limited_motor_forces, motor_forces
 from tests.parallel.parallel_cases import error, random_state
+from tests.quick import examples
 
 
 def problem(seed: int, motors: int = 5, m: int = 3):
@@ -33,7 +34,7 @@ def test_extra_motor_on_a_3rrr():
     assert np.abs(found["J_a"].T @ shared.null_space).max() < 1e-12
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 10**6))
 def test_weighted_minimum_is_the_closed_formula(seed):
     J, tau, w = problem(seed)
@@ -47,7 +48,7 @@ def test_weighted_minimum_is_the_closed_formula(seed):
     assert found.status == "closed form"
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 10**6))
 def test_wide_limits_change_nothing(seed):
     J, tau, w = problem(seed)

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
@@ -19,6 +19,7 @@ from ocptip.robots.collision.urdf import geometry_from_urdf, missing_meshes
 from ocptip.robots.geometry import CollisionModel, Pillar, Solid, Wall, floor, spheres_along_links
 from ocptip.robots.urdf import arm_from_urdf
 from tests.places import UR5
+from tests.quick import examples
 from tests.robots.collision.collision_urdf import box, elbow, with_collision
 
 pin = pytest.importorskip("pinocchio")
@@ -84,7 +85,7 @@ def test_all_solids_contain_their_meshes(arm):
         assert inside.all()
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seed=st.integers(0, 10**6))
 def test_parts_contain_the_body_and_less_than_its_hull(seed):
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ import tracemalloc
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -23,6 +23,7 @@ from ocptip.robots.collision.shapes import (
     Shape,
     enclosing_capsule,
 )
+from tests.quick import examples
 
 coal = pytest.importorskip("coal")
 SEEDS = st.integers(0, 10**6)
@@ -73,7 +74,7 @@ def apart(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("first", KINDS)
 @pytest.mark.parametrize("second", KINDS)
-@settings(max_examples=2)
+@examples(2)
 @given(seed=SEEDS)
 def test_distance_is_that_of_the_cores(first, second, seed):
     """The distance of the hulls of corners, by quadratic programming, minus both thicknesses."""
@@ -105,7 +106,7 @@ def test_distance_is_that_of_the_cores(first, second, seed):
 
 @pytest.mark.parametrize("first", KINDS)
 @pytest.mark.parametrize("second", [*KINDS, "half space"])
-@settings(max_examples=2)
+@examples(2)
 @given(seed=SEEDS)
 def test_derivatives_by_differences(first, second, seed):
     rng = np.random.default_rng(seed)
@@ -130,7 +131,7 @@ def test_derivatives_by_differences(first, second, seed):
         np.testing.assert_allclose((slopes[:, 0] - slopes[:, 1]) / (2 * h), bend, atol=2e-4 * scale)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=SEEDS)
 def test_segments(seed):
     rng = np.random.default_rng(seed)
@@ -149,7 +150,7 @@ def test_segments(seed):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=10)
+@examples(10)
 @given(seed=SEEDS)
 def test_capsules_enclose(kind, seed):
     shape = random_shape(np.random.default_rng(seed), kind)
@@ -159,7 +160,7 @@ def test_capsules_enclose(kind, seed):
     assert (beyond + shape.thickness <= radius).all()
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=SEEDS, below=st.floats(-0.1, 0.6))
 def test_far_pairs_are_bounded_and_the_nearest_is_found(seed, below):
     rng = np.random.default_rng(seed)

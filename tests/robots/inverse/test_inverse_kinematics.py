@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -13,7 +13,7 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.urdf import arm_from_urdf
 from tests import places
 from tests.published.printed_ramps import COLUMNS, implied_angles, printed_times, times
-from tests.quick import some
+from tests.quick import examples, some
 from tests.robots.sample_arms import random_arm
 
 UR5 = arm_from_urdf(places.UR5, base_link="base_link", tool_frame="tool0")
@@ -57,7 +57,7 @@ def test_search_finds_no_branch_that_closed_form_misses_nor_the_other_way_round(
 
 
 @pytest.mark.parametrize("name", CLOSED)
-@settings(max_examples=60)
+@examples(60)
 @given(angles=ANGLES)
 def test_any_pose_is_reproduced_singular_ones_included(name, angles):
     model = CLOSED[name]

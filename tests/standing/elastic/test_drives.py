@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -31,7 +31,7 @@ from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from studies.elastic_drives.run import simulated
 from tests.places import EXAMPLES
-from tests.quick import some
+from tests.quick import examples, some
 from tests.standing.elastic.test_feet import plan_of, softened
 
 STIFFNESS = np.array([2e4, 2e4, 1e4, np.inf, np.inf, np.inf])
@@ -62,7 +62,7 @@ ARM = plan_of("A")[0].arm
 CHAIN = spring_chain(ARM.with_gears(Gears(STIFFNESS)))
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(st.integers(0, 2**32 - 1))
 def test_springs_that_do_not_bend_change_nothing(seed):
     """Neither the wrench on the base nor the torques, though rotors and links are parted."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim, step
 
@@ -25,6 +25,7 @@ from ocptip.standing.within.in_motion import worst_within
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
 from tests.places import EXAMPLES
+from tests.quick import examples
 
 KAPPA = overshoot_of(0.05)
 LIMITS = Limits(damping=0.05)
@@ -42,7 +43,7 @@ def test_overshoot_is_that_of_a_mass_on_spring_and_damper(damping):
     assert overshoot_of(damping) == pytest.approx(step(swing, T=times)[1].max() - 1, abs=1e-6)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(damping=st.floats(0.0, 0.7), periods=st.floats(0.02, 4.0))
 def test_rises_overshoot_as_a_mass_on_spring_and_damper_whose_load_rises_evenly(damping, periods):
     """In time of 1 rad per undamped radian; the greatest of the whole swing, the rise included."""
@@ -64,7 +65,7 @@ def test_dampings_without_overshoot_are_refused(damping):
         overshoot_of(damping)
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(seed=st.integers(0, 10**6), kappa=st.floats(0, 1))
 def test_loads_at_jumps_are_combined_from_those_of_both_sides(seed, kappa):
     task = experiment_task("B")
@@ -84,7 +85,7 @@ def test_loads_at_jumps_are_combined_from_those_of_both_sides(seed, kappa):
     np.testing.assert_allclose(jumps.loads(task.robot, kappa).wrenches, combined, atol=1e-9)
 
 
-@settings(max_examples=4, phases=[Phase.generate])
+@examples(4, phases=[Phase.generate])
 @given(
     seed=st.integers(0, 10**6),
     case=st.sampled_from(["A", "B", "G"]),

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -17,6 +17,7 @@ from ocptip.standing.simulation.mjcf import joint_offsets, joint_order, to_mjcf
 from ocptip.standing.simulation.urdf import to_urdf
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES
+from tests.quick import examples
 
 
 def holding(robot, payload):
@@ -41,7 +42,7 @@ def states(robot, seed):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=10)
+@examples(10)
 @given(seed=st.integers(0, 10**6))
 def test_base_feels_the_same_in_mujoco(name, seed):
     robot, model = ROBOTS[name], MODELS[name]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -17,6 +17,7 @@ from ocptip.robots.model import JointLimits
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
+from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 
 ASKED = Limits(stops=PathStops())
@@ -127,7 +128,7 @@ def test_no_stop_is_worse_than_the_check_says(case):
             assert 0.97 * checked.worst["GT_stop"].value < GT
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10**6))
 def test_corners_are_all_corners_of_the_curve(seed):
     """u_min by brute force over x, and rest; no value of an affine function there is below the corners'."""

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.contact.solver import solve_many
@@ -17,6 +17,7 @@ from ocptip.standing.tolerance import SITE, Uncertainty
 from ocptip.standing.within.deviations import Deviations, towards
 from ocptip.standing.within.worst_case import WorstCase
 from studies.tolerance.samples import random_deviations
+from tests.quick import examples
 
 WIDE = dataclasses.replace(
     SITE, base_push=10.0, center_of_mass=[0.01, 0.02, 0.03], payload_center=[0.03, 0.02, 0.01]
@@ -106,7 +107,7 @@ def test_slopes_are_finite_differences(cases):
         assert np.allclose(bend[k], change / 2e-6, atol=1e-4)
 
 
-@settings(max_examples=25, derandomize=True)
+@examples(25, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_nothing_within_the_tolerance_is_worse_than_the_bound(cases, seed):
     rng, own = np.random.default_rng(seed), cases.deviations

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -18,7 +18,7 @@ from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.rest import scene_within
-from tests.quick import some
+from tests.quick import examples, some
 
 FEET = [[0.4, 0.3, 0.0], [-0.4, 0.35, 0.0], [0.0, -0.5, 0.0]]
 HANGING = Load(force=[0.0, 0.0, -60.0], point=[0.1, 0.05, 0.9])
@@ -45,7 +45,7 @@ def tilted(angle, turn):
     return 9.81 * (np.cos(angle) * np.array([0, 0, -1.0]) + np.sin(angle) * side)
 
 
-@settings(max_examples=3)
+@examples(3)
 @given(seed=st.integers(0, 10**6))
 def test_nothing_inside_is_worse(seed):
     rng = np.random.default_rng(seed)
@@ -95,7 +95,7 @@ def test_a_push_at_an_uncertain_centre_acts_where_the_centre_is(center, half, st
     assert pytest.approx(ratio(support, least), rel=1e-9) == found.GN
 
 
-@settings(max_examples=5)
+@examples(5)
 @given(seed=st.integers(0, 10**6))
 def test_all_corners_at_once_have_no_less_moment_than_the_worst(seed):
     """Every corner of mass and centre, tilts around, the worst push of each: moments by vectors alone."""

@@ -7,12 +7,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from studies.baselines.lemke import solve_lcp, solve_lcp_many
 from tests.oracles.exact_lemke import exact_lemke, natural_residual, rational
+from tests.quick import examples
 
 RULES = ("textbook", "lexicographic", "largest-pivot")
 CAREFUL = ("lexicographic", "largest-pivot")
@@ -204,7 +205,7 @@ def degenerate_problems(draw):
     return B.T @ B + K - K.T, q
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(degenerate_problems())
 def test_degenerate_problems_agree_with_exact_arithmetic(problem):
     M, q = problem
@@ -217,7 +218,7 @@ def test_degenerate_problems_agree_with_exact_arithmetic(problem):
     assert not (solve_lcp(M, q, "textbook").solved and not exact.solved)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1))
 def test_positive_definite_problems_have_one_solution(n, seed):
     rng = np.random.default_rng(seed)

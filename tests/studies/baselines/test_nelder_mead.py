@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import Bounds, LinearConstraint, minimize, rosen
 
 from ocptip.basics.errors import InputError
 from studies.baselines.nelder_mead import nelder_mead
+from tests.quick import examples
 
 
 def traced(function):
@@ -243,7 +244,7 @@ def test_optimum_on_a_linear_limit(adapted):
     assert np.all(np.sum(points, axis=1) <= 1 + 1e-11)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(st.integers(0, 2**32 - 1))
 def test_no_point_breaks_a_limit_and_what_is_found_is_no_worse_than_near_it(seed):
     """Bounds and two-sided linear limits at once, in three dimensions."""

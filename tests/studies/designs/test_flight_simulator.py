@@ -2,13 +2,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.reviewed import best_complex, manipulability, rigidity_rate
 from studies.indices.designs.flight_simulator import LARGEST_ALPHA, OPTIMAL_CTN, FlightSimulator
+from tests.quick import examples
 
 
 def middle(design):
@@ -35,7 +36,7 @@ def test_no_other_design_or_height_is_better():
         assert control_number(middle(other)).value < OPTIMAL_CTN
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.floats(0, LARGEST_ALPHA - 1e-3), st.floats(0.01, 10), st.floats(0.1, 10))
 def test_closed_form_of_the_eigenvalues(alpha, height, radius):
     design = FlightSimulator(alpha, height * radius, radius)
@@ -75,7 +76,7 @@ def test_manipulability_is_largest_next_to_a_singularity():
     assert manipulability(middle(FlightSimulator.optimal())) < volumes[1]
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.floats(0, LARGEST_ALPHA - 1e-2), st.floats(0.05, 5))
 def test_rigidity_rate_does_not_tell_the_middle_poses_apart(alpha, height):
     assert rigidity_rate(middle(FlightSimulator(alpha, height))).angle == pytest.approx(math.pi / 2, abs=1e-9)

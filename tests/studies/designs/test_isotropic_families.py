@@ -3,13 +3,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.lines import klein_form
 from ocptip.indices.platforms.isotropy import platform_conditioning
 from studies.indices.designs.isotropic_families import IsotropicFamily, LineGroup, isotropic_u1, isotropic_u2
+from tests.quick import examples
 
 SIGNS = st.tuples(*[st.sampled_from([1, -1])] * 3)
 RADII = st.floats(0.02, 0.66).flatmap(lambda r: st.sampled_from([r, -r]))
@@ -19,7 +20,7 @@ def conditioning(family, low=-1.3, high=0.8):
     return platform_conditioning(family.pose(low, high), family.ellipsoid.W())
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.floats(0.1, 5), RADII, st.floats(-3, 3), st.integers(3, 6), SIGNS, st.integers(0, 1000))
 def test_u1_is_isotropic_wherever_the_anchors_sit(p, r2, mu, g, signs, seed):
     rng = np.random.default_rng(seed)
@@ -29,7 +30,7 @@ def test_u1_is_isotropic_wherever_the_anchors_sit(p, r2, mu, g, signs, seed):
     np.testing.assert_allclose(result.lambdas, 18 / (2 * g), rtol=1e-9)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.floats(0.1, 5), st.floats(-3, 3), st.integers(3, 6), SIGNS)
 def test_u2_is_isotropic(p, mu, g, signs):
     result = conditioning(isotropic_u2(p, mu=mu, g=g, signs=signs))
@@ -37,7 +38,7 @@ def test_u2_is_isotropic(p, mu, g, signs):
     np.testing.assert_allclose(result.lambdas, 18 / (2 * g), rtol=1e-10)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 6))
 def test_form_of_two_rotated_groups(seed, g):
     """Entries of N and the factors of the characteristic polynomial for any two groups ([Naw07] 5.3)."""
@@ -85,7 +86,7 @@ def test_fixed_members(p, r2, r1, h1, z1, h2, z2):
     np.testing.assert_allclose(got, [r1, h1, z1, h2, z2], atol=1e-12)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(RADII, st.floats(0.1, 5))
 def test_cone_angles_of_u1(r2, p):
     family = isotropic_u1(p, r2)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -16,12 +16,13 @@ from studies.indices.designs.optimal_domains import (
     special_limit,
 )
 from studies.indices.designs.optimal_planar import LARGEST_R
+from tests.quick import examples
 
 SHAPES = st.floats(0.02, 0.98).flatmap(lambda t: st.sampled_from([t, -t]))
 T_N = TOUCHING_POINT[0]
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(SHAPES, st.floats(0.01, 4))
 def test_roots_follow_the_borders(t, r1):
     """The pattern of [Naw07] 7.3.1: which roots are real between the curves."""
@@ -41,7 +42,7 @@ def test_roots_follow_the_borders(t, r1):
     assert sorted(-b for b in mirrored.values()) == pytest.approx(sorted(main_roots(t, r1).values()))
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(SHAPES)
 def test_borders_are_zeros_of_the_discriminants(t):
     S = outer_border(t)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,6 +20,7 @@ from studies.indices.designs.optimal_platforms import (
     example_special,
 )
 from tests.indices.sample_platforms import SEEDS, example_main_anchors
+from tests.quick import examples
 
 SIGN = st.sampled_from([1, -1])
 SHAPES = st.floats(0.02, 0.98).flatmap(lambda t: st.sampled_from([t, -t]))
@@ -39,7 +40,7 @@ def draw_main(data, t, r1, **more):
     )
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(SHAPES, REACH, st.floats(-3, 3), st.integers(3, 6), st.data())
 def test_every_main_member(t, r1, mu, g, data):
     """CTN = 1, regular, equal legs, cone angles: [Naw07] 7.3.1."""
@@ -60,7 +61,7 @@ def test_every_main_member(t, r1, mu, g, data):
     assert control_number(member.platform.pose(exchanged=[0, g])).value == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(SHAPES, REACH, st.data())
 def test_angles_between_legs_of_three(t, r1, data):
     member = draw_main(data, t, r1, g=3)
@@ -70,7 +71,7 @@ def test_angles_between_legs_of_three(t, r1, data):
     assert cos1 == pytest.approx(-cos2, abs=1e-7)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(SHAPES, REACH, st.data())
 def test_main_members_are_isotropic_for_a_spheroid(t, r1, data):
     """Remark of [Naw07] 7.3.1, with its half-axes; the anchors lie on it on average."""
@@ -85,7 +86,7 @@ def test_main_members_are_isotropic_for_a_spheroid(t, r1, data):
     assert np.mean(points**2 @ [1 / R2, 1 / R2, 1 / c2]) == pytest.approx(1.0, rel=1e-6)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.floats(0.05, 4 / 3 * math.sqrt(2) - 1e-3), SIGN, SIGN, st.data())
 def test_at_one_half_the_top_view_is_the_planar_optimum(r, sign_r, sign_t, data):
     r1, t = sign_r * r, sign_t * 0.5
@@ -98,7 +99,7 @@ def test_at_one_half_the_top_view_is_the_planar_optimum(r, sign_r, sign_t, data)
     assert math.cos(angle) == pytest.approx(math.cos(planar), abs=1e-9)
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(SHAPES, st.floats(0.02, 1), SIGN, st.tuples(SIGN, SIGN, SIGN), SIGN, st.integers(3, 6))
 def test_every_special_member(t, share, sign, signs, phi1_sign, g):
     """CTN = 1, regular, first group flat, leg lengths and cone: [Naw07] 7.3.2."""
@@ -173,7 +174,7 @@ def test_example_main_printed_anchors():
     np.testing.assert_allclose(((points / half_axes) ** 2).sum(axis=1), 1.0, rtol=1e-13)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS)
 def test_example_main_turned_by_a_right_angle_about_a_horizontal_axis_is_singular(seed):
     """[Naw07] 7.3.3, mu = 0: for every horizontal axis and every translation."""

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
 from studies.indices.designs.symmetric_platforms import SymmetricPlatform
 from tests.indices.sample_platforms import SEEDS
+from tests.quick import examples
 
 
 def random_platform(rng, g):
@@ -14,7 +15,7 @@ def random_platform(rng, g):
     return SymmetricPlatform.from_parameters(**dict(zip(names, rng.normal(size=10), strict=True)), g=g)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, st.integers(3, 6))
 def test_averages_are_the_entries_of_both_forms(seed, g):
     platform = random_platform(np.random.default_rng(seed), g)
@@ -33,7 +34,7 @@ def test_averages_are_the_entries_of_both_forms(seed, g):
     np.testing.assert_allclose(pose.Z, form("r", "s", "t"), atol=1e-9 * np.abs(pose.Z).max())
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS, st.floats(-3, 3))
 def test_characteristic_polynomial_factors(seed, x):
     """det(Z - lambda N) = H1 H2^2 with the corrected factors of [Naw07] 7.3."""
@@ -49,7 +50,7 @@ def test_characteristic_polynomial_factors(seed, x):
     assert np.prod(values) == pytest.approx(H1 * H2**2, rel=1e-6, abs=1e-9 * np.abs(values).max() ** 6)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(SEEDS, st.floats(-3, 3))
 def test_rotation_between_the_groups_does_not_matter(seed, mu):
     platform = random_platform(np.random.default_rng(seed), 4)
