@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +25,7 @@ from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress
 from ocptip.motion.objective import ENERGY, TIME, priced
 from ocptip.motion.output import plan_to_dict
+from ocptip.motion.tolerated import robustness
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
 from ocptip.robots.payload import Payload
@@ -48,6 +50,13 @@ class Terminal(io.StringIO):
         return True
 
 
+@cache
+def robustness_of_c():
+    """Computed once: most tests here are about everything else."""
+    plan = stand_in_plan()
+    return robustness(plan.task, plan.motion)
+
+
 @pytest.fixture
 def planner(monkeypatch, tmp_path):
     """Replaces the planner; `result` is what it returns or raises, `calls` are what it was given."""
@@ -67,6 +76,7 @@ def planner(monkeypatch, tmp_path):
         return replace(state.result, task=replace(own, source=data))
 
     monkeypatch.setattr(planning, "plan_motion", plan_motion)
+    monkeypatch.setattr(planning, "robustness", lambda task, motion: robustness_of_c())
     monkeypatch.chdir(tmp_path)
     return state
 
@@ -371,7 +381,8 @@ def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
     assert files_in(other) == sorted([*FILES, "notes.txt", "plan.png"])
 
 
-def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path):
+def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(motion_plots, "_FIGURES", {"plan": motion_plots._FIGURES["plan"]})
     assert run(capsys, "C", "--no-figures")[0] == 0
     directory = tmp_path / "ocptip-plan-C"
     for name in ("plan.png", "friction.png", "mine.png"):

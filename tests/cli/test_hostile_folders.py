@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from ocptip.basics.sums import SUMS
+from ocptip.basics.write import MARK
 from ocptip.cli.main import main
 from ocptip.motion.plan_files import write_plan
 from ocptip.robots.urdf_parser import printed
@@ -319,18 +320,22 @@ def test_files_of_the_user_are_not_replaced(plan, capfd, arguments):
 
 
 def test_what_ocptip_wrote_is_replaced(plan):
+    """By the mark in it, which every format has."""
     scene = str(EXAMPLES / "scenes" / "rover_on_slope.toml")
     Path("a.pdf").write_text("mine")
-    for arguments in (
+    for *arguments, name in (
+        ["stand", scene, "--plot", "a.png"],
         ["stand", scene, "--plot", "a.png"],
         ["stand", scene, "--plot", "a.svg"],
-        ["stand", scene, "--plot", "a.pdf", "--overwrite"],
-        ["stand", scene, "--plot", "a.pdf"],
-        ["export", "plan", "--urdf", "a.urdf", "--mjcf", "a.xml"],
-        ["parallel", "3RRR", "--urdf", "b.urdf", "--mjcf", "b.xml"],
+        ["stand", scene, "--overwrite", "--plot", "a.pdf"],
+        ["export", "plan", "--urdf", "a.urdf"],
+        ["export", "plan", "--mjcf", "a.xml"],
+        ["export", "plan", "--mjcf", "a.xml"],
+        ["parallel", "3RRR", "--urdf", "b.urdf"],
+        ["parallel", "3RRR", "--mjcf", "b.xml"],
     ):
-        for _ in range(2):
-            assert main(arguments) in (0, 1)
+        assert main([*arguments, name]) in (0, 1)
+        assert MARK.encode() in Path(name).read_bytes(), name
 
 
 @pytest.mark.slow
