@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy  # noqa: F401  (its libraries must be there before their threads are limited)
@@ -11,6 +12,7 @@ import scipy.linalg  # noqa: F401
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+from ocptip.motion.load_cases import tilt_by_direction
 from tests import places
 from tests.quick import examples
 
@@ -28,6 +30,13 @@ settings.load_profile("ci" if os.environ.get("CI") else "by hand")
 def root() -> Path:
     """The repository."""
     return places.ROOT
+
+
+@pytest.fixture
+def few_tilts(monkeypatch):
+    """Reports tilt the floor towards 8 directions instead of 72."""
+    few = partial(tilt_by_direction, count=8)
+    monkeypatch.setattr("ocptip.api.report.tilt_by_direction", few)
 
 
 @pytest.fixture(scope="session")

@@ -97,7 +97,7 @@ def test_a_proof_is_what_the_command_says(folder, tmp_path, capsys):
     assert main(["certify", str(found.save(tmp_path / "proof.json"))]) == 0
 
 
-def test_a_report_is_what_the_command_says(folder, tmp_path, capsys):
+def test_a_report_is_what_the_command_says(folder, tmp_path, capsys, few_tilts):
     code, data = said(capsys, "report", folder, "--out", tmp_path / "report.html")
     found = ocptip.report(folder)
     assert (code, found.stands) == (0, True)

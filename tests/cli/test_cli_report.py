@@ -14,6 +14,7 @@ from tests.motion.cycles.cycle_files import planned
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
 
+pytestmark = pytest.mark.usefixtures("few_tilts")
 TASK = str(EXAMPLES / "tasks" / "ur5_cart.toml")
 
 
