@@ -79,7 +79,7 @@ class ArmCodeReport(Report):
         return count_operations(self.function)
 
     def write(self) -> Iterator[Path]:
-        """The source and its header."""
+        """The C file and its header."""
         if self.target:
             files = write_c(self.function, self.target)
             yield from (files.source, files.header)

@@ -46,7 +46,7 @@ class Report(ABC):
         written: the files that were written.
         warnings: what was suspicious about the input.
         verbose: the text has all details.
-        early: the text ends with the files, and what it says before them is said before they are written.
+        early: the text ends with the files, and the part before them is printed before they are written.
     """
 
     early: ClassVar[bool] = False
@@ -57,7 +57,7 @@ class Report(ABC):
     @property
     @abstractmethod
     def good(self) -> bool:
-        """Whether the answer is yes: it stands, it is verified, it was found."""
+        """Whether the answer is yes: it stands, it is verified, it exists."""
 
     @abstractmethod
     def to_text(self) -> str:
@@ -114,9 +114,9 @@ class Command:
         name: as it is typed.
         group: of `GROUPS`.
         help: for the list of commands.
-        description: for its own help.
+        description: for the help of the command.
         codes: what the exit codes 0 and 1 mean.
-        arguments: all but those that every command has.
+        arguments: without those that every command has.
         preload: modules that its processes need.
         files: options that name files which are written.
     """
@@ -223,7 +223,7 @@ def _require_files(jobs: int) -> None:
 
 @contextmanager
 def suspicions() -> Iterator[list[str]]:
-    """Say what is suspicious about the input on stderr, and collect it; other warnings go their way."""
+    """Say what is suspicious about the input on stderr, and collect it; other warnings pass unchanged."""
     from ocptip.basics.errors import InputWarning
 
     said: list[str] = []
@@ -254,7 +254,7 @@ def written(report: Report) -> OSError | None:
 
 
 def explained(error: Exception) -> tuple[int, str]:
-    """The exit code, and what is said."""
+    """The exit code, and the message."""
     causes = list(_causes(error))
     # Libraries turn an interruption into an error of theirs, or lose it in a callback and fail later.
     if stops or any(isinstance(cause, KeyboardInterrupt) for cause in causes):

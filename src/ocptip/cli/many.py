@@ -36,7 +36,7 @@ class Asked:
 
     Attributes:
         task: as it was read, with what the options change.
-        name: its own.
+        name: of the task.
         directory: where its files go.
         digest: of all that its answer depends on.
     """
@@ -74,7 +74,7 @@ def answer_many(options: Namespace, read: Callable[[Namespace], Asked], work: Wo
     """Answer all tasks, write their files, and print a line for each when it is finished.
 
     Every task is one call of a worker process. A task that cannot be read, or whose answer is an error, is
-    one line, too; the others go on.
+    also one line; the others continue.
 
     Raises:
         InputError: two tasks have the same name, or --out cannot be made.
@@ -134,7 +134,7 @@ def _answered(work: Work, one: Asked, options: Namespace) -> tuple[Report | None
 
 
 def _finished(one: Asked, future: Any, options: Namespace) -> _Row:
-    """Take what a worker found, and write its files."""
+    """Take the result of a worker, and write its files."""
     try:
         report, said, code, text = future.result()
     except Exception as error:  # the worker, not the task
@@ -152,7 +152,7 @@ def _finished(one: Asked, future: Any, options: Namespace) -> _Row:
 
 
 def _kept(one: Asked, options: Namespace) -> _Row | None:
-    """What an earlier call has found for the same task; None if its folder is not complete, or of another."""
+    """The result of an earlier call for the same task; None if its folder is not complete, or of another."""
     main, picture = (OUTPUTS[options.command][0], f"{options.command}.png")
     try:
         data = read_json(one.directory / main)

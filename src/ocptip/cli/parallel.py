@@ -65,11 +65,12 @@ class ParallelReport(Report):
     Attributes:
         description: the robot.
         mobility: its degrees of freedom.
-        home: singularity measures of the home pose; None if the mobility is not as described.
+        home: singularity measures of the home pose; None if the mobility is not that of the description.
         functions: forces and Jacobian as generated; empty if there are none.
         without_code: why there are none.
         base_parameters: of the whole robot, with DynPar 3: its parameters belong to single legs, and further
-            ones of equal legs cannot be told from those of the platform. None if not asked for or not found.
+            ones of equal legs cannot be separated from those of the platform. None if not asked for or not
+            available.
         models: files in other formats with their texts.
         joints: functions that give the joints which the others want from z, in closed form or by Newton's
             method; none, see `without_joints`.
@@ -96,7 +97,7 @@ class ParallelReport(Report):
 
     @property
     def good(self) -> bool:
-        """True if the robot moves as described."""
+        """True if the mobility is that of the description."""
         return self.mobility.consistent
 
     def add_files(self, targets: Mapping[str, Path]) -> None:
@@ -219,7 +220,7 @@ def targets(options: Namespace) -> dict[str, Path]:
 def examine(
     description: RobotDescription, *, form: str | None = None, dynpar: int | None = None
 ) -> ParallelReport:
-    """Mobility, and if it is as described the generated functions, see :func:`lean_function`.
+    """Mobility, and if it is that of the description the generated functions, see :func:`lean_function`.
 
     Args:
         description: the robot.

@@ -1,4 +1,4 @@
-"""`ocptip place`: finds where a base should stand, says what it found, writes files and figures."""
+"""`ocptip place`: finds where a base should stand, reports it, writes files and figures."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def placed(one: Asked, options: Namespace, _: Executor | None = None) -> Report:
 
 
 def progress_bar(stream: TextIO) -> Progress:
-    """Bar that shows the least total so far."""
+    """Bar that shows the minimum total so far."""
 
     return Progress(
         stream, "searching for placements to start from ...", "no placement yet", "minimum total {:.4f}"
@@ -100,7 +100,7 @@ class PlaceReport(Report):
             yield from self.found.write(self.directory, figures=self.figures, extra=extra)
 
     def to_text(self) -> str:
-        """The best place, or the least-infeasible one and which constraints it breaks."""
+        """The best place, or the one of minimum violation and which constraints it breaks."""
         answer, shown, within = self.found.answer, self.found.best, self.found.within
         head, lines = _found(answer) if isinstance(answer, PlacementResult) else refusal_lines(answer)
         if within:
@@ -138,7 +138,7 @@ def _scope(placement: Placement) -> str:
 
 
 def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
-    """Which constraints cannot be met, and by how much at the least-infeasible place."""
+    """Which constraints cannot be met, and by how much at the place of minimum violation."""
     lines = [("nearest", "the placement of minimum violation:"), *_pose_lines(error.nearest)]
     violated = error.nearest.violations
     lines += [("broken", str(margin)) for margin in violated[:_MOST_VIOLATED]]

@@ -1,4 +1,4 @@
-"""`ocptip rate --along MOTION.csv`: indices along a motion, their least values and where they are."""
+"""`ocptip rate --along MOTION.csv`: indices along a motion, their minima and where they are."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ocptip.indices.metric import OperationEllipsoid
 
 @dataclass
 class AlongReport(Report):
-    """What is said about indices along a motion.
+    """The report of indices along a motion.
 
     Attributes:
         found: the indices.
@@ -39,7 +39,7 @@ class AlongReport(Report):
             yield self.found.save(self.figure)
 
     def to_dict(self) -> dict[str, Any]:
-        """Least, mean and largest values, and when the least ones are."""
+        """Minimum, mean and maximum values, and the times of the minima."""
         return {**self.found.to_dict(), "written": self.written, "versions": versions()}
 
     def to_text(self) -> str:

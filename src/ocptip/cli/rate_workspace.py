@@ -48,7 +48,7 @@ class MapsReport(Report):
             yield save_workspace(self.found, self.figure)
 
     def to_dict(self) -> dict[str, Any]:
-        """Least, mean and largest values, and where the largest are."""
+        """Minimum, mean and maximum values, and where the maxima are."""
         return {**self.found.to_dict(), "written": self.written, "versions": versions()}
 
     def to_text(self) -> str:

@@ -42,7 +42,7 @@ def _tilt(options: Namespace) -> dict[str, float]:
 
 @dataclass
 class SimulateReport(Report):
-    """What is said about what the simulator saw.
+    """The report of a simulation.
 
     Attributes:
         found: that.

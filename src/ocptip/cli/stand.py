@@ -30,7 +30,7 @@ FEW = 8  # contacts: one state is solved sooner than machine code is loaded
 
 
 def run(options: Namespace) -> StandReport:
-    """Solve the scene; evaluate its reserves and its stability."""
+    """Solve the scene; evaluate its margins and its stability."""
     if options.plot is not None:
         check_plot_target(options.plot)
     if options.posture is None:

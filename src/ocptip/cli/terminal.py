@@ -123,7 +123,7 @@ def say_if_compiling() -> None:
 
 
 def _kernels_are_compiled() -> bool:
-    """True if Numba's cache holds the solver (where the cache is: beside the source, or in the user's)."""
+    """True if Numba's cache holds the solver (the cache is beside the module, or in the user's folder)."""
     from ocptip.contact import pivoting  # loads numerics
 
     cache = Path(pivoting.solve_batch.machine_code.stats.cache_path or os.devnull)

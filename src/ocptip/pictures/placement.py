@@ -2,8 +2,8 @@
 
 `placement.png` shows the base and the arm from above and from the side, in the world, with obstacles, process
 loads and the alternatives. `map.png` shows the total and every criterion over the floor: in each cell the
-best angle of the base and the best branch of the arm; where none that keeps all constraints was found, what
-is in the way of the one that violates least.
+best angle of the base and the best IK solution of the arm; without one that keeps all constraints, the limit
+that fails for the one of minimum violation.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def draw_placement(
     Args:
         directory: made if it does not exist; the one above it must.
         name: title.
-        placements: of one problem, the best one first; or the least-infeasible one.
+        placements: of one problem, the best one first; or the one of minimum violation.
         cells: of the map, per axis.
 
     Returns:

@@ -46,7 +46,9 @@ class ScenePicture:
 
     @cached_property
     def contact_forces(self) -> np.ndarray:
-        """(n, d) in contact axes, as the slip reserve distributes them; the solver's own where it failed."""
+        """(n, d) in contact axes, as the friction optimum distributes them; those of the contact solver where
+        it failed.
+        """
         normal, tangential = self.slip.normal_forces[self.index], self.slip.tangential_forces[self.index]
         spread = np.column_stack([normal, tangential])
         return without_noise(

@@ -128,7 +128,7 @@ class Act:
         robots: of its parts, which differ in what they hold.
         names: of the parts; empty where there is one.
         owner: (T,), number of the part of each frame.
-        seen: forces and reserves at the frames.
+        seen: forces and margins at the frames.
         frames: of the links.
     """
 
@@ -282,7 +282,7 @@ def _path(scene: Any, name: str, act: Act, color: tuple[int, int, int], size: fl
 
 
 def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k: int) -> str:
-    """What is left of state k, with its forces (n, 3), N: "GN 0.391, GT 0.708, least foot 9.75 N"."""
+    """Margins of state k, with its forces (n, 3), N: "GN 0.391, GT 0.708, minimum foot 9.75 N"."""
     support = tip.states.support
     shared = "" if Slip(support).redistribution == "tangential" else " (one possible sharing)"
     shared = " (equally compliant feet)" if equal_normal_map(support) is not None else shared
@@ -295,7 +295,9 @@ def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k:
 
 
 def shared_forces(contact_forces: np.ndarray, slip: SlipReserve, k: int) -> np.ndarray:
-    """Forces (n, 3), N, contact axes, of state k as the slip reserve shares them, else the solver's."""
+    """Forces (n, 3), N, contact axes, of state k as the friction optimum shares them, else those of the
+    contact solver.
+    """
     shared = np.column_stack([slip.normal_forces[k], slip.tangential_forces[k]])
     return shared if np.all(np.isfinite(shared)) else contact_forces[k]
 
@@ -306,7 +308,7 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
     Args:
         scene: in space.
         contact_forces: (1, n, 3), N, contact axes.
-        tip, slip: reserves of that state.
+        tip, slip: margins of that state.
 
     Raises:
         InputError: the scene is in the plane.
@@ -374,7 +376,7 @@ class Forces:
         self.pressure = scene.add_icosphere("/zero-moment point", 0.018 * size, color=POINT)
 
     def show(self, forces: np.ndarray, tip: TipOverReserve, k: int) -> None:
-        """Forces (n, 3), N, contact axes, of state k of the reserves."""
+        """Forces (n, 3), N, contact axes, of state k of the margins."""
         known = np.nan_to_num(forces)
         world = np.einsum("kij,kj->ki", self.support.frames, known)
         ends, length = self.points + self.scale * world, self.scale * np.linalg.norm(world, axis=1)

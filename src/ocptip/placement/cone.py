@@ -59,7 +59,7 @@ def _spread(count: int, half_angle: float) -> np.ndarray:
 def _enclosing(
     rim: int, inside: np.ndarray, half_angle: float, most: float, otherwise: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """Least excess length below `most` with which the points enclose the cap, and the points."""
+    """Minimum excess length below `most` with which the points enclose the cap, and the points."""
     height, turn = np.cos(half_angle), 2 * np.pi * np.arange(rim) / max(rim, 1)
 
     def points(excess: float) -> np.ndarray:

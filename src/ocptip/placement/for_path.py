@@ -50,7 +50,7 @@ class PathPlacement:
 
     @property
     def verified(self) -> bool:
-        """The placement keeps its limits at rest, and the timing its own."""
+        """The placement keeps its limits at rest, and the timing keeps those of the motion."""
         return self.timed is not None and self.timed.verified and self.placement.feasible
 
     @property
@@ -84,11 +84,11 @@ def place_for_path(
     seed: int = 0,
     placement_starts: int = 5,
 ) -> tuple[PathPlacement, ...]:
-    """Find the place from which the path through the gripper tasks takes least: time, energy, or both.
+    """Find the place of minimum cost of the path through the gripper tasks: time, energy, or both.
 
     Known places, the best distinct ones at rest, and sampled ones are candidates. Around each a random search
-    on coarse grids looks for places whose best timing costs less and that keep all limits at rest. What is
-    found is timed on the usual grid by `ocptip.retiming.retime.retime`, unloaded, within the same limits, and
+    on coarse grids selects places whose best timing costs less and that keep all limits at rest. The results
+    are timed on the usual grid by `ocptip.retiming.retime.retime`, unloaded, within the same limits, and
     checked; that of the candidate counts where it is better.
 
     Args:
@@ -97,13 +97,13 @@ def place_for_path(
         between: "spline" of the joints, "lines" of the joints, or "tool lines", straight ones of the gripper.
         path_tolerance: rad (sliding joints, tool lines: m), by which corners of lines are rounded; 0: the arm
             stops there.
-        known: places to begin with, such as where the base stands now; none found is worse.
+        known: places to begin with, such as where the base stands now; no result is worse.
         candidates: number of places to begin with besides these.
         seed: of the placement and the search.
         placement_starts: of `place`.
 
     Returns:
-        The least cost first; those without verified timing last.
+        The minimum cost first; those without verified timing last.
 
     Raises:
         InputError: fewer than two tasks, bad numbers, or a tolerance of the base.

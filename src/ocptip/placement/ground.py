@@ -46,12 +46,12 @@ class Bump:
 
 @dataclass(frozen=True, eq=False)
 class Wave:
-    """A plane wave: amplitude sin(2 pi r / length + phase), r the way along its direction.
+    """A plane wave: amplitude sin(2 pi r / length + phase), r the distance along its direction.
 
     Attributes:
         amplitude: m.
         length: m, from crest to crest.
-        direction: rad, of the way across the crests, from the world's x axis.
+        direction: rad, across the crests, from the world's x axis.
         phase: rad, at the world's origin.
     """
 
@@ -109,7 +109,7 @@ class HeightField:
         *parts: bumps, waves, grids of heights, and CasADi functions (x, y) -> z;
             three times differentiable, a grid's surface between its lines.
         height: m, at the world's origin.
-        slope: slope_x, slope_y; height + slope . (x, y) is a part, too.
+        slope: slope_x, slope_y; height + slope . (x, y) is also a part.
 
     Attributes:
         area: (2, 2), m: lower and upper bounds of x and y within which all grids have heights.

@@ -1,4 +1,4 @@
-"""Lower bounds of the slip reserve, for many wrenches at once and without contact forces.
+"""Lower bounds of friction utilisation GT, for many wrenches at once and without contact forces.
 
 When the base slides with a velocity v and turns with a rate w about the common normal of its contacts,
 friction takes at most the power sum mu_i N_i |v + w x p_i|, whatever the normal forces N_i that hold the base

@@ -1,4 +1,4 @@
-"""A map over the floor: what would the best placement be that stands here, or what is in the way?"""
+"""A map over the floor: the best placement that stands in each cell, or the limit that fails."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CELLS = 33
 """Cells per axis."""
 
 UNEVEN_CELLS = 17
-"""The same on uneven ground, where every place has contacts of its own."""
+"""The same on uneven ground, where every place has different contacts."""
 
 _SETTINGS = 18  # samples of the parameters that are not on an axis
 _REPEATS = 2  # where part of the orientation is free, and joint angles are a random choice
@@ -92,13 +92,13 @@ class PlacementMap:
         return tuple(len(axis) for axis in reversed(self.axes))
 
     def values(self, name: str) -> np.ndarray:
-        """A criterion or "total" by cell; NaN where no placement that keeps all constraints was found."""
+        """A criterion or "total" by cell; NaN without a placement that keeps all constraints."""
         flat = self.found.totals if name == "total" else self.found.criteria[:, CRITERIA.index(name)]
         return np.where(self.found.feasible, flat, np.nan).reshape(self.shape)
 
     @property
     def causes(self) -> np.ndarray:
-        """Kind of the constraint that is in the way by cell, "" where there is a placement."""
+        """Kind of the constraint that fails by cell, "" where there is a placement."""
         return self.found.causes.astype(str).reshape(self.shape)
 
     def in_reach(self) -> list[tuple[float, float]]:

@@ -36,7 +36,7 @@ def result_to_dict(name: str, result: PlacementResult) -> dict[str, Any]:
 
 
 def refusal_to_dict(name: str, error: NoPlacementError) -> dict[str, Any]:
-    """Return why there is no placement: `reason`, and `nearest`, the least-infeasible one found."""
+    """Return why there is no placement: `reason`, and `nearest`, the one of minimum violation."""
     return {"task": name, "found": False, **error.to_dict(), "versions": plain(versions())}
 
 

@@ -81,7 +81,7 @@ class Margin:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A judged placement.
+    """A checked placement.
 
     Attributes:
         problem: what it is for.
@@ -95,7 +95,7 @@ class Placement:
         margins: of all constraints, the smallest relative margin first; of the clearances those below 0.1 m
             and the smallest of each task.
         pose_error: largest error of a gripper position (m) or orientation (rad).
-        start: number of the start it was found from; -1 for none.
+        start: number of its start; -1 for none.
     """
 
     problem: PlacementProblem
@@ -208,7 +208,7 @@ class StartReport:
         status: Ipopt's word.
         iterations, seconds: of all its programs.
         total: objective reached; NaN if not feasible.
-        feasible: the result was judged and keeps all constraints.
+        feasible: the result was checked and keeps all constraints.
         worst: the most violated constraint if not.
     """
 
@@ -223,14 +223,14 @@ class StartReport:
 
 @dataclass(frozen=True, eq=False)
 class PlacementResult:
-    """What :func:`place` found.
+    """The result of :func:`place`.
 
     Attributes:
         problem: what was asked for.
-        placements: distinct local optima, all judged feasible, the best first; several may be at one place,
-            with the base turned or other joint angles.
+        placements: distinct local optima, all checked as feasible, the best first; several may be at one
+            place, with the base turned or other joint angles.
         starts: what became of each.
-        sampled, reached: placements looked at for starts, and how many of them reach all tasks.
+        sampled, reached: placements evaluated for starts, and how many of them reach all tasks.
         seed: of the sample.
         seconds: wall time.
     """
@@ -245,7 +245,7 @@ class PlacementResult:
 
     @property
     def best(self) -> Placement:
-        """The placement with the least objective."""
+        """The placement with the minimum objective."""
         return self.placements[0]
 
     @property
@@ -261,7 +261,7 @@ class PlacementResult:
         return tuple(kept)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for strict JSON: what was found, what was asked for, and how it was found."""
+        """Plain data for strict JSON: the placements, what was asked for, and how the search went."""
         best, *others = (placement.to_dict() for placement in self.places)
         return plain(
             {
@@ -281,7 +281,7 @@ class NoPlacementError(PlanningError):
     """No placement keeps all constraints.
 
     Attributes:
-        nearest: the least-infeasible placement found.
+        nearest: the placement of minimum violation.
         starts: what became of each start.
     """
 
@@ -294,7 +294,7 @@ class NoPlacementError(PlanningError):
         return type(self), (str(self), self.nearest, self.starts)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for strict JSON: `reason`, and `nearest`, the least-infeasible placement found."""
+        """Plain data for strict JSON: `reason`, and `nearest`, the placement of minimum violation."""
         nearest, asked = self.nearest.to_dict(), _asked(self.nearest.problem)
         return plain({"reason": str(self), "nearest": nearest, **asked, "starts": self.starts})
 
@@ -327,7 +327,7 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
 def judge(
     evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray, start: int = -1
 ) -> Placement:
-    """Evaluate one placement with all constraints, independently of how it was found.
+    """Evaluate one placement with all constraints, independently of the search.
 
     Args:
         evaluator: of the problem.
@@ -371,7 +371,7 @@ def judge(
 def _in_friction(
     evaluator: Evaluator, found: list[TaskEvaluation], placed: tuple[int, np.ndarray], margin: Margin
 ) -> Margin:
-    """A slip reserve beyond 1 as the share of friction that would be needed, without accelerations."""
+    """Friction utilisation beyond 1 as the share of friction that would be needed, without accelerations."""
     own = found[margin.task]
     case = next(c for c in own.constrained if own.cases[c].name == margin.name)
     footing = evaluator.problem.stands[placed[0]].footing(placed[1])

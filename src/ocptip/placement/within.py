@@ -25,20 +25,20 @@ from ocptip.standing.within.rest import (
 from ocptip.standing.within.tolerable import AT_REST
 
 SEARCHED = ("base_mass", "center_of_mass", "friction")
-"""Quantities that the search for placements looks at itself."""
+"""Quantities that the search for placements includes."""
 
 
 def searched(tolerance: Uncertainty) -> Uncertainty:
-    """The part that the search looks at."""
+    """The part that the search includes."""
     return tolerance.only(*(name for name in SEARCHED if name in tolerance.given))
 
 
 def placement_within(placement: Placement, tolerance: Uncertainty) -> WithinAtRest:
-    """The worst of all poses and load cases that count in the constraints; process loads are as described.
+    """The worst of all poses and load cases that count in the constraints; process loads are nominal.
 
     Args:
-        placement: judged.
-        tolerance: of floor, base, arm and payload; what needs motion is left out, and said.
+        placement: checked.
+        tolerance: of floor, base, arm and payload; what needs motion is left out, with a remark.
     """
     cases = [partial(rest_case, placement, case) for case in placement.problem.cases if case.constrained]
     return _within(cases, tolerance.of(placement.problem.robot.payload))
@@ -94,7 +94,7 @@ def rest_case(placement: Placement, case: LoadCase, tolerance: Uncertainty) -> R
 
 
 def bodies(robot: Robot, q: np.ndarray, tolerance: Uncertainty) -> tuple[list[Weight], np.ndarray]:
-    """Links, payload and what may be at the gripper, at angles (n,); and the gripper point (3,), m.
+    """Links, payload and what may be at the gripper, at angles (n,); and the TCP (3,), m.
 
     Places are from the base's centre of mass, base axes.
     """

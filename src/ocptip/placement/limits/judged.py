@@ -1,4 +1,4 @@
-"""What the judge knows of N candidates, and how far they keep their limits."""
+"""Evaluation of N candidates for the final check, and how far they keep their limits."""
 
 from __future__ import annotations
 
@@ -62,17 +62,17 @@ class TaskEvaluation(Standing):
         cases: its load cases.
         q: (N, n), rad.
         torques: (N, C, n), N m.
-        wrenches: (N, C, 6), N and N m, base axes: on the base about its centre of mass, weight included, the
-            base being as described.
+        wrenches: (N, C, 6), N and N m, base axes: on the base about its centre of mass, weight included, of
+            the nominal base.
         cornered: (N, C, K, 6), the same at the K corners of the problem's tolerance, about the same point;
             where contacts are not solved K is 1.
-        moments: (N, C, K, axes), N m, about the tipping axes; where contacts are not solved the least of all
-            corners.
+        moments: (N, C, K, axes), N m, about the tipping axes; where contacts are not solved the minimum over
+            all corners.
         GN, GT: (N, C), the worst of all corners; NaN where not asked for.
         worst: by kind of limit (N, C): the corner at which it is worst.
         GK: (N, C): use of the force space (4.19), 0 without process load.
         GE: (N, C): holding power, W, or torque cost.
-        standing: (N, C): the contacts persist, at all corners; None if not asked for.
+        standing: (N, C): the contacts are maintained, at all corners; None if not asked for.
         states: contact states, N C K of them; None if not asked for, or where feet conform.
         rows: constraints by kind.
     """

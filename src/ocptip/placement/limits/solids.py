@@ -1,4 +1,4 @@
-"""Distances of the arm's and the base's solids wherever the base stands, for judge and program."""
+"""Distances of the arm's and the base's solids wherever the base stands, for check and program."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class WorldSolids:
 
     Attributes:
         names: of the pairs.
-        least: (m,), m: least distances.
+        least: (m,), m: minimum distances.
     """
 
     def __init__(self, problem: PlacementProblem) -> None:
@@ -58,7 +58,7 @@ class WorldSolids:
         self._judge = Distances(_placed_frames(self.arm), self._solids, pairs)
 
     def gaps(self, found: TaskEvaluation) -> tuple[list[str], np.ndarray, np.ndarray]:
-        """Names, smallest distances (N, names), m, and least ones (names,); solids of one name are one."""
+        """Names, distances (N, names), m, and their required minima (names,); solids of one name are one."""
         poses = np.concatenate([found.base.reshape(-1, 9), found.origin], axis=1)
         below = float(self.least.max(initial=0.0)) + _FAR
         names = list(dict.fromkeys(self.names))
@@ -77,7 +77,7 @@ class WorldSolids:
 
 
 class SolidGaps:
-    """Distances minus their least values, in `LENGTH_UNIT`, with two derivatives, as `Twice` has them."""
+    """Distances minus their minimum values, in `LENGTH_UNIT`, with two derivatives, as `Twice` has them."""
 
     dropped = 0.0
 

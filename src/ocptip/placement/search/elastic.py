@@ -1,8 +1,9 @@
-"""The least-infeasible placement: constraints give way, and the sum of their violations becomes minimal.
+"""The placement of minimum violation: constraints are relaxed, and the sum of their violations becomes
+minimal.
 
 Each kind of constraint of each load case has one violation e >= 0 in units of 0.1 m, 0.2 rad or its limit.
-The sum of violations is small where few constraints are broken, so that its minimum names those that are in
-the way: all others hold there.
+The sum of violations is small where few constraints are broken, so that its minimum names those that fail:
+all others hold there.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from ocptip.placement.search.program import PlacementProgram
 class ElasticProgram:
     """A program of constraints alone, with violations as further variables.
 
-    Where the gripper pose cannot be reached, joint limits are rows that can give way, too; the bounds of the
-    terrain stay.
+    Where the gripper pose cannot be reached, joint limits are rows that can also be relaxed; the bounds of
+    the terrain stay.
 
     Args:
         program: made with `criteria=False`.

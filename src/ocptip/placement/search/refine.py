@@ -1,8 +1,8 @@
 """Improves candidates by a random local search before the nonlinear programs start.
 
 Around each candidate further ones are drawn, all at once; the arm follows by Newton steps from the angles it
-has, so that it keeps its branch. A few rounds bring a candidate near its local optimum, and candidates that
-share one together, for a fraction of the cost of a program.
+has, so that it keeps its IK solution. A few rounds bring a candidate near its local optimum, and candidates
+that share one together, for a fraction of the cost of a program.
 """
 
 from __future__ import annotations
@@ -188,6 +188,6 @@ def _scores(
 
 
 def _score(total: np.ndarray, margin: np.ndarray) -> np.ndarray:
-    """Objective plus the price of violations."""
+    """Objective plus the penalty of violations."""
     broken = np.maximum(-margin, 0)
     return np.nan_to_num(total, nan=1e3) + _PENALTY * np.minimum(broken, 1e3)

@@ -23,7 +23,8 @@ def near_gaps(physics: PatchPhysics, p: np.ndarray, q: np.ndarray, distance: flo
 
 
 def held_cases(physics: PatchPhysics, p: np.ndarray, q: np.ndarray, share: float) -> list[int]:
-    """Contact cases whose slip reserve counts, or uses `share` of its limit or more at p (k,), q (tasks, n).
+    """Contact cases whose friction utilisation counts, or uses `share` of its limit or more at p (k,), q
+    (tasks, n).
 
     Of a load case that counts those at the corners of the tolerance that are about as bad as the worst.
     """
@@ -44,7 +45,9 @@ def worst_cases(physics: PatchPhysics, p: np.ndarray, q: np.ndarray) -> list[int
 def _usages(
     physics: PatchPhysics, p: np.ndarray, q: np.ndarray
 ) -> Iterator[tuple[int, LoadCase, float, bool]]:
-    """Number, load case, slip reserve of every constrained contact case, and whether it is near the worst."""
+    """Number, load case, friction utilisation of every constrained contact case, and whether it is near the
+    worst.
+    """
     problem, stand = physics.problem, physics.stand
     constrained = [i for i, case in enumerate(problem.cases) if case.constrained]
     at = wrenches(physics, p, q).reshape(len(problem.cases), -1, 6)[constrained]
