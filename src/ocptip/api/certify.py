@@ -84,6 +84,7 @@ def certify(
     unit: str | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topic: str | None = None,
 ) -> Certified:
     """Prove that a motion loses no contact and keeps all limits at every instant.
 
@@ -96,7 +97,7 @@ def certify(
         task, motion: as for :func:`ocptip.check`.
         base: of a case, if it is not that of the file.
         rise_time: s, of profile commands; default: that of the file, or of the task.
-        unit, rate, columns: of files, see `ocptip.trajectories.read.load_motion`.
+        unit, rate, columns, topic: of files, see `ocptip.trajectories.read.load_motion`.
 
     Raises:
         InputError: the motion cannot be read or does not fit the robot, or is a fit to samples.
@@ -105,7 +106,7 @@ def certify(
         if not isinstance(task, str | os.PathLike):
             raise InputError("motion: missing; the task alone is no motion")
         task, motion = None, task
-    reading = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns}
+    reading = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
     name, task, given = given_motion(motion, task, base=base, **reading)
     if given.fit is not None:
         raise InputError(

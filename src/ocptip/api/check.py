@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
@@ -20,6 +21,8 @@ from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of, wit
 from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.objective import TIME
+from ocptip.motion.output import csv_blocks, joint_trajectory
+from ocptip.motion.plan_files import samples_joined, task_samples
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
 from ocptip.motion.summary import brief
@@ -29,7 +32,11 @@ from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import TORQUE_WITHIN
 from ocptip.standing.sensitivity import Sensitivity
+from ocptip.trajectories.bags import write_bag
+from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path_fit import path_of_motion
+from ocptip.trajectories.points import Points
+from ocptip.trajectories.sequence import joined
 from ocptip.trajectories.trajectory import Trajectory
 
 SAME = {"deg": 0.01, "m": 1e-4}
@@ -96,6 +103,29 @@ class Check:
         """What the file does not say of the motion."""
         return [*self.motion.assumed, f"the robot rests before 0 s and after {self.motion.end:.4g} s"]
 
+    def save_bag(self, path: str | os.PathLike[str]) -> None:
+        """Write trajectory, joint states and the columns of `motion.csv` over time as a bag of ROS 2 (MCAP).
+
+        Angles are in rad. Accelerations that step have two messages at the same time. See
+        `ocptip.trajectories.bags.write_bag` for the topics.
+
+        Args:
+            path: of the folder, which must not exist.
+
+        Raises:
+            InputError: it exists, cannot be written, or `rosbags` is missing.
+        """
+        whole = segments_of(self.task, self.motion)
+        points = [
+            one.points or cast(Points, controller_points(one, "cubic").points) for one in whole.segments
+        ]
+        samples = samples_joined(task_samples(self.task, whole))
+        joints = {"position": samples.angles, "velocity": samples.speeds, "effort": samples.torques}
+        of_joints = re.compile(r"time_s|(q|qd|qdd|tau)\d+_.*")
+        columns = {name: values for name, values in csv_blocks(samples) if not of_joints.fullmatch(name)}
+        message = joint_trajectory(self.task.segments[0].task.robot, joined(points, whole.pauses))
+        write_bag(path, message, samples.times, joints, columns)
+
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""
         return brief(f"{self.name} on {self.task.name}", self)
@@ -141,6 +171,7 @@ def check(
     unit: str | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topic: str | None = None,
     stage: Callable[[str], None] | None = None,
     progress: Callable[[int, int, None], None] | None = None,
 ) -> Check:
@@ -164,7 +195,7 @@ def check(
         stops: what if the motion is stopped at any instant: along the path, by brakes, or both.
         sensitivities: say what changes of masses and contacts would do.
         rise_time: s, of profile commands; default: that of the file, or of the task.
-        unit, rate, columns: of files, see `ocptip.trajectories.read.load_motion`.
+        unit, rate, columns, topic: of files, see `ocptip.trajectories.read.load_motion`.
         stage: called with what is done next.
         progress: called with the numbers of instants that are checked and that are to be checked.
 
@@ -181,7 +212,7 @@ def check(
         if not _is_path(task):
             raise InputError("motion: missing; the task alone is no motion")
         motion, task = cast(MotionLike, task), None
-    reading = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns}
+    reading = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
     name, task, given = given_motion(motion, task, base=base, **reading)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")

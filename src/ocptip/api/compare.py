@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ def compare(
     *,
     unit: str | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topics: Sequence[str] = (),
     level: float = LEVEL,
     same_clock: bool = False,
 ) -> PlanComparison:
@@ -38,6 +39,7 @@ def compare(
         recording: file of the recording (docs/compare.md).
         unit: of angles in it, where its columns do not say it: "deg" or "rad".
         columns: title or number of each signal's column, by signal; numbers from 1.
+        topics: of a bag: joint states, and the wrench of the sensor in the base, which is read only if named.
         level: probability of any finding by chance.
         same_clock: the recording's times are those of the plan.
 
@@ -50,7 +52,7 @@ def compare(
         raise InputError("is a cycle; compare recordings of its segments with plans of these", "", name)
     with naming(name):
         predictor = Predictor(folder.task.robot, folder.motion)
-    measured = read_recording(recording, folder.task.robot, unit=unit, columns=columns)
+    measured = read_recording(recording, folder.task.robot, unit=unit, columns=columns, topics=topics)
     doubt_turns(measured, folder.task.robot, folder.motion)
     with naming(Path(recording).name):
         found = compared(measured, predictor, level=level, same_clock=same_clock)

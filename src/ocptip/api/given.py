@@ -19,6 +19,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
+from ocptip.trajectories.bags import is_bag
 from ocptip.trajectories.read import load_motion, load_motions, motion_origin
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -40,10 +41,12 @@ def task_of_motion(
         otherwise: the uncertainty of cases, and of task files that have none.
     """
     path = Path(motion)
-    if path.is_dir():
+    if path.is_dir() and not is_bag(path):
         with only_inside(path):
             require_readable(path / PLAN)
-    folder, path = (path, path / PLAN) if path.is_dir() else (path.parent, path)
+        folder, path = path, path / PLAN
+    else:
+        folder = path.parent
     case = task if isinstance(task, str) and not Path(task).suffix else None
     if task is not None and case is None:
         if base is not None:
@@ -75,6 +78,7 @@ def given_motion(
     unit: str | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topic: str | None = None,
 ) -> tuple[str, Task, Trajectory]:
     """Name of what is given, the task, and the motion; see :func:`ocptip.check`.
 
@@ -92,7 +96,7 @@ def given_motion(
         rate = planned_rate(path.parent)
     elif rate is not None:
         rate = positive_number("rate", rate)
-    how = {"unit": unit, "start": task.start, "rate": rate, "columns": columns}
+    how = {"unit": unit, "start": task.start, "rate": rate, "columns": columns, "topic": topic}
     name, robot = Path(motion).name, task.robot
     if task.is_cycle:
         if rise_time:

@@ -48,6 +48,7 @@ def identify(
     task: str | os.PathLike[str] | None = None,
     unit: str | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topics: Sequence[str] = (),
     tared: bool = False,
     sigmas: float | None = None,
     bandwidth: float | None = None,
@@ -65,7 +66,7 @@ def identify(
         what: "payload" or "base" by a force-torque sensor or the contacts' normal forces, "bodies" for both,
             "arm" by joint torques, "power" for power maps of the drives.
         task: task file of the robot, where `plan` is a motion.
-        unit, columns: see `ocptip.compare`.
+        unit, columns, topics: see `ocptip.compare`.
         tared: the sensor was set to zero at the start.
         sigmas: standard errors that tolerances cover; default 3.
         bandwidth: Hz, of a filter of the torques, infinite for none; default: identified. For "arm" only.
@@ -85,7 +86,7 @@ def identify(
     if bandwidth is not None and bandwidth != math.inf:
         positive_number("bandwidth", bandwidth)
     predictor = _predictor(plan, task)
-    measured = read_recording(recording, predictor.robot, unit=unit, columns=columns)
+    measured = read_recording(recording, predictor.robot, unit=unit, columns=columns, topics=topics)
     doubt_turns(measured, predictor.robot, predictor.motion)
     for gap in gaps(measured):
         doubt(f"{gap.name}: {gap.text}")

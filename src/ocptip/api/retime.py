@@ -159,6 +159,7 @@ def retime(
     rate: float | None = None,
     unit: str | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topic: str | None = None,
     stage: Callable[[str], None] | None = None,
 ) -> RetimedPlan:
     """Time a path so that all limits hold, as fast or as cheaply as possible; check and prove the result.
@@ -177,7 +178,7 @@ def retime(
         path_tolerance: degrees (sliding joints, tool lines: mm), by which the path may be off what is given.
         controller: what runs it; "quintic" needs `jerk`.
         rate: points per second for the controller.
-        unit, columns: of a CSV file, see `ocptip.trajectories.read.load_motion`.
+        unit, columns, topic: of a CSV file or a bag, see `ocptip.trajectories.read.load_motion`.
         stage: called with what is done next.
 
     Raises:
@@ -190,7 +191,9 @@ def retime(
             positive_number(name, value)
     refuse_early(path)  # the task may have to be compiled first
     task, path = task_of_motion(path, task, base, WORKSHOP)
-    given = load_path(path, task, columns=columns, tolerance=path_tolerance, unit=unit, rate=rate)
+    given = load_path(
+        path, task, columns=columns, tolerance=path_tolerance, unit=unit, rate=rate, topic=topic
+    )
     motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
     goal = (
         TIME if objective is None and price_per_second is None else objective_of(objective, price_per_second)

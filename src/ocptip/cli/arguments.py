@@ -147,9 +147,23 @@ COLUMNS = argument(
     "FILE.toml",
     "map of CSV columns: a table [columns] with name = title or number, names as in motion.csv",
 )
+TOPIC = argument(
+    "--topic",
+    "NAME",
+    "topic of a bag; NAME#2: the second trajectory there (default: the only one of a known type)",
+)
+TOPICS = argument(
+    "--topic",
+    "NAME",
+    "topic of a bag: joint states, or the wrench of the sensor in the base; may be repeated",
+    action="append",
+    dest="topics",
+    default=[],
+)
 FILE_OF_MOTION = group(
     "format of the motion",
     COLUMNS,
+    TOPIC,
     argument(
         "--rate",
         "HZ",

@@ -40,7 +40,12 @@ def run(options: Namespace) -> Report:
             raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
         task = load_task(task, **given_limits(options))
         say_if_compiling()
-        reading = {"unit": options.unit, "rate": options.rate, "columns": given_columns(options)}
+        reading = {
+            "unit": options.unit,
+            "rate": options.rate,
+            "columns": given_columns(options),
+            "topic": options.topic,
+        }
         found = certify(task, options.motion, rise_time=options.rise_time, **reading)
     return CertifyReport(found, options.out)
 

@@ -15,7 +15,7 @@ import numpy as np
 from ocptip.api.check import SAME, Check, check
 from ocptip.api.given import task_of_motion
 from ocptip.api.tasks import load_task
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import quantity, ratio, table
 from ocptip.cli.command import Report
 from ocptip.cli.layout import check_rows, gear_rows, masses
@@ -27,6 +27,7 @@ from ocptip.motion.summary import motion_line
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
+from ocptip.trajectories.bags import require_new
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 
 _ROWS = {
@@ -79,7 +80,10 @@ def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
     if Path(options.motion).suffix == ".toml":
         raise InputError("is a task or a path, no motion", "", options.motion)
-    with naming_options("base", "step", "time_scale", "rate", "rise_time", "sensitivities"):
+    if options.bag:
+        with naming("--bag"):
+            require_new(options.bag)
+    with naming_options("base", "step", "time_scale", "rate", "rise_time", "sensitivities", "topic"):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base, NONE)
         task = load_task(task, **given_limits(options))
         say_if_compiling()
@@ -95,10 +99,14 @@ def run(options: Namespace) -> CheckReport:
                 unit=options.unit,
                 rate=options.rate,
                 columns=given_columns(options),
+                topic=options.topic,
                 stage=progress.stage,
                 progress=progress,
             )
-    return CheckReport(found)
+            if options.bag:
+                progress.stage("writing the bag ...")
+                found.save_bag(options.bag)
+    return CheckReport(found, options.bag)
 
 
 @dataclass
@@ -107,9 +115,11 @@ class CheckReport(Report):
 
     Attributes:
         check: of the motion.
+        bag: folder that it was written to; None: not asked for.
     """
 
     check: Check
+    bag: str | None = None
 
     @property
     def good(self) -> bool:
@@ -154,6 +164,7 @@ class CheckReport(Report):
         motion, checked = self.check.motion, self.check.check
         notes = ["stops are checked at sampled instants"] if self.check.stops and checked.certified else []
         notes += [self.check.retimed] if self.check.retimed else []
+        notes += [f"trajectory and margins over time are in the bag {self.bag}"] if self.bag else []
         if motion.fit is not None:
             notes += fit_notes(motion.fit, self.check.task.robot)
         elif motion.points is not None:

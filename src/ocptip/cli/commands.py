@@ -23,6 +23,7 @@ from ocptip.cli.arguments import (
     SENSITIVITIES,
     TOLERANCE,
     TOOL_FRAME,
+    TOPIC,
     UNIT,
     argument,
     group,
@@ -212,7 +213,7 @@ COMMANDS = (
                 EFFORT,
             ),
             LIMITS,
-            group("format of the path", UNIT, COLUMNS),
+            group("format of the path", UNIT, COLUMNS, TOPIC),
             OUT,
         ),
     ),
@@ -254,8 +255,8 @@ COMMANDS = (
             argument(
                 "motion",
                 "MOTION",
-                "folder of a plan or a file of it, profile commands, a joint trajectory (JSON, YAML), or "
-                "samples (CSV)",
+                "folder of a plan or a file of it, profile commands, a joint trajectory (JSON, YAML), "
+                "samples (CSV), or a bag of ROS",
             ),
             *MOTION_OF,
             LIMITS,
@@ -271,6 +272,7 @@ COMMANDS = (
                 SENSITIVITIES,
                 time_scale("also check with all times multiplied by F"),
                 argument("--step", "S", "initial spacing of the grid, s (0.01)", type=float, default=0.01),
+                argument("--bag", "DIR", "write trajectory and margins over time as a bag of ROS 2 (MCAP)"),
             ),
         ),
     ),

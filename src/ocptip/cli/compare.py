@@ -37,6 +37,7 @@ def run(options: Namespace) -> CompareReport:
         options.recording,
         unit=options.unit,
         columns=given_columns(options),
+        topics=options.topics,
         level=LEVEL if options.level is None else options.level,
         same_clock=options.same_clock,
     )

@@ -49,6 +49,7 @@ def run(options: Namespace) -> Report:
             task=options.task,
             unit=options.unit,
             columns=given_columns(options),
+            topics=options.topics,
             tared=options.tared,
             sigmas=options.sigmas,
             bandwidth=options.bandwidth,

@@ -7,6 +7,7 @@ from ocptip.cli.arguments import (
     COLUMNS,
     SEED,
     TOOL_FRAME,
+    TOPICS,
     UNIT,
     argument,
     group,
@@ -24,10 +25,11 @@ MACHINE_COMMANDS = (
         "Reports masses, frictions, delays, elasticities or signals that deviate from the model.",
         "0 the recording agrees with the model, 1 it deviates",
         (
-            argument("recording", "RECORDING.csv", "the recording"),
+            argument("recording", "RECORDING", "the recording: a CSV file, or a bag of ROS"),
             argument("plan", "PLAN_DIR", "folder of the plan that was run"),
             UNIT,
             COLUMNS,
+            TOPICS,
             argument(
                 "--same-clock",
                 None,
@@ -58,10 +60,11 @@ MACHINE_COMMANDS = (
                 "what is identified",
                 choices=("payload", "base", "bodies", "arm", "power", "motion"),
             ),
-            argument("recording", "RECORDING.csv", "the recording; for motion: TASK.toml"),
+            argument("recording", "RECORDING.csv", "the recording, CSV or bag; for motion: TASK.toml"),
             argument("plan", "PLAN_DIR", "folder of the plan that was run (power: not needed)", nargs="?"),
             UNIT,
             COLUMNS,
+            TOPICS,
             argument("--tared", None, "the sensor was set to zero under load", action="store_true"),
             argument(
                 "--bandwidth",

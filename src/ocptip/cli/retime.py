@@ -43,6 +43,7 @@ def run(options: Namespace) -> Report:
                 rate=options.rate,
                 unit=options.unit,
                 columns=given_columns(options),
+                topic=options.topic,
                 stage=progress.stage,
             )
     digest = "" if task.is_cycle else None

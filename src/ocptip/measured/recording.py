@@ -35,6 +35,7 @@ from ocptip.basics.errors import InputError, refuse_huge
 from ocptip.basics.read import read_text
 from ocptip.measured.time_bases import on_one_clock
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.bags import is_bag, recording_in_bag, refuse_of_other_files
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
 from ocptip.trajectories.csv_time import times_of
 from ocptip.trajectories.trajectory import Trajectory
@@ -129,23 +130,30 @@ def read_recording(
     *,
     unit: str | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topics: Sequence[str] = (),
 ) -> Recording:
-    """Read a recording of a robot.
+    """Read a recording of a robot: a CSV file, or a bag with joint states in rad, m, N m, N.
 
     Args:
         path: of the file.
         robot: gives the names of joints and sensor, and units.
         unit: "deg" or "rad", of angles that say none.
         columns: what columns are: names of the module, each with the title or the number, from 1, of one.
+        topics: of a bag, see `ocptip.trajectories.bags.recording_in_bag`.
 
     Raises:
         InputError: it cannot be read, or holds no time, nothing known, something twice, a text or too few
             samples; names file, line and column.
     """
     path = Path(path)
-    text = read_text(path)
+    bag = is_bag(path)
+    refuse_of_other_files(bag, topics, columns)
+    table = recording_in_bag(path, topics) if bag else None
+    text = "" if bag else read_text(path)
     try:
-        return _parsed(text, robot, unit, columns)
+        if table is None:
+            return _of_table(text_table(text, columns), robot, unit)
+        return _of_table(table, robot, "rad")
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
 
@@ -173,10 +181,7 @@ def doubt_turns(recording: Recording, robot: StandingMechanism, motion: Trajecto
             doubt(f"recorded angles are {factor:.2g} times those of the plan; are they {word}?")
 
 
-def _parsed(
-    text: str, robot: StandingMechanism, unit: str | None, columns: Mapping[str, str | int] | None
-) -> Recording:
-    table = text_table(text, columns)
+def _of_table(table: TextTable, robot: StandingMechanism, unit: str | None) -> Recording:
     if len(table.rows) < FEWEST:
         raise InputError(f"at least {FEWEST} samples are needed, got {len(table.rows)}")
     times, clock = times_of(table)

@@ -87,6 +87,7 @@ def load_path(
     unit: str | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topic: str | None = None,
 ) -> GivenPath:
     """Read a path: waypoints (TOML), or any motion that `load_motion` reads, whose times are a comparison.
 
@@ -95,7 +96,7 @@ def load_path(
         task: whose robot moves; each segment of a cycle has a separate path.
         tolerance: degrees (sliding joints, tool lines: mm): how far the path may be from what is given:
             corners are blended, noise is smoothed. Default: that of a file of waypoints, or none.
-        unit, rate, columns: see `load_motion`; the task's start is where the robot is at 0 s.
+        unit, rate, columns, topic: see `load_motion`; the task's start is where the robot is at 0 s.
 
     Raises:
         InputError: the file cannot be read, holds no path, or one of another robot; one line that says where.
@@ -105,7 +106,7 @@ def load_path(
         positive_number("--path-tolerance", tolerance, zero_allowed=True)
     if path.suffix.lower() == ".toml":
         return _waypoints(path, task, tolerance)
-    known = {"unit": unit or "", "start": task.start, "rate": rate, "columns": columns}
+    known = {"unit": unit or "", "start": task.start, "rate": rate, "columns": columns, "topic": topic}
     found = load_motions(path, task.robot.names, task.robot.units, **known)
     with naming(path.name):
         task.robot.require_fit(found.n)

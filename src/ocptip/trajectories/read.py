@@ -12,8 +12,9 @@ import numpy as np
 from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, naming, positive_number, refuse_huge
 from ocptip.basics.read import parse_json, parse_yaml, read_text
+from ocptip.trajectories.bags import is_bag, motion_in_bag, refuse_of_other_files
 from ocptip.trajectories.controllers import controller_points
-from ocptip.trajectories.read_csv import motion_from_csv, require_units
+from ocptip.trajectories.read_csv import motion_from_csv, motion_of_table, require_units
 from ocptip.trajectories.read_points import motion_of_points, trajectory_in
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -30,6 +31,7 @@ def load_motion(
     start: np.ndarray | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topic: str | None = None,
 ) -> Trajectory:
     """Read a motion from a file: profile commands, a joint trajectory, or CSV with samples.
 
@@ -43,6 +45,7 @@ def load_motion(
     joints, in any order, see `ocptip.trajectories.csv_columns`; other columns are left out. With
     accelerations that are those of the motion between the samples, as in motion.csv, it is taken unchanged; a
     time may be repeated at acceleration steps. All else is fitted (`ocptip.trajectories.fit`).
+    Bags of ROS: a joint trajectory, or joint states as samples, in rad and m.
 
     Args:
         path: the file.
@@ -54,12 +57,13 @@ def load_motion(
         rate: updates of the controller per second, for points with positions only; default: 500.
         columns: of CSV files, what their columns are: names as in `motion.csv`, each with the title or the
             number, from 1, of a column.
+        topic: of bags, see `ocptip.trajectories.bags.motion_in_bag`.
 
     Raises:
         InputError: the file cannot be read or holds no motion, or angles of a joint that slides; names file,
             and key or line and column.
     """
-    return _read(path, names, units, unit, start, rate, columns, several=False)
+    return _read(path, names, units, unit, start, rate, columns, topic, several=False)
 
 
 def load_motions(
@@ -71,13 +75,14 @@ def load_motions(
     start: np.ndarray | None = None,
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
+    topic: str | None = None,
 ) -> Trajectory:
     """Read a motion as :func:`load_motion` does, or the segments of the plan.json of a cycle.
 
     Raises:
         InputError: see :func:`load_motion`; names the segment.
     """
-    return _read(path, names, units, unit, start, rate, columns, several=True)
+    return _read(path, names, units, unit, start, rate, columns, topic, several=True)
 
 
 def _read(
@@ -88,13 +93,21 @@ def _read(
     start: np.ndarray | None,
     rate: float | None,
     columns: Mapping[str, str | int] | None,
+    topic: str | None,
     *,
     several: bool,
 ) -> Trajectory:
     """What a file holds; several motions only if they are wanted."""
     path = Path(path)
-    text = read_text(path)
+    bag = is_bag(path)
+    refuse_of_other_files(bag, [topic] if topic else [], columns)
+    found = motion_in_bag(path, names, topic) if bag else None
+    text = "" if bag else read_text(path)
     try:
+        if isinstance(found, dict):
+            return motion_of_points(found, names, rate, start)
+        if found is not None:
+            return motion_of_table(found, names, units, "rad")
         if path.suffix.lower() in (".yaml", ".yml"):
             return motion_of_points(trajectory_in(parse_yaml(text)), names, rate, start)
         if not text.lstrip().startswith(("{", "[")):
@@ -115,6 +128,8 @@ def _read(
 def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     """Return what a motion file says about its robot: the texts `case` and `base`, those that it has."""
     path = Path(path)
+    if is_bag(path):
+        return {}
     text = read_text(path)
     try:
         data = _json(text) if text.lstrip().startswith("{") else {}

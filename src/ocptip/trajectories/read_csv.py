@@ -34,7 +34,13 @@ def motion_from_csv(
     Raises:
         InputError: it holds no motion; names line and column.
     """
-    table = text_table(text, columns)
+    return motion_of_table(text_table(text, columns), names, units, unit)
+
+
+def motion_of_table(
+    table: TextTable, names: Sequence[str] | None, units: Sequence[str], unit: str | None
+) -> Trajectory:
+    """The motion of a table, see :func:`motion_from_csv`."""
     if not table.header:
         raise InputError(
             "is empty; expected profile commands, a joint trajectory, or columns time_s, q1_deg, q2_deg, ..."
