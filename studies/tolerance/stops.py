@@ -114,8 +114,7 @@ def looked_at(plan: MotionPlan, rules: StopRules, kind: str) -> dict[str, Any]:
         checked = check_motion(robot, plan.motion, limits)
         found = check_stops(robot, plan.motion, limits, rules, checked, KINDS[kind])
         seconds = max(time.process_time() - began - (began - plain), 0.0)
-    speeds = found.path_speeds if kind == "along the path" else found.brake_speeds
-    assert speeds is not None
+    speeds = found.speeds[KINDS[kind]]
     worst = found.worst[KINDS[kind]]
     return {
         "kept": found.verified,

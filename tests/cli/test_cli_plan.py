@@ -198,7 +198,7 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
     assert printed.pop("written") == [f"ocptip-plan-C/{name}" for name in FILES]
     assert printed == json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
     assert set(printed) == set(plan_to_dict(planner.result)) | {
-        *("base", "margins", "time_scale", "warnings", "tolerated", "trajectory", "digest")
+        *("base", "cancel", "margins", "time_scale", "warnings", "tolerated", "trajectory", "digest")
     }
     assert printed["time_scale"][0]["factor"] == 1.2
 

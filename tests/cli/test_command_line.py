@@ -48,7 +48,10 @@ def test_options_leave_positional_arguments_alone(line, expected):
         ("plam A", "no such command: 'plam'; did you mean 'plan'?"),
         ("xyz", "no such command: 'xyz'"),
         ("plan --time-scale A", "argument --time-scale: invalid float value: 'A'"),
-        ("plan --stop-safe=never A", "argument --stop-safe: must be path, brakes or both, got 'never'"),
+        (
+            "plan --stop-safe=never A",
+            "argument --stop-safe: must be path, brakes, both, cancel or all, got 'never'",
+        ),
         ("plan --start 3 A", "unrecognized arguments: --start"),
         ("plan A -v -q", "not allowed with argument"),
     ],

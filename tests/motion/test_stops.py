@@ -98,7 +98,7 @@ def test_stronger_brakes_load_the_base_more(task):
     assert values[0]["longest_stop_s"] > values[1]["longest_stop_s"] > values[2]["longest_stop_s"]
     assert not found[2].verified
     assert any("in a stop by brakes begun at" in violation for violation in found[2].violations)
-    assert found[2].brake_speeds.min() == 0.0
+    assert found[2].speeds["brakes"].min() == 0.0
 
 
 def test_wider_intervals_are_never_better(task):
@@ -119,13 +119,13 @@ def test_tables_tell_where_a_stop_is_safe(task):
     checked, stops = looked_at(task, "path")
     assert checked.verified
     assert stops.verified
-    np.testing.assert_allclose(stops.path_speeds, 1.0)
+    np.testing.assert_allclose(stops.speeds["path"], 1.0)
     binding = experiment_task("C", "effective")
     checked, stops = looked_at(binding, "path")
     assert not checked.verified
     assert not stops.verified
-    assert stops.path_speeds.min() < 0.9
-    assert stops.path_speeds.max() == 1.0
+    assert stops.speeds["path"].min() < 0.9
+    assert stops.speeds["path"].max() == 1.0
     assert stops.worst["path"]["GN"] == checked.worst["GN_stop"].value > 0.9
     data = stops.to_dict()
     assert [row["time_s"] for row in data["safe_speed_by_time"]] == stops.times.tolist()
@@ -207,6 +207,11 @@ def test_files_have_rules_of_stops(case_file):
         ("[stops]\nbrake_torque_max_Nm = 1", "stops.brake_torque_max_Nm: joint 1: the minimum, "),
         ("[stops]\nbrake_delay = [0.2, 0.1]", "stops.brake_delay: expected [minimum, maximum], s"),
         ("[stops]\nGN = 1.5", "stops.GN: must be above 0 and at most 1"),
+        ("[stops]\ncancel_share = 0", "stops.cancel_share: "),
+        (
+            "[stops]\ncancel_deceleration_m_s2 = 1",
+            "stops.cancel_deceleration_m_s2: no joint of the arm slides",
+        ),
         ("[stops]\nbrake_torque = 3", "stops.brake_torque: unknown key"),
     ],
 )
@@ -291,7 +296,7 @@ def test_plans_that_may_be_stopped_by_brakes():
     assert max(np.max(finer.GN), np.max(finer.GT)) <= 0.9 + 5e-3
     stops = check_stops(task.robot, plan.motion, limits, rules, plan.check, "brakes")
     assert stops.verified
-    assert stops.brake_speeds.min() == 1.0
+    assert stops.speeds["brakes"].min() == 1.0
 
 
 @pytest.mark.slow
@@ -327,6 +332,42 @@ def test_brakes_too_strong_for_any_motion_are_refused_before_planning(task, caps
     assert refusals(replace(task, limits=gentle)) == ()  # nothing is said of them
     assert main(["plan", "A", "--stop-safe", "brakes", "--tolerance", "none"]) == 2
     assert "weaker brakes" in capsys.readouterr().err
+
+
+def test_a_cancel_is_a_third_scenario(capsys, motion_file):
+    """At the default of a controller it tips case A's printed motion; a gentle one is safe."""
+    arguments = ["check", str(motion_file), "--stops", "cancel"]
+    assert main([*arguments, "--json", "--deceleration", "300,100%"]) == 2
+    assert "--deceleration: expected numbers or a share such as 46%" in capsys.readouterr().err
+    assert main([*arguments, "--deceleration", "300,200"]) == 2
+    assert "--deceleration: expected 1 or 6 numbers, got 2" in capsys.readouterr().err
+    assert main([*arguments, "--deceleration", "30%", "--reaction", "8", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)["stops"]
+    worst, safe = data["worst"]["cancel"], data["decelerations"]
+    assert data["kinds"] == "cancel"
+    assert worst["reaction_s"] == 0.008
+    assert worst["deceleration"] == [0.3 * full for full in safe["full_deceleration"]]
+    assert worst["tipping_margin_Nm"] > 0 < worst["foot_force_N"]
+    assert safe["minimum_safe_share"] <= 0.3 <= safe["maximum_safe_share"]
+    assert safe["levels"][0]["share"] == 1.0
+    assert safe["ros2_control"].startswith("constraints: {decelerate_on_cancel: true, ")
+    assert main([*arguments, "--deceleration", "4%"]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "LIMITS BROKEN in stops" in text
+    assert "s, must be <= 2 s" in text
+
+
+def test_files_have_the_deceleration_of_a_cancel(case_file, task):
+    text = '[stops]\nsafe = "cancel"\ncancel_deceleration_deg_s2 = {"joint 1" = 90}\n'
+    found = load_task(case_file(text + "cancel_share = 0.5\ncancel_reaction = 0.01\n"))
+    rates = 0.5 * np.array([np.pi / 2, *task.robot.limits.acceleration[1:]])
+    np.testing.assert_allclose(found.limits.cancel.decelerations, rates)
+    assert (found.limits.cancel.reaction, found.limits.brakes, found.limits.stops) == (0.01, None, None)
+    path = case_file("")
+    path.write_text(found.source.text("A", found.limits, found.objective))
+    again = load_task(path).limits.cancel
+    np.testing.assert_allclose(again.decelerations, rates)
+    assert replace(again, decelerations=()) == replace(found.limits.cancel, decelerations=())
 
 
 def test_no_plan_for_stops_says_what_is_wrong_with_the_one_without(monkeypatch, capsys, task):
@@ -442,7 +483,7 @@ def test_without_torque_limits_category_0_is_not_judged(task):
     _, stops = looked_at(own, "brakes")
     assert not stops.verified
     assert "brakes" not in stops.worst
-    assert stops.brake_speeds is None
+    assert "brakes" not in stops.speeds
     assert stops.violations[0].startswith("category 0 not checked: no brake data, and joint 1 has no torque")
     _, given = looked_at(own, "brakes", StopRules(brake_min=np.full(6, 60.0), brake_max=np.full(6, 70.0)))
     assert "brakes" in given.worst

@@ -23,7 +23,7 @@ from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.objective import TIME
 from ocptip.motion.output import csv_blocks, joint_trajectory
 from ocptip.motion.plan_files import samples_joined, task_samples
-from ocptip.motion.stop_rules import Kinds
+from ocptip.motion.stop_rules import SCENARIOS, Kinds
 from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
 from ocptip.motion.summary import brief
 from ocptip.motion.task import REACHED, MotionTask
@@ -192,7 +192,8 @@ def check(
         base: of a case, if it is not that of the file.
         step: s, first distance of the instants.
         time_scale: factors; the check is repeated with all times multiplied by each.
-        stops: what if the motion is stopped at any instant: along the path, by brakes, or both.
+        stops: what if the motion is stopped at any instant: along the path, by brakes, both, by a controller
+            that is cancelled, or all.
         sensitivities: say what changes of masses and contacts would do.
         rise_time: s, of profile commands; default: that of the file, or of the task.
         unit, rate, columns, topic: of files, see `ocptip.trajectories.read.load_motion`.
@@ -216,7 +217,7 @@ def check(
     name, task, given = given_motion(motion, task, base=base, **reading)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
-    if stops in ("path", "both"):
+    if stops is not None and "path" in SCENARIOS[stops]:
         task = task.each(lambda own: replace(own, limits=own.stops.asked(own.limits)))
     how = {"step": step, "progress": progress}
     with naming(name):

@@ -14,6 +14,7 @@ from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.outputs import remove_figures
 from ocptip.basics.write import plain
 from ocptip.certificate.checks import certified
+from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck, Proof, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.cycles.plan import Planned, plan_cycle
@@ -24,7 +25,13 @@ from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
 from ocptip.motion.stop_rules import Kinds
-from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
+from ocptip.motion.stops import (
+    Stops,
+    cancels_by_segment,
+    cancels_to_dict,
+    stops_by_segment,
+    stops_to_dict,
+)
 from ocptip.motion.summary import brief
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
@@ -62,6 +69,8 @@ class Plan:
         stops: by the name of the segment, "" for a motion; empty: not asked for.
         price: what stops cost, plain data; empty: they cost nothing, or were not asked for.
         sensitivities: what changes would do; empty: not asked for.
+        cancels: safe decelerations of a cancelled controller, by the name of the segment; empty: `stops` has
+            them, or the robot is no arm.
     """
 
     command: ClassVar[str] = "plan"
@@ -73,6 +82,7 @@ class Plan:
     stops: Mapping[str, Stops] = field(default_factory=dict)
     price: Mapping[str, Any] = field(default_factory=dict)
     sensitivities: tuple[Sensitivity, ...] = ()
+    cancels: Mapping[str, SafeDecelerations] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -102,15 +112,18 @@ class Plan:
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
         pairs = zip(executions, checked.segments, strict=True)
+        stops = stops_by_segment(task, motion, checked)
+        known = any(own.decelerations for own in stops.values())
         return cls(
             planned,
             tuple(replace(run, check=own) for run, own in pairs),
             checked,
             tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
             robustness(task, motion),
-            stops_by_segment(task, motion, checked),
+            stops,
             price or {},
             sensitivities_of(planned.parts[0].task, motion.segments[0]) if sensitivities else (),
+            {} if known else cancels_by_segment(task, motion),
         )
 
     @property
@@ -179,6 +192,7 @@ class Plan:
             "tolerated": [one.to_dict() for one in self.robustness],
             **({"time_scale": rows} if rows else {}),
             **stops,
+            **cancels_to_dict(self.task, self.cancels),
             **({"sensitivities": changes} if changes else {}),
         }
 
@@ -292,8 +306,8 @@ def plan(
         rate: points per second for the controller; default 100, for "linear" 500.
         rise_time: s, within which accelerations rise; default: that of the task, else the planner chooses.
         time_scale: factors; the check is repeated with all times multiplied by each.
-        stops: plan so that limits also hold in stops along the path, by brakes, or both; "given": both where
-            brake torques are given.
+        stops: plan so that limits also hold in stops along the path, by brakes, both, by a cancelled
+            controller, or all; "given": both where brake torques are given.
         sensitivities: say what changes of masses and contacts would do.
         largest_uncertainty: where there is no plan, search the largest uncertainty that has one.
         progress: called as progress(done, steps, minimum cost of a verified plan so far or None).

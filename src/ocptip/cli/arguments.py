@@ -73,7 +73,7 @@ def _accepted(convert: Callable[[str], Any] | None, choices: Any) -> Callable[[s
     return accepts
 
 
-_STOPS = ("path", "brakes", "both")
+_STOPS = ("path", "brakes", "both", "cancel", "all")
 
 
 def is_range(word: str) -> bool:
@@ -159,6 +159,15 @@ TOPICS = argument(
     action="append",
     dest="topics",
     default=[],
+)
+CANCEL = (
+    argument(
+        "--deceleration",
+        "D",
+        "deceleration of a cancelled controller, deg/s^2 (sliding joints: m/s^2), one number, or one per "
+        "joint with commas; or a share of the acceleration limits, 46%% (default: as in the task, or 100%%)",
+    ),
+    argument("--reaction", "MS", "maximum time from a cancel until joints decelerate, ms", type=float),
 )
 FILE_OF_MOTION = group(
     "format of the motion",

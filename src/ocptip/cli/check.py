@@ -20,7 +20,7 @@ from ocptip.basics.text import quantity, ratio, table
 from ocptip.cli.command import Report
 from ocptip.cli.layout import check_rows, gear_rows, masses
 from ocptip.cli.motion_summary import motion_text, rise_rows
-from ocptip.cli.options import given_columns, given_limits, naming_options
+from ocptip.cli.options import given_columns, given_limits, naming_options, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import motion_line
@@ -41,6 +41,10 @@ _ROWS = {
     "GT_stop": "GT in stops on the path",
     "GN_brakes": "GN in stops by brakes",
     "GT_brakes": "GT in stops by brakes",
+    "GN_cancel": "GN when cancelled",
+    "GT_cancel": "GT when cancelled",
+    "GN_cancel_worst_case": "GN when cancelled, worst case",
+    "GT_cancel_worst_case": "GT when cancelled, worst case",
     "torque_ratio": "torque / limit",
     TORQUE_WITHIN: "torque / limit, worst case",
     "clearance_m": "clearance",
@@ -85,7 +89,7 @@ def run(options: Namespace) -> CheckReport:
             require_new(options.bag)
     with naming_options("base", "step", "time_scale", "rate", "rise_time", "sensitivities", "topic"):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base, NONE)
-        task = load_task(task, **given_limits(options))
+        task = with_cancel(load_task(task, **given_limits(options)), options)
         say_if_compiling()
         with Progress(sys.stderr, "reading the motion ...", what="instants") as progress:
             found = check(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from ocptip.cli.arguments import (
     BASE_LINK,
+    CANCEL,
     COLUMNS,
     COST_PER_SECOND,
     EFFORT,
@@ -127,9 +128,11 @@ COMMANDS = (
                 stops(
                     "--stop-safe",
                     "keep the contacts in stops begun at any instant: path-maintaining, by brakes (category "
-                    "0), or both (default: by brakes if the task has their torques)",
+                    "0), both (default: by brakes if the task has their torques), by a cancelled controller, "
+                    "or all",
                     "given",
                 ),
+                *CANCEL,
             ),
             group(
                 "controller",
@@ -265,10 +268,11 @@ COMMANDS = (
                 "further answers",
                 stops(
                     "--stops",
-                    "also check stops begun at any instant: path-maintaining, by brakes (category 0), or "
-                    "both (default)",
+                    "also check stops begun at any instant: path-maintaining, by brakes (category 0), both "
+                    "(default), by a cancelled controller, or all",
                     "both",
                 ),
+                *CANCEL,
                 SENSITIVITIES,
                 time_scale("also check with all times multiplied by F"),
                 argument("--step", "S", "initial spacing of the grid, s (0.01)", type=float, default=0.01),

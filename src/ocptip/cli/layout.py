@@ -111,13 +111,10 @@ def price_line(price: Mapping[str, Any]) -> list[str]:
 
 def stop_table(stops: Stops) -> list[str]:
     """Largest safe share of the planned speed over time, and how long stops take."""
-    columns = [
-        ("along the path", stops.path_speeds, "{:.2f}"),
-        ("stop takes", stops.path_times, "{:.3f} s"),
-        ("by brakes", stops.brake_speeds, "{:.2f}"),
-        ("stop takes", stops.brake_times, "{:.3f} s"),
-    ]
-    known = [(title, values, form) for title, values, form in columns if values is not None]
+    titles = {"path": "along the path", "brakes": "by brakes", "cancel": "on cancel"}
+    known = []
+    for kind, speeds in stops.speeds.items():
+        known += [(titles[kind], speeds, "{:.2f}"), ("stop takes", stops.durations[kind], "{:.3f} s")]
     rows = [["stopped at", *(title for title, _, _ in known)]]
     for i, time in enumerate(stops.times):
         cells = [

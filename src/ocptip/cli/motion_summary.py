@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ocptip.basics.text import percent, some
 from ocptip.cli.layout import named, segment_table, stop_table, under
+from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
 from ocptip.motion.summary import WIDTH, Answer, margin_table, rises, robustness_lines
@@ -63,6 +64,7 @@ def motion_text(
     assumed: Sequence[str] = (),
     details: Sequence[tuple[str, str]] = (),
     tables: Sequence[Sequence[str]] = (),
+    cancels: Mapping[str, SafeDecelerations] | None = None,
     written: Sequence[Path] = (),
 ) -> str:
     """What is known about a motion, or a cycle: the answer of `plan`, `retime`, `check` and `cell`.
@@ -75,6 +77,7 @@ def motion_text(
         assumed: what the file does not say of the motion.
         details: names and texts, of `-v`.
         tables: the same, each of some lines.
+        cancels: safe decelerations of a cancelled controller by the name of the segment.
         written: files; an answer that is printed before they are written has none and is the beginning.
     """
     checked, robot = found.check, found.task.robot
@@ -86,6 +89,7 @@ def motion_text(
         robustness_lines(found.robustness),
         wrapped("Helps", [f"{one}" for one in found.sensitivities]),
         *(_stops(name, stops) for name, stops in found.stops.items()),
+        [line for name, own in (cancels or {}).items() for line in cancel_lines(own, name)],
         [line for factor, own in scaled for line in _scaled(factor, own)],
         [
             *wrapped("Note", [*notes(checked), *more]),
@@ -110,7 +114,14 @@ def motion_text(
 def _stops(segment: str, stops: Stops) -> list[str]:
     """The worst of each category of stops, and the table of safe speeds."""
     title = f"Stops of segment {segment}" if segment else "Stops"
-    return [title, *(f"  {line}" for line in stops.found), *(f"  {line}" for line in stop_table(stops))]
+    lines = [title, *(f"  {line}" for line in stops.found), *(f"  {line}" for line in stop_table(stops))]
+    return [*lines, *(cancel_lines(stops.decelerations, yaml=True) if stops.decelerations else [])]
+
+
+def cancel_lines(found: SafeDecelerations, segment: str = "", *, yaml: bool = False) -> list[str]:
+    """Safe decelerations of a cancelled controller, and the line for ros2_control, to be copied."""
+    of = f"segment {segment}: " if segment else ""
+    return [*wrapped("Cancel", [f"{of}{found.text}"]), *([found.yaml] if yaml and found.yaml else [])]
 
 
 def _scaled(factor: float, checked: MotionCheck) -> list[str]:

@@ -7,12 +7,17 @@ import tempfile
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.source import TaskSource
+from ocptip.motion.task import MotionTask
 from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -32,6 +37,36 @@ def given_limits(options: Namespace) -> dict[str, Any]:
         with naming("--tolerance"):
             given["uncertainty"] = load_tolerance(options.tolerance)
     return given
+
+
+def with_cancel(task: Task, options: Namespace) -> Task:
+    """The task with the deceleration and the reaction time of a cancelled controller, as typed."""
+    text, reaction = options.deceleration, options.reaction
+    if text is None and reaction is None:
+        return task
+
+    def changed(own: MotionTask) -> MotionTask:
+        given: dict[str, Any] = {}
+        if reaction is not None:
+            given["reaction"] = 1e-3 * positive_number("--reaction", reaction, zero_allowed=True)
+        if text is not None:
+            words = [text.removesuffix("%")] if text.endswith("%") else text.split(",")
+            try:
+                numbers = [positive_number("--deceleration", float(word)) for word in words]
+            except ValueError:
+                reason = f"expected numbers or a share such as 46%, got {text!r}"
+                raise InputError(reason, "--deceleration") from None
+            if text.endswith("%"):
+                given |= {"share": numbers[0] / 100, "deceleration": None}
+            else:
+                n, units = own.robot.n, own.robot.units
+                if len(numbers) not in (1, n):
+                    raise InputError(f"expected 1 or {n} numbers, got {len(numbers)}", "--deceleration")
+                scales = np.array([np.pi / 180 if unit == "rad" else 1.0 for unit in units])
+                given |= {"share": 1.0, "deceleration": scales * np.array(numbers)}
+        return replace(own, stops=replace(own.stops, **given))
+
+    return task.each(changed)
 
 
 def rate_of(options: Namespace) -> float | None:

@@ -20,6 +20,7 @@ from ocptip.cli.options import (
     require_least,
     step_of,
     typed,
+    with_cancel,
 )
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
@@ -52,6 +53,7 @@ def _asked(options: Namespace) -> Asked:
             max_duration=options.max_duration,
             **given_limits(options),
         )
+        task = with_cancel(task, options)
     directory = output_directory(options, task.name, task.source)
     return Asked(task, task.name, directory, digest_of(task.source, options))
 

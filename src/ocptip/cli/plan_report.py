@@ -70,7 +70,8 @@ class PlanReport(Report):
                 gear_rows(plan.checked) if plan.task.is_cycle else [("masses", masses(plan.task.robot))]
             )
         scaled = [(factor, own.whole) for factor, own in plan.time_scale]
-        return motion_text(plan, self.head(), scaled=scaled, more=more, details=details, written=self.written)
+        known = {"scaled": scaled, "more": more, "details": details, "cancels": plan.cancels}
+        return motion_text(plan, self.head(), **known, written=self.written)
 
     def head(self) -> list[str]:
         """Name and verdict; duration, energy and rise of accelerations."""

@@ -224,6 +224,8 @@ def _task_text(task: Task, source: TaskSource) -> str:
     data = {key: value for key, value in source.data.items() if key != "tolerance"}
     tolerance = tolerance_table(task.limits, task.robot)
     if any(segment.task.limits.stoppable for segment in task.segments):  # GN and GT are those of the file
-        asked = {key: value for key, value in stop_keys(task.limits).items() if key not in ("GN", "GT")}
+        asked = {
+            key: value for key, value in stop_keys(task.limits, task.robot).items() if key not in ("GN", "GT")
+        }
         data["stops"] = {**data.get("stops", {}), **asked}
     return toml_text({"name": task.name, **data, "tolerance": tolerance, "segment": rows})

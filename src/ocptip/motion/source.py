@@ -10,6 +10,7 @@ from typing import Any
 
 from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
+from ocptip.motion.stop_rules import kinds_of
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -19,6 +20,9 @@ TASK = "task/task.toml"
 
 LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
 """Keys of `[limits]` that are fields of `Limits`."""
+
+_RATES = (("cancel_deceleration_deg_s2", "rad", 180 / math.pi), ("cancel_deceleration_m_s2", "m", 1.0))
+"""Keys of decelerations, units of the joints, and factors from SI."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,7 @@ class TaskSource:
             asked["rise_time"] = list(rise_times) or 0.0
         data["tolerance"] = tolerance_table(limits, self.robot)
         if limits.stoppable:
-            data["stops"] = {**data.get("stops", {}), **stop_keys(limits)}
+            data["stops"] = {**data.get("stops", {}), **stop_keys(limits, self.robot)}
         motion = data.setdefault("motion", {})
         for key in ("duration", "max_duration", "objective", "price_per_second"):
             motion.pop(key, None)
@@ -89,14 +93,22 @@ def source_of(task: Any) -> TaskSource | None:
     return source if source is not None and source.robot is task.robot else None
 
 
-def stop_keys(limits: Limits) -> dict[str, Any]:
+def stop_keys(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:
     """Keys of `[stops]` with which the task asks for them."""
-    path, brakes = limits.stops, limits.brakes
-    asked: dict[str, Any] = {}
+    path, brakes, cancel = limits.stops, limits.brakes, limits.cancel
+    given = {"path": path, "brakes": brakes, "cancel": cancel}
+    asked: dict[str, Any] = {"safe": kinds_of(name for name, own in given.items() if own is not None)}
     if brakes is not None:
-        asked = {"safe": "both" if path else "brakes", "GN": brakes.GN, "GT": brakes.GT}
+        asked |= {"GN": brakes.GN, "GT": brakes.GT}
         asked |= {"brake_torque_min_Nm": list(brakes.least), "brake_torque_max_Nm": list(brakes.greatest)}
         asked |= {"brake_delay": list(brakes.delay)}
+    if cancel is not None:
+        asked |= {"GN": cancel.GN, "GT": cancel.GT, "cancel_share": 1.0}
+        for key, unit, scale in _RATES:
+            pairs = zip(robot.units, cancel.decelerations, strict=True)
+            if own := [scale * rate for of, rate in pairs if of == unit]:
+                asked[key] = own
+        asked |= {"cancel_reaction": cancel.reaction, "cancel_longest": cancel.longest}
     if path is not None:
-        asked = {"safe": "path", **asked, "GN": path.GN, "GT": path.GT, "time": path.time}
+        asked |= {"GN": path.GN, "GT": path.GT, "time": path.time}
     return asked

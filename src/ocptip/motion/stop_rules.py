@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,8 +15,25 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
+from ocptip.standing.stops.by_cancel import LONGEST, Cancel
 
-Kinds = Literal["path", "brakes", "both"]
+Kinds = Literal["path", "brakes", "both", "cancel", "all"]
+
+SCENARIOS: dict[Kinds, tuple[str, ...]] = {
+    "path": ("path",),
+    "brakes": ("brakes",),
+    "both": ("path", "brakes"),
+    "cancel": ("cancel",),
+    "all": ("path", "brakes", "cancel"),
+}
+"""What each of the kinds asks for: along the path, by brakes, by a controller that is cancelled."""
+
+
+def kinds_of(scenarios: Iterable[str]) -> Kinds:
+    """The kinds that ask for these scenarios, or else for all."""
+    asked = tuple(scenarios)
+    return next((kinds for kinds, own in SCENARIOS.items() if own == asked), "all")
+
 
 BRAKES = (0.5, 2.0)
 """Brake torques as shares of the torque limits where none are given: a round interval. A brake that just
@@ -39,6 +57,11 @@ class StopRules:
         brake_min, brake_max: (n,), N m (sliding joints: N): least and greatest torque with which each brake
             acts; None: `BRAKES` of the torque limits, at least `HOLDING` times what gravity asks.
         delay: s, least and greatest time from when the drives lose their torque until the brakes act.
+        deceleration: (n,), rad/s^2 (sliding joints: m/s^2), of a controller that is cancelled; None: the
+            acceleration limits.
+        share: of `deceleration` that it uses.
+        reaction: s, at most from a cancel until the joints decelerate.
+        longest: s, at most from a cancel until everything rests.
     """
 
     GN: float | None = None
@@ -47,6 +70,10 @@ class StopRules:
     brake_min: np.ndarray | None = None
     brake_max: np.ndarray | None = None
     delay: tuple[float, float] = (0.0, 0.0)
+    deceleration: np.ndarray | None = None
+    share: float = 1.0
+    reaction: float = 0.0
+    longest: float = LONGEST
 
     @property
     def guessed(self) -> bool:
@@ -58,7 +85,10 @@ class StopRules:
             if getattr(self, name) is not None:
                 share_of_one(name, getattr(self, name))
         positive_number("time", self.time, zero_allowed=True)
-        for name in ("brake_min", "brake_max"):
+        for name in ("share", "longest"):
+            positive_number(name, getattr(self, name))
+        positive_number("reaction", self.reaction, zero_allowed=True)
+        for name in ("brake_min", "brake_max", "deceleration"):
             if (value := getattr(self, name)) is not None:
                 value = finite_array(name, value, (None,))
                 if not (value > 0).all():
@@ -91,15 +121,39 @@ class StopRules:
         """
         if kinds is None:
             kinds = "path" if self.brake_min is None and self.brake_max is None else "both"
-        if kinds != "brakes":
+        if "path" in SCENARIOS[kinds]:
             limits = self.asked(limits)
-        if kinds == "path":
-            return limits
         if not isinstance(robot, Robot):
-            raise InputError("stops by brakes (category 0) are not computed for parallel robots")
-        least, greatest = (tuple(ends.tolist()) for ends in self.brakes(robot))
+            if kinds == "path":
+                return limits
+            raise InputError("stops by brakes (category 0) and cancels are not computed for parallel robots")
         GN, GT = self.GN or limits.GN, self.GT or limits.GT
-        return replace(limits, brakes=Brakes(least, greatest, self.delay, GN, GT))
+        if "brakes" in SCENARIOS[kinds]:
+            least, greatest = (tuple(ends.tolist()) for ends in self.brakes(robot))
+            limits = replace(limits, brakes=Brakes(least, greatest, self.delay, GN, GT))
+        if "cancel" in SCENARIOS[kinds]:
+            limits = replace(limits, cancel=self.cancel(robot, limits))
+        return limits
+
+    def cancel(self, robot: Robot, limits: Limits, share: float | None = None) -> Cancel:
+        """How a controller of this robot stops, with a share of its deceleration; default: `share`.
+
+        Raises:
+            InputError: the number of decelerations is not the robot's, or none are given and a joint has no
+                acceleration limit.
+        """
+        full = robot.limits.acceleration if self.deceleration is None else self.deceleration
+        if len(full) != robot.n:
+            raise InputError(f"deceleration: expected {robot.n} decelerations, got {len(full)}")
+        if not np.isfinite(full).all():
+            joint = int(np.argmin(np.isfinite(full))) + 1
+            raise InputError(
+                f"deceleration: joint {joint} has no acceleration limit to take it from; give "
+                "cancel_deceleration_deg_s2 in [stops]"
+            )
+        rates = tuple(((self.share if share is None else share) * full).tolist())
+        GN, GT = self.GN or limits.GN, self.GT or limits.GT
+        return Cancel(rates, self.reaction, self.longest, GN, GT)
 
     def lacking(self, robot: StandingMechanism) -> str:
         """Why brake torques can be neither taken from the task nor assumed; empty: they can."""

@@ -1,33 +1,33 @@
-"""Stops of a motion, begun at any instant: along its path (category 1 and 2) and by brakes (category 0).
+"""Stops of a motion, begun at any instant: along its path, by brakes, by a controller that is cancelled.
 
-Categories of IEC 60204-1: 0 takes the drives' power away at once, 1 after a controlled stop, 2 leaves it on.
+Along the path is category 1 and 2, by brakes category 0. Categories of IEC 60204-1: 0 takes the drives' power
+away at once, 1 after a controlled stop, 2 leaves it on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ocptip.motion.cancels import SafeDecelerations, safe_decelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.path_stops import StoppedPath
-from ocptip.motion.stop_rules import BRAKES, HOLDING, Kinds, StopRules
+from ocptip.motion.stop_rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
+from ocptip.motion.stop_tables import CLOSE, BrakeTable, CancelTable, JointTable, PathTable
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, BrakeStops, stops_of_motion
 from ocptip.trajectories.trajectory import Trajectory
 
 ROWS = 12  # of the table
-LEVELS = 5  # halvings of the speed's share for brakes
-_CLOSE = 1e-9
-_OF_STOPS = "GN_stop", "GT_stop", "GN_brakes", "GT_brakes"
+_BY_JOINT = {"brakes": "by brakes (category 0)", "cancel": "cancel (each joint decelerates by itself)"}
+_OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +35,18 @@ class Stops:
     """What was found about the stops of a motion.
 
     Attributes:
-        kinds: "path", "brakes" or "both": which were looked at.
+        kinds: which scenarios were checked, see `SCENARIOS`.
         verified: no stop breaks a limit.
-        violations: one sentence per broken limit of stops by brakes (those along the path are in the check).
-        worst: by category ("path", "brakes"), plain data with units in the keys: `GN`, `GT`, `begun_s`,
-            `after_s`, ...
+        violations: one sentence per broken limit of stops in which every joint stops by itself (those along
+            the path are in the check).
+        worst: by scenario ("path", "brakes", "cancel"), plain data with units in the keys: `GN`, `GT`,
+            `begun_s`, `after_s`, ...
         times: (K,), s: instants of the table.
-        path_speeds, brake_speeds: (K,), largest safe share of the planned speed, at most 1, for stops along
-            the path and by brakes begun there; None if not checked.
-        path_times, brake_times: (K,), s, that stops from the planned speed take.
-        curve: (2, M): times, s, and shares for stops along the path at all places looked at; for figures.
+        speeds: by scenario (K,), largest safe share of the planned speed, at most 1, for stops begun there.
+        durations: by scenario (K,), s, that stops from the planned speed take.
+        curve: (2, M): times, s, and shares for stops along the path at all places; for figures.
         assumed: what was assumed, one sentence each.
+        decelerations: which are safe when the motion is cancelled; None if not checked.
     """
 
     kinds: Kinds
@@ -53,46 +54,37 @@ class Stops:
     violations: tuple[str, ...]
     worst: dict[str, dict[str, Any]]
     times: np.ndarray
-    path_speeds: np.ndarray | None
-    brake_speeds: np.ndarray | None
-    path_times: np.ndarray | None
-    brake_times: np.ndarray | None
+    speeds: dict[str, np.ndarray]
+    durations: dict[str, np.ndarray]
     curve: np.ndarray | None
     assumed: tuple[str, ...]
+    decelerations: SafeDecelerations | None = None
 
     @property
     def found(self) -> list[str]:
         """In words: the worst of each category."""
         found = []
         if path := self.worst.get("path"):
-            least = (
-                ""
-                if self.path_speeds is None
-                else f", safe up to {np.min(self.path_speeds):.2f} of the speed"
-            )
+            least = f", safe up to {np.min(self.speeds['path']):.2f} of the speed"
             longest = f"rests within {path['longest_stop_s']:.3f} s"
             values = ", ".join(f"{name} at most {path[name]:.3f}" for name in ("GN", "GT") if name in path)
             found.append(f"along the path (category 1 and 2): {values}, {longest}{least}")
-        if brakes := self.worst.get("brakes"):
-            found.append(
-                f"by brakes (category 0): GN at most {brakes['GN']:.3g}, GT {brakes['GT']:.3g}, worst when "
-                f"stopped at {brakes['begun_s']:.3f} s (after {brakes['after_s']:.3f} s)"
-            )
+        for kind, title in _BY_JOINT.items():
+            if worst := self.worst.get(kind):
+                found.append(
+                    f"{title}: GN at most {worst['GN']:.3g}, GT {worst['GT']:.3g}, worst when stopped at "
+                    f"{worst['begun_s']:.3f} s (after {worst['after_s']:.3f} s)"
+                )
         return found
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        columns = {
-            "time_s": self.times,
-            "path_safe_speed": self.path_speeds,
-            "path_stop_s": self.path_times,
-            "brakes_safe_speed": self.brake_speeds,
-            "brakes_stop_s": self.brake_times,
-        }
+        columns = {"time_s": self.times}
+        for kind, speeds in self.speeds.items():
+            columns |= {f"{kind}_safe_speed": speeds, f"{kind}_stop_s": self.durations[kind]}
         known = {
             name: [value if np.isfinite(value) else None for value in values.tolist()]
             for name, values in columns.items()
-            if values is not None
         }
         table = [dict(zip(known, row, strict=True)) for row in zip(*known.values(), strict=True)]
         return {
@@ -101,6 +93,7 @@ class Stops:
             "violations": list(self.violations),
             "worst": self.worst,
             "safe_speed_by_time": table,
+            **({"decelerations": self.decelerations.to_dict()} if self.decelerations else {}),
             "assumed": list(self.assumed),
         }
 
@@ -118,41 +111,48 @@ def check_stops(
 
     Args:
         robot, motion: whose.
-        limits: of the motion, with stops along the path unless `kinds` is "brakes": see `StopRules.asked`.
+        limits: of the motion, with stops along the path if these are checked: see `StopRules.asked`.
         rules: how it is stopped.
         checked: the motion's check under these limits, which has looked at stops that they ask for.
-        kinds: along the path, by brakes (arms only), or both.
+        kinds: which scenarios; by brakes and cancels of arms only.
 
     Raises:
-        InputError: brake torques are missing or too many, or nothing bounds the deceleration.
+        InputError: brake torques or decelerations are missing or too many, or nothing bounds stops along
+            the path.
     """
     times = np.linspace(0, motion.end, ROWS + 1)[:-1] + motion.end / (2 * ROWS)
-    worst: dict[str, dict[str, Any]] = {}
-    path = brakes = None
-    if kinds != "brakes":
-        path = _PathTable(robot, motion, limits, times)
-        worst["path"] = path.worst(checked)
-    lacking = "" if kinds == "path" or limits.brakes else rules.lacking(robot)
-    if kinds != "path" and isinstance(robot, Robot) and not lacking:
-        asked = limits.brakes or rules.safe(limits, robot, "brakes").brakes
-        assert asked is not None
-        brakes = _BrakeTable(robot, motion, limits, asked, rules.guessed, times)
-        worst["brakes"] = brakes.worst()
-    stops = limits.stops
-    violations = brakes.violations() if brakes else (lacking,) if lacking else ()
-    kept = all(checked.worst[name].excess <= _CLOSE for name in _OF_STOPS if name in checked.worst)
+    asked = SCENARIOS[kinds]
+    tables: dict[str, PathTable | JointTable] = {}
+    curve = decelerations = None
+    if "path" in asked:
+        tables["path"] = path = PathTable(robot, motion, limits, times, checked)
+        curve = path.curve
+    lacking = rules.lacking(robot) if "brakes" in asked and not limits.brakes else ""
+    if isinstance(robot, Robot):
+        if "brakes" in asked and not lacking:
+            brakes = limits.brakes or rules.safe(limits, robot, "brakes").brakes
+            assert brakes is not None
+            tables["brakes"] = BrakeTable(robot, motion, limits, brakes, rules.guessed, times)
+        if "cancel" in asked:
+            cancel = limits.cancel or rules.cancel(robot, limits)
+            tables["cancel"] = CancelTable(robot, motion, limits, cancel, times)
+            full = rules.cancel(robot, limits, 1.0)
+            of_limits = rules.deceleration is None
+            decelerations = safe_decelerations(robot, motion, limits, full, of_limits=of_limits)
+    violations = [text for table in tables.values() for text in table.violations()]
+    violations += [lacking] if lacking else []
+    kept = all(worst.excess <= CLOSE for name, worst in checked.worst.items() if name.endswith(_OF_STOPS))
     return Stops(
         kinds=kinds,
         verified=kept and not violations,
-        violations=violations,
-        worst=worst,
+        violations=tuple(violations),
+        worst={kind: table.worst() for kind, table in tables.items()},
         times=times,
-        path_speeds=path and path.speeds,
-        brake_speeds=brakes and brakes.speeds,
-        path_times=path and path.durations,
-        brake_times=brakes and brakes.durations,
-        curve=path and path.curve,
-        assumed=_assumed(robot, rules, kinds, lacking, 0.0 if stops is None else stops.time),
+        speeds={kind: table.speeds for kind, table in tables.items()},
+        durations={kind: table.durations for kind, table in tables.items()},
+        curve=curve,
+        assumed=_assumed(robot, rules, asked, lacking, 0.0 if limits.stops is None else limits.stops.time),
+        decelerations=decelerations,
     )
 
 
@@ -164,8 +164,9 @@ def stops_of(
     if kinds is None:
         if not limits.stoppable:
             return None
-        kinds = "path" if limits.brakes is None else "brakes" if limits.stops is None else "both"
-    if limits.stops is None and kinds != "brakes":
+        given = {"path": limits.stops, "brakes": limits.brakes, "cancel": limits.cancel}
+        kinds = kinds_of(name for name, own in given.items() if own is not None)
+    if limits.stops is None and "path" in SCENARIOS[kinds]:
         limits = task.stops.asked(limits)
     return check_stops(task.robot, motion, limits, task.stops, checked, kinds)
 
@@ -179,149 +180,60 @@ def stops_by_segment(
     return {name: stops for name, stops in found.items() if stops}
 
 
+def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelerations]:
+    """Safe decelerations of a cancelled controller, by the names of segments; none of parallel robots.
+
+    Coarse: at `SHARES` only, so that it takes little beside a plan. `check_stops` determines the ends.
+    """
+    found = {}
+    for segment, own in zip(task.segments, motion.segments, strict=False):
+        robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
+        if isinstance(robot, Robot) and np.isfinite(robot.limits.acceleration).all():
+            how = {"of_limits": rules.deceleration is None, "close": 1.0}
+            full = rules.cancel(robot, limits, 1.0)
+            found[segment.name] = safe_decelerations(robot, own, limits, full, **how)
+    return found
+
+
 def stops_to_dict(task: Task, stops: Mapping[str, Stops]) -> dict[str, Any]:
     """An entry for JSON: of a motion, or of a cycle one by segment; none if they were not asked for."""
-    if not stops:
+    return _by_segment(task, "stops", stops)
+
+
+def cancels_to_dict(task: Task, cancels: Mapping[str, SafeDecelerations]) -> dict[str, Any]:
+    """The same of safe decelerations of a cancelled controller."""
+    return _by_segment(task, "cancel", cancels)
+
+
+def _by_segment(task: Task, key: str, found: Mapping[str, Stops | SafeDecelerations]) -> dict[str, Any]:
+    if not found:
         return {}
-    rows = [{"segment": name, **own.to_dict()} for name, own in stops.items()]
-    return {"stops": rows if task.is_cycle else stops[""].to_dict()}
-
-
-class _PathTable:
-    """Stops along the path."""
-
-    def __init__(
-        self, robot: StandingMechanism, motion: Trajectory, limits: Limits, times: np.ndarray
-    ) -> None:
-        self._path = StoppedPath(robot, motion, limits)
-        safe = self._path.safe_speeds()
-        self.curve = np.array([self._path.places, safe])
-        self.speeds = np.interp(times, self._path.places, safe)
-        self.durations = np.array([self._path.stop(t).times[-1] for t in times])
-
-    def worst(self, checked: MotionCheck) -> dict[str, Any]:
-        """Of the check: values, and when the stop passes there."""
-        found: dict[str, Any] = {"longest_stop_s": float(np.max(self.durations))}
-        for name in ("GN", "GT"):
-            if worst := checked.worst.get(f"{name}_stop"):
-                found[name] = worst.value
-                found[f"{name}_at_s"] = worst.time
-                found[f"{name}_detail"] = worst.detail
-        return found
-
-
-class _BrakeTable:
-    """Stops by brakes."""
-
-    def __init__(
-        self,
-        robot: Robot,
-        motion: Trajectory,
-        limits: Limits,
-        brakes: Brakes,
-        guessed: bool,
-        times: np.ndarray,
-    ) -> None:
-        self._robot, self._limits, self._brakes, self._guessed = robot, limits, brakes, guessed
-        self._check = BrakeCheck(robot, brakes)
-        self._motion = motion
-        self._times, self._found = stops_of_motion(robot, motion, brakes)
-        q, qd, _ = motion.states(times)
-        process = robot.during(motion).acting(times)
-        own = self._check.stops(q, qd, process)
-        self.durations = own.rests
-        self.speeds = self._safe(q, qd, process, self._kept(own))
-
-    def _kept(self, found: BrakeStops) -> np.ndarray:
-        return (found.GN <= self._brakes.GN) & (found.GT <= self._brakes.GT) & np.isfinite(found.rests)
-
-    def _safe(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        """Largest shares of the speed found by halving; 0 where even the least one looked at is not safe."""
-        low, high = np.where(kept, 1.0, 0.0), np.ones(len(q))
-        todo = np.flatnonzero(~kept)
-        for _ in range(LEVELS if len(todo) else 0):
-            middle = 0.5 * (low[todo] + high[todo])
-            fine = self._kept(self._check.stops(q[todo], middle[:, None] * qd[todo], process[todo]))
-            low[todo], high[todo] = np.where(fine, middle, low[todo]), np.where(fine, high[todo], middle)
-        return low
-
-    def worst(self) -> dict[str, Any]:
-        """Values and where they are."""
-        found, units = self._found, self._robot.units
-        i = int(np.argmax(np.maximum(found.GN, found.GT)))
-        over, joint = found.outside
-        ways = [
-            float(way) if unit == "m" else float(np.rad2deg(way))
-            for way, unit in zip(np.max(found.ways, axis=0), units, strict=True)
-        ]
-        return {
-            "GN": float(np.max(found.GN)),
-            "GT": float(np.max(found.GT)),
-            "begun_s": float(self._times[i]),
-            "after_s": float(found.after[i]),
-            "brake_torques": found.torques[i].tolist(),
-            "longest_stop_s": float(np.max(found.rests)) if np.isfinite(found.rests).all() else None,
-            "ways": {"values": ways, "units": ["m" if unit == "m" else "deg" for unit in units]},
-            "beyond_angle_limit": max(over, 0.0),
-            "joint_nearest_its_limit": joint + 1,
-            "clearance_m": found.clearance if np.isfinite(found.clearance) else None,
-            "postures_looked_at": found.postures,
-        }
-
-    def _too_weak(self) -> list[str]:
-        """The brake that holds least of what is asked for at rest, if that is less than all; empty: none."""
-        robot, times = self._robot, self._times
-        q = self._motion.states(times)[0]
-        asked, _ = robot.loads(q, 0 * q, 0 * q, robot.during(self._motion).acting(times))
-        holds = np.array(self._brakes.least)
-        i, joint = np.unravel_index(np.argmax(np.abs(asked) / holds), asked.shape)
-        needs, unit = float(abs(asked[i, joint])), robot.motor_units[joint]
-        if needs <= holds[joint]:
-            return []
-        return [
-            f"the arm drops: at {times[i]:.4f} s joint {joint + 1} needs {needs:.4g} {unit} to rest, its "
-            f"brake holds {holds[joint]:.4g}"
-        ]
-
-    def violations(self) -> tuple[str, ...]:
-        """One sentence per broken limit."""
-        brakes, found, said = self._brakes, self._found, []
-        reserves = (("GN", found.GN, brakes.GN), ("GT", found.GT, brakes.GT))
-        for name, values, limit in () if self._limits.brakes else reserves:  # else the check says so
-            i = int(np.argmax(values))
-            if not values[i] <= limit:
-                said.append(
-                    f"{name} is {values[i]:.4g} in a stop by brakes begun at {self._times[i]:.4f} s, "
-                    f"must be <= {limit:.4g}{' (brake torques are a guess)' if self._guessed else ''}"
-                )
-        if not np.isfinite(found.rests).all() and not self._limits.brakes:
-            i = int(np.argmax(found.rests))
-            said.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
-        said += self._too_weak()
-        over, joint = found.outside
-        if over > _CLOSE:
-            said.append(f"joint {joint + 1} leaves its limits by {over:.3g} {self._robot.units[joint]}")
-        if found.clearance < self._limits.clearance:
-            gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
-            said.append(f"clearance is {gap:.1f} mm in a stop by brakes, must be >= {asked:.1f} mm")
-        return tuple(said)
+    rows = [{"segment": name, **own.to_dict()} for name, own in found.items()]
+    return {key: rows if task.is_cycle else found[""].to_dict()}
 
 
 def _assumed(
-    robot: StandingMechanism, rules: StopRules, kinds: Kinds, lacking: str, time: float
+    robot: StandingMechanism, rules: StopRules, asked: Sequence[str], lacking: str, time: float
 ) -> tuple[str, ...]:
     said = []
     if robot.support.elastic is not None:
         said.append("compliant feet: their forces and lifts during stops are not checked, only GN and GT")
-    if kinds != "brakes":
+    if "path" in asked:
         hardest = "as hard as limits of torque and acceleration allow, and all gentler ones"
         if time > 0:
             hardest = f"from full speed to rest in {time:g} s or more within the drives' limits"
         said.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
-    if kinds == "path":
-        return (*said, "category 0 (brakes) not checked")
     if not isinstance(robot, Robot):
-        return (*said, "category 0: not computed for parallel robots")
+        return (*said, "category 0 and cancels: not computed for parallel robots")
+    if "cancel" in asked:
+        when = f"within {1e3 * rules.reaction:g} ms" if rules.reaction else "at once"
+        said.append(f"cancel: each joint decelerates by itself, {when}; the drives follow as commanded")
+        if rules.deceleration is None:
+            said.append("cancel: 100 % is the acceleration limit; drives that brake harder are not covered")
+        if not robot.arm.may_collide:
+            said.append("cancel: collisions not checked, no collision geometry")
+    if "brakes" not in asked:
+        return (*said, "category 0 (brakes) not checked")
     if lacking:
         return (*said, lacking)
     given = "as given"

@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 from ocptip.motion.stops import Stops
 from ocptip.pictures.frame import COLORS, new_figure, save_figures
 
+_LABELS = {"path": "along the path", "brakes": "by brakes", "cancel": "on cancel"}
+
 
 def draw_stops(directory: str | os.PathLike[str], stops: Stops) -> list[Path]:
     """Draw `stops.png` into a directory; a file of that name is replaced.
@@ -26,15 +28,14 @@ def stops_figure(stops: Stops) -> Figure:
     speed, time = figure.subplots(2, 1, sharex=True)
     if stops.curve is not None:
         speed.plot(*stops.curve, color=COLORS[0], lw=1.6, label="along the path", gid="path-speed")
-    named = (
-        ("along the path", COLORS[0], None, stops.path_times),
-        ("by brakes", COLORS[1], stops.brake_speeds, stops.brake_times),
-    )
-    for label, color, speeds, durations in named:
-        for ax, values, kind in ((speed, speeds, "speed"), (time, durations, "time")):
+    for color, (kind, label) in zip(COLORS, _LABELS.items(), strict=False):
+        if kind not in stops.speeds:
+            continue
+        speeds = None if kind == "path" else stops.speeds[kind]
+        for ax, values, what in ((speed, speeds, "speed"), (time, stops.durations[kind], "time")):
             if values is not None:
                 style = {"color": color, "marker": "o", "ms": 4, "label": label}
-                ax.plot(stops.times, values, **style, gid=f"{label}-{kind}")
+                ax.plot(stops.times, values, **style, gid=f"{label}-{what}")
     speed.set_ylim(-0.03, 1.08)
     speed.set_ylabel("safe share of the planned speed")
     time.set_ylabel("a stop takes [s]")

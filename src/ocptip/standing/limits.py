@@ -10,6 +10,7 @@ from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
+from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import NONE, Uncertainty, overshoot_of
 
 NEARLY_LOST = 0.999
@@ -48,6 +49,7 @@ class Limits:
         clearance_worst_case: smallest distance, m, with joints that are late within the tolerance.
         stops: what stops along the path, begun at any instant, have to keep; None: they are not checked.
         brakes: the same of stops by brakes.
+        cancel: the same of stops by a controller that is cancelled.
     """
 
     GN: float = 0.9
@@ -69,6 +71,7 @@ class Limits:
     jump_foot_force: float = 0.0
     stops: PathStops | None = None
     brakes: Brakes | None = None
+    cancel: Cancel | None = None
 
     def __post_init__(self) -> None:
         for name in ("GN", "GT", "jump_tip_over", "jump_slip", TIP_WITHIN, SLIP_WITHIN):
@@ -96,13 +99,13 @@ class Limits:
 
     @property
     def stoppable(self) -> bool:
-        """Whether stops of any category are looked at."""
-        return self.stops is not None or self.brakes is not None
+        """Whether stops of any category are checked."""
+        return any(getattr(self, name) is not None for name in _OF_STOPS)
 
     @property
     def without_stops(self) -> Limits:
         """The same, whatever becomes of stops."""
-        return replace(self, stops=None, brakes=None)
+        return replace(self, **dict.fromkeys(_OF_STOPS))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is about tolerance and stops only where such are given."""
@@ -116,5 +119,5 @@ class Limits:
         return {**kept, "tolerance": self.tolerance.to_dict(), **stops}
 
 
-_OF_STOPS = ("stops", "brakes")
+_OF_STOPS = ("stops", "brakes", "cancel")
 _OF_TOLERANCE = ("tolerance", TIP_WITHIN, SLIP_WITHIN, CLEARANCE_WITHIN)

@@ -27,9 +27,11 @@ from ocptip.published.tasks import BASES, experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_cancel import LONGEST
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_kind
 from ocptip.task_files.ends import end_keys, read_end
+from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.motors import GEARS, read_gears
 from ocptip.task_files.payload import PROCESS, SENSOR, read_process, read_sensor
 from ocptip.task_files.scene import SCENE
@@ -39,6 +41,8 @@ from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.velocity_profiles import checked_rise_times
 
 _KIND = schema.choice("Stops.", get_args(Kinds))
+_RATES = {"cancel_deceleration_deg_s2": False, "cancel_deceleration_m_s2": True}
+"""Keys of decelerations: whether these are of sliding joints."""
 _TORQUE = "torque of each brake; sliding joints: N."
 STOPS = Keys(
     "stops",
@@ -46,7 +50,7 @@ STOPS = Keys(
     {
         "safe": schema.anything(
             "Stops that plans and checks keep; true: along the path, with torques also by brakes.",
-            "`path`, `brakes`, `both`, or true",
+            "`path`, `brakes`, `both`, `cancel`, `all`, or true",
             {"enum": [True, False, *get_args(Kinds)]},
             default=False,
         ),
@@ -62,6 +66,22 @@ STOPS = Keys(
             f"Maximum {_TORQUE}", "N m", bound="> 0", otherwise="no brakes"
         ),
         "brake_delay": schema.vector("Minimum and maximum delay of the brakes.", "s", 2, default=[0, 0]),
+        **{
+            key: schema.by_joint(
+                f"Deceleration of {'sliding' if slides else 'turning'} joints of a cancelled controller.",
+                "m/s^2" if slides else "deg/s^2",
+                bound="> 0",
+                otherwise="the acceleration limits",
+            )
+            for key, slides in _RATES.items()
+        },
+        "cancel_share": schema.number("Share of that deceleration.", bound="> 0", default=1),
+        "cancel_reaction": schema.number(
+            "Maximum time from a cancel until the joints decelerate.", "s", bound=">= 0", default=0
+        ),
+        "cancel_longest": schema.number(
+            "Maximum time from a cancel until everything rests.", "s", bound="> 0", default=LONGEST
+        ),
     },
 )
 
@@ -88,15 +108,34 @@ def with_stops(data: Table, task: MotionTask) -> MotionTask:
     ends = [table.get(f"brake_torque_{end}_Nm", size=n) for end in ("min", "max")]
     delay = tuple(table["brake_delay"].tolist())
     rules = table.given("GN", "GT", "time")
+    cancel = {name: table[f"cancel_{name}"] for name in ("share", "reaction", "longest")}
+    cancel["deceleration"] = _decelerations(table, task.robot)
     safe = _safe(table)
     table.close()
     names = {"brake_min": "brake_torque_min_Nm", "brake_max": "brake_torque_max_Nm", "delay": "brake_delay"}
-    with table.at(**names):
-        found = StopRules(**rules, brake_min=ends[0], brake_max=ends[1], delay=delay)
+    names |= {name: f"cancel_{name}" for name in ("share", "reaction", "longest")}
+    with table.at(**names, deceleration="cancel_deceleration_deg_s2"):
+        found = StopRules(**rules, brake_min=ends[0], brake_max=ends[1], delay=delay, **cancel)
         if any(end is not None for end in ends):
             found.brakes(task.robot)
         limits = found.safe(task.limits, task.robot, safe or None) if safe is not None else task.limits
     return replace(task, stops=found, limits=limits)
+
+
+def _decelerations(table: Table, robot: StandingMechanism) -> np.ndarray | None:
+    """(n,), rad/s^2 and m/s^2; of joints that are not named the acceleration limits; None: of all."""
+    given = [key for key in _RATES if table.value(key) is not None]
+    if not given:
+        return None
+    if not isinstance(robot, Robot):
+        raise table.error("cancels are not computed for parallel robots", given[0])
+    found = robot.limits.acceleration.copy()
+    for key in given:
+        rates = joint_values(table, key, robot.arm, slides=_RATES[key])
+        own = np.flatnonzero(np.array(robot.arm.prismatic) == _RATES[key])
+        assert rates is not None
+        found[own] = np.where(np.isnan(rates), found[own], rates)
+    return found
 
 
 _OF_CASES = ("sensor", "process", "motors")

@@ -9,6 +9,7 @@ import numpy as np
 
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.brakes import BrakeLimit
+from ocptip.standing.limit_kinds.cancel import CancelLimit, WorstCancelLimit
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit, LateClearanceLimit
 from ocptip.standing.limit_kinds.drives import RingingLimit
 from ocptip.standing.limit_kinds.feet import FootForceLimit, FootLiftLimit, JumpFootForceLimit
@@ -231,6 +232,7 @@ KINDS: tuple[type[Limit], ...] = (
     JumpLimit,
     StopLimit,
     BrakeLimit,
+    CancelLimit,
     TorqueLimit,
     ClearanceLimit,
     LateClearanceLimit,
@@ -241,6 +243,7 @@ KINDS: tuple[type[Limit], ...] = (
     FurtherLimit,
     WorstCaseLimit,
     WorstTorqueLimit,
+    WorstCancelLimit,
     FootForceLimit,
     JumpFootForceLimit,
     FootLiftLimit,

@@ -5,8 +5,7 @@ greatest torques of all brakes, and with those ends of the intervals that load t
 when the brakes close. At every state on the way all combinations of torques within the intervals count: the
 wrench on the base is affine in them, so that the least moments about the tipping axes are exact. For slip the
 worst of three combinations is taken: that of the nearest axis, all least, all greatest. Where the stop ends
-the base has to stand at rest, too. Half spaces of
-wrenches that friction can carry tell where slip needs no look of its own.
+the base has to stand at rest, too.
 """
 
 from __future__ import annotations
@@ -21,16 +20,13 @@ import numpy as np
 
 from ocptip.basics.errors import share_of_one
 from ocptip.numerics.batch import BatchFunction
-from ocptip.reserves.tipping import TipMap
 from ocptip.robots.braking import Braked, Terms, brake, terms
 from ocptip.standing.arm import Robot
+from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
 from ocptip.trajectories.trajectory import Trajectory
 
-POSTURES = 300  # looked at for collisions, at most
 SPACING = 0.02  # s, between instants of a motion at which brakes close
-SLOW = 1e-6  # rad/s (m/s): joints that are slower rest
 CREEPING = 1e-4  # rad/s (m/s): joints that have just begun to move
-CHUNK = 10_000  # wrenches judged at once
 MOMENTS = 40  # of each stop, about; more of those that take much longer than others are left out
 
 
@@ -59,34 +55,7 @@ class Brakes:
         return asdict(self)
 
 
-@dataclass(frozen=True, eq=False)
-class BrakeStops:
-    """Worst values of stops from N states of a motion.
-
-    Attributes:
-        GN, GT: (N,), during the stop.
-        after: (N,), s, since the drives went off: when the larger of the two is met.
-        torques: (N, n), N m: of the brakes then; 0 for joints that rest.
-        rests: (N,), s, until all joints rest; infinite if they do not.
-        ways: (N, n), rad (sliding joints: m): how far a joint gets at most.
-        outside: how far an angle is beyond its limits at most, rad (m), and the joint, 0-based; at most 0
-            where none is.
-        clearance: m, smallest distance of what may collide in `postures` postures; infinite if not known.
-        postures: looked at.
-    """
-
-    GN: np.ndarray
-    GT: np.ndarray
-    after: np.ndarray
-    torques: np.ndarray
-    rests: np.ndarray
-    ways: np.ndarray
-    outside: tuple[float, int]
-    clearance: float
-    postures: int
-
-
-class BrakeCheck:
+class BrakeCheck(StopCheck):
     """Checks stops by the brakes of an arm.
 
     Args:
@@ -95,20 +64,14 @@ class BrakeCheck:
     """
 
     def __init__(self, robot: Robot, brakes: Brakes) -> None:
-        self._robot, self._delay = robot, brakes.delay
+        super().__init__(robot, brakes.GN, brakes.GT)
+        self._delay = brakes.delay
         self._brakes = np.array(brakes.least), np.array(brakes.greatest)
-        self._map = TipMap(robot.tip_over)
-        half_spaces = robot.slip.half_spaces(brakes.GT)
-        self._GN, self._GT, self._kept_inside = (
-            brakes.GN,
-            brakes.GT,
-            None if half_spaces is None else half_spaces.T.copy(),
-        )
 
-    def stops(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray | None = None) -> BrakeStops:
+    def stops(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray | None = None) -> JointStops:
         """From angles and speeds, (N, n) each; a process that varies stays what it is then, (N, 6)."""
         low, high = self._brakes
-        qd = _moving(qd)
+        qd = without_creep(qd)
         worst = self._box(q, qd, np.full(len(q), self._delay[1]), process)[3]
         ways = [(low, self._delay[1]), (high, self._delay[0]), (worst, self._delay[1])]
         if self._delay[1] > self._delay[0]:
@@ -117,72 +80,22 @@ class BrakeCheck:
         delays = np.repeat([delay for _, delay in ways], len(q))
         many = np.tile(q, (len(ways), 1)), np.tile(qd, (len(ways), 1))
         owner = np.tile(np.arange(len(q)), len(ways))
-        own = {"delay": delays, "process": _of(process, owner)}
+        own = {"delay": delays, "process": of_owner(process, owner)}
         run = brake(self._robot.arm, *many, self._robot.support.gravity, torques, **own)
         return self._judged(q, run, owner, process)
 
     def _judged(
         self, q: np.ndarray, run: Braked, owner: np.ndarray, process: np.ndarray | None
-    ) -> BrakeStops:
-        count, n = q.shape
+    ) -> JointStops:
         going = np.any(run.speeds != 0, axis=2)
         going[np.arange(len(going)) % max(1, len(going) // MOMENTS) != 0] = False
         going[-1] = True  # rest after the stop counts, too
         k, i = np.nonzero(going)
-        own = run.angles[k, i], run.speeds[k, i], run.times[k], _of(process, owner[i])
-        wrenches, torques = self._wrenches(*own)
-        row, time = np.repeat(owner[i], wrenches.shape[1]), np.repeat(run.times[k], wrenches.shape[1])
-        GN, GT = self._reserves(wrenches.reshape(-1, 6), row)
-        worst = [np.zeros(count), np.zeros(count)]
-        for found, values in zip(worst, (GN, GT), strict=True):
-            np.maximum.at(found, row, values)
-        at, greatest = np.full(count, -1), np.maximum(*worst)
-        hit = np.flatnonzero(np.maximum(GN, GT) == greatest[row])[::-1]
-        at[row[hit]] = hit
-        known = at >= 0
-        rests, ways = np.zeros(count), np.zeros((count, n))
-        np.maximum.at(rests, owner, run.rests)
-        np.maximum.at(ways, owner, np.max(np.abs(run.angles - q[owner]), axis=0))
-        limits = self._robot.limits
-        over = np.max(np.maximum(limits.angle_min - run.angles, run.angles - limits.angle_max), axis=(0, 1))
-        joint = int(np.argmax(over))
+        loads = self._wrenches(run.angles[k, i], run.speeds[k, i], run.times[k], of_owner(process, owner[i]))
         postures = np.concatenate([run.angles[-1], run.angles[k, i]])
-        postures = postures[:: max(1, -(-len(postures) // POSTURES))]
-        return BrakeStops(
-            *worst,
-            after=np.where(known, time[at], 0.0),
-            torques=np.where(known[:, None], torques.reshape(-1, n)[at], 0.0),
-            rests=rests,
-            ways=ways,
-            outside=(float(over[joint]), joint),
-            clearance=float(np.min(self._robot.collision.least(postures))),
-            postures=len(postures),
-        )
-
-    def _reserves(self, wrenches: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """GN and GT (M,) at wrenches (M, 6) of stops `owner` (M,).
-
-        GT is what it is where it is greatest in a stop, so far as half spaces tell, and wherever they do not
-        show that it is kept, as long as the stop has kept it; elsewhere zero.
-        """
-        robot, rows = self._robot, self._kept_inside
-        if rows is None or not self._map.count:
-            states = robot.contact_states(wrenches)
-            GN = robot.tip_over.evaluate(states).GN
-            return _large(GN), _large(robot.slip.evaluate(states, derivatives=False).GT)
-        GN = robot.tip_over.ratio(np.min(self._map(wrenches)[0], axis=1))
-        GT = np.zeros(len(wrenches))
-        out = np.concatenate([np.max(part @ rows, axis=1) for part in _parts(wrenches)])
-        order = np.lexsort((-out, owner))
-        todo = order[np.unique(owner[order], return_index=True)[1]]
-        while len(todo):
-            states = robot.contact_states(wrenches[todo])
-            GT[todo] = _large(robot.slip.evaluate(states, derivatives=False).GT)
-            out[todo] = -np.inf
-            broken = np.zeros(len(out), dtype=bool)
-            broken[owner[todo[~(GT[todo] <= self._GT)]]] = True
-            todo = np.flatnonzero((out > 0) & ~broken[owner])
-        return GN, GT
+        found = self._worst(q, owner[i], run.times[k], loads, (run.angles, owner), postures)
+        np.maximum.at(found.rests, owner, run.rests)
+        return found
 
     def _wrenches(
         self, q: np.ndarray, qd: np.ndarray, after: np.ndarray, process: np.ndarray | None = None
@@ -226,14 +139,14 @@ class BrakeCheck:
 
     def worst_corners(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When brakes close: least moments (M, axes), N m, and the joints' torques there (M, axes, n)."""
-        qd = _moving(qd)
+        qd = without_creep(qd)
         rest, by_torque, (low, high), _ = self._box(q, qd, np.full(len(q), self._delay[1]))
         least, corners = self._corners(rest, by_torque, low, high)
         return least, -np.sign(qd)[:, None] * corners
 
     def combinations(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When brakes close: the three wrenches (M, 3, 6) looked at, and the joints' torques (M, 3, n)."""
-        qd = _moving(qd)
+        qd = without_creep(qd)
         wrenches, torques = self._wrenches(q, qd, np.full(len(q), self._delay[1]))
         return wrenches, -np.sign(qd)[:, None] * torques
 
@@ -276,32 +189,11 @@ class BrakeCheck:
 @lru_cache(maxsize=4)
 def stops_of_motion(
     robot: Robot, motion: Trajectory, brakes: Brakes, spacing: float = SPACING
-) -> tuple[np.ndarray, BrakeStops]:
+) -> tuple[np.ndarray, JointStops]:
     """Stops begun at instants of a motion, s, `spacing` apart and at all events."""
-    count = max(2, int(np.ceil(motion.end / spacing)))
-    times = np.unique([*np.linspace(0, motion.end, count + 1)[1:-1], *motion.event_times[1:-1]])
+    times = instants_of(motion, spacing)
     q, qd, _ = motion.states(times)
     return times, BrakeCheck(robot, brakes).stops(q, qd, robot.during(motion).acting(times))
-
-
-def _of(process: np.ndarray | None, owner: np.ndarray) -> np.ndarray | None:
-    """(M, 6) of stops `owner` (M,)."""
-    return None if process is None else process[owner]
-
-
-def _moving(qd: np.ndarray) -> np.ndarray:
-    """Speeds; joints that are very slow rest."""
-    return np.where(np.abs(qd) < SLOW, 0.0, qd)
-
-
-def _parts(wrenches: np.ndarray) -> list[np.ndarray]:
-    """In pieces whose products with half spaces fit into memory; one at least."""
-    return np.array_split(wrenches, 1 + len(wrenches) // CHUNK)
-
-
-def _large(values: np.ndarray) -> np.ndarray:
-    """What is not known counts as infinite."""
-    return np.where(np.isnan(values), np.inf, values)
 
 
 @lru_cache(maxsize=8)

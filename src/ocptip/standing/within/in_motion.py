@@ -181,6 +181,15 @@ def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> W
     return WithinTolerance(tolerance, tip, slip, torque, gap, len(looked.times), alike, force, course)
 
 
+def worst_of_looked(cases: WorstCase, looked: Looked) -> tuple[WorstInstant | None, WorstInstant]:
+    """The worst of some states for tip-over (None where the base cannot tip) and for slip."""
+    tip, slip = (
+        looked.some(np.argsort(-badness(cases, looked), kind="stable")[:EXACT])
+        for badness in ((_least_moments if cases.axes else _greatest_slips), _greatest_slips)
+    )
+    return _worst_tip(cases, tip) if cases.axes else None, _worst_slip(cases, slip)
+
+
 def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
     """Minimum normal force of a foot if all gave alike, by slopes over the deviations."""
     if (shares := equal_normal_map(cases.robot.support)) is None:

@@ -1,0 +1,252 @@
+"""Which decelerations of a cancelled motion are safe: verdicts by share, the maximum and the minimum.
+
+With too much deceleration the base tips, slips, or a drive lacks torque. With too little the arm leaves its
+joint range or the clear space, or the stop takes too long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ocptip.numerics.bisection import bisected
+from ocptip.standing.arm import Robot
+from ocptip.standing.limits import Limits
+from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
+from ocptip.standing.within.cancelled import worst_of_cancels
+from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.trajectories.trajectory import Trajectory
+
+SHARES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05)
+CLOSE = 0.005  # of the share, to which its ends are determined
+_KEPT = 1e-9
+_DIGITS = 3
+
+
+@dataclass(frozen=True)
+class CancelLevel:
+    """What becomes of the base when a motion is cancelled at any instant, at one deceleration.
+
+    Attributes:
+        share: of the decelerations that are 100 %.
+        GN: the largest; above 1 a contact lifts.
+        lost: share of the instants from which a limit of the contacts is broken (nominal model).
+        torque_ratio: the largest share of a torque limit that a drive needs.
+        longest_stop_s: from the cancel until everything rests.
+        clearance_m: the smallest distance; None where it is not known.
+        broken: one sentence per broken limit; empty where the stops are safe.
+    """
+
+    share: float
+    GN: float
+    lost: float
+    torque_ratio: float
+    longest_stop_s: float
+    clearance_m: float | None
+    broken: tuple[str, ...]
+
+    @property
+    def safe(self) -> bool:
+        """All limits are kept."""
+        return not self.broken
+
+
+@dataclass(frozen=True)
+class SafeDecelerations:
+    """Which decelerations of a cancelled motion are safe.
+
+    Attributes:
+        full: n, rad/s^2 (sliding joints: m/s^2), at 100 %.
+        names, units: of the joints; units "rad" or "m".
+        of_limits: these are the acceleration limits, which a controller would use by default.
+        levels: by falling share.
+        minimum, maximum: of the safe shares; None where no checked share is safe.
+        within: the uncertainty in words; empty: nominal model only.
+        instants: number of those at which the motion is cancelled, for each level.
+    """
+
+    full: tuple[float, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    of_limits: bool
+    levels: tuple[CancelLevel, ...]
+    minimum: float | None
+    maximum: float | None
+    within: str
+    instants: int
+
+    @property
+    def hardest(self) -> CancelLevel:
+        """At 100 %."""
+        return self.levels[0]
+
+    def deceleration(self, share: float) -> str:
+        """In words: "352 deg/s^2", or the range over the joints."""
+        values = [
+            np.degrees(a) if unit == "rad" else a for a, unit in zip(self.full, self.units, strict=True)
+        ]
+        texts = []
+        for unit, word in (("rad", "deg/s^2"), ("m", "m/s^2")):
+            own = [share * value for value, of in zip(values, self.units, strict=True) if of == unit]
+            if own:
+                ends = dict.fromkeys(f"{rounded_down(end):g}" for end in (min(own), max(own)))
+                texts.append(f"{' to '.join(ends)} {word}")
+        return " and ".join(texts)
+
+    @property
+    def yaml(self) -> str:
+        """The line of ros2_control for the maximum safe deceleration; empty where there is none."""
+        if self.maximum is None:
+            return ""
+        values = [rounded_down(self.maximum * value) for value in self.full]
+        joints = ", ".join(
+            f"{name}: {{max_deceleration_on_cancel: {value:g}}}"
+            for name, value in zip(self.names, values, strict=True)
+        )
+        return f"constraints: {{decelerate_on_cancel: true, {joints}}}"
+
+    @property
+    def text(self) -> str:
+        """One sentence or two."""
+        of = "the acceleration limits" if self.of_limits else "the given decelerations"
+        hardest, model = self.hardest, self.within or "nominal model"
+        if self.minimum is None or self.maximum is None:
+            kept = f"no deceleration from {100 * SHARES[-1]:g} to 100 % of {of} is safe"
+        else:
+            least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
+            kept = f"safe at {least:g} to {greatest:g} % of {of}, at most {self.deceleration(self.maximum)}"
+        at_full = "" if hardest.safe else f"; at 100 %: {hardest.broken[0]}"
+        return f"{kept} ({model}, checked at {self.instants} instants){at_full}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        rows = [{**asdict(level), "broken": list(level.broken), "safe": level.safe} for level in self.levels]
+        greatest = None if self.maximum is None else [self.maximum * a for a in self.full]
+        return {
+            "full_deceleration": list(self.full),
+            "units": [f"{unit}/s^2" for unit in self.units],
+            "of_acceleration_limits": self.of_limits,
+            "minimum_safe_share": self.minimum,
+            "maximum_safe_share": self.maximum,
+            "maximum_safe_deceleration": greatest,
+            "levels": rows,
+            "within": self.within or None,
+            "instants": self.instants,
+            "ros2_control": self.yaml or None,
+        }
+
+
+def safe_decelerations(
+    robot: Robot,
+    motion: Trajectory,
+    limits: Limits,
+    cancel: Cancel,
+    *,
+    of_limits: bool = True,
+    close: float = CLOSE,
+) -> SafeDecelerations:
+    """Which shares of the decelerations of `cancel` are safe, at all instants of a motion.
+
+    Args:
+        robot, motion: what is cancelled.
+        limits: of the motion; stops keep its clearance, and its uncertainty.
+        cancel: decelerations that are 100 %, reaction, limits of the contacts.
+        of_limits: the decelerations are the acceleration limits.
+        close: of the share, to which the ends are determined; 1: no closer than `SHARES`.
+    """
+    found: dict[float, CancelLevel] = {}
+    level_of = _levels(robot, motion, limits, cancel)
+
+    def level(share: float) -> CancelLevel:
+        if share not in found:
+            found[share] = level_of(share)
+        return found[share]
+
+    def safe(share: float) -> float | None:
+        return share if level(share).safe else None
+
+    def near(one: float, other: float) -> bool:
+        return abs(one - other) <= close
+
+    runs: list[list[float]] = [[]]
+    for share in SHARES:
+        if level(share).safe:
+            runs[-1].append(share)
+        elif runs[-1]:
+            runs.append([])
+    widest = max(runs, key=lambda run: run[0] - run[-1] if run else -1.0)
+    minimum = maximum = None
+    if widest:
+        maximum, minimum = widest[0], widest[-1]
+        above, below = (SHARES.index(maximum) - 1, SHARES.index(minimum) + 1)
+        if above >= 0:
+            maximum = bisected(safe, SHARES[above], maximum, maximum, near)[1]
+        if below < len(SHARES):
+            minimum = bisected(safe, SHARES[below], minimum, minimum, near)[1]
+    return SafeDecelerations(
+        full=cancel.decelerations,
+        names=robot.names,
+        units=robot.units,
+        of_limits=of_limits,
+        levels=tuple(found[share] for share in sorted(found, reverse=True)),
+        minimum=minimum,
+        maximum=maximum,
+        within=limits.tolerance.title if limits.tolerance.given else "",
+        instants=len(cancel_times(motion)),
+    )
+
+
+def _levels(
+    robot: Robot, motion: Trajectory, limits: Limits, cancel: Cancel
+) -> Callable[[float], CancelLevel]:
+    """What becomes of a motion that is cancelled, by share of the decelerations."""
+    times = cancel_times(motion)
+    q, qd, _ = motion.states(times)
+    process = robot.during(motion).acting(times)
+    tolerance = limits.tolerance
+
+    def level(share: float) -> CancelLevel:
+        own = replace(cancel, decelerations=tuple(share * a for a in cancel.decelerations))
+        stops = CancelCheck(robot, own, exact=False).stops(q, qd, process)
+        lost = (stops.GN > own.GN) | (stops.GT > own.GT)
+        longest, torque = float(np.max(stops.rests)) + own.reaction, float(np.max(stops.drives))
+        over, joint = stops.outside
+        known = np.isfinite(stops.clearance)
+        broken = []
+        if lost.any():
+            GN = float(np.max(stops.GN))
+            broken.append(f"{100 * np.mean(lost):.3g} % of the instants break a contact limit (GN {GN:.3g})")
+        if torque > 1 + _KEPT:
+            broken.append(f"a drive needs {100 * torque:.3g} % of its torque limit")
+        if longest > own.longest:
+            broken.append(f"a stop takes {longest:.3g} s, must be <= {own.longest:g}")
+        if over > _KEPT:
+            broken.append(f"joint {joint + 1} leaves its limits by {over:.3g} {robot.units[joint]}")
+        if known and stops.clearance < limits.clearance:
+            least, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
+            broken.append(f"clearance is {least:.3g} mm, must be >= {asked:g}")
+        if tolerance.given and not broken:
+            worst = worst_of_cancels(worst_case_of(robot, tolerance), motion, own, times)
+            for name, at in zip(("GN", "GT"), worst, strict=True):
+                if at and (at.bound or at.value) > getattr(limits, f"{name}_worst_case"):
+                    broken.append(f"{name} reaches {at.bound or at.value:.3g} within {tolerance.title}")
+        return CancelLevel(
+            share=share,
+            GN=float(np.max(stops.GN)),
+            lost=float(np.mean(lost)),
+            torque_ratio=torque,
+            longest_stop_s=longest,
+            clearance_m=float(stops.clearance) if known else None,
+            broken=tuple(broken),
+        )
+
+    return level
+
+
+def rounded_down(value: float) -> float:
+    """To three digits, never above the value: a rounded limit must not break what it is a limit of."""
+    scale = 10.0 ** (_DIGITS - 1 - int(np.floor(np.log10(abs(value)))))
+    return float(np.floor(value * scale + _KEPT) / scale)

@@ -1,0 +1,265 @@
+"""Worst values of stops of a motion, and from which share of the planned speed they are safe, by scenario."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.path_stops import StoppedPath
+from ocptip.standing.arm import Robot
+from ocptip.standing.limits import WITHIN_OF, Limits
+from ocptip.standing.margins import Margins
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, stops_of_motion
+from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion
+from ocptip.standing.stops.joint_stops import JointStops
+from ocptip.standing.within.cancelled import worst_of_cancels
+from ocptip.standing.within.in_motion import WorstInstant
+from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.trajectories.trajectory import Trajectory
+
+LEVELS = 5  # halvings of the speed's share
+CLOSE = 1e-9
+
+
+class PathTable:
+    """Stops along the path."""
+
+    def __init__(
+        self,
+        robot: StandingMechanism,
+        motion: Trajectory,
+        limits: Limits,
+        times: np.ndarray,
+        checked: MotionCheck,
+    ) -> None:
+        path = StoppedPath(robot, motion, limits)
+        safe = path.safe_speeds()
+        self._checked = checked
+        self.curve = np.array([path.places, safe])
+        self.speeds = np.interp(times, path.places, safe)
+        self.durations = np.array([path.stop(t).times[-1] for t in times])
+
+    def worst(self) -> dict[str, Any]:
+        """Of the check: values, and when the stop passes there."""
+        found: dict[str, Any] = {"longest_stop_s": float(np.max(self.durations))}
+        for name in ("GN", "GT"):
+            if worst := self._checked.worst.get(f"{name}_stop"):
+                found[name] = worst.value
+                found[f"{name}_at_s"] = worst.time
+                found[f"{name}_detail"] = worst.detail
+        return found
+
+    def violations(self) -> list[str]:
+        """None: the check says so."""
+        return []
+
+
+class JointTable:
+    """Stops in which every joint stops by itself.
+
+    Args:
+        robot, motion, limits: whose.
+        rule: how joints stop, and what stops have to keep.
+        stops: begun at instants, s.
+        check: that finds them.
+        times: of the table.
+    """
+
+    words = ""
+    guess = ""
+
+    def __init__(
+        self,
+        robot: Robot,
+        motion: Trajectory,
+        limits: Limits,
+        rule: Brakes | Cancel,
+        stops: tuple[np.ndarray, JointStops],
+        check: BrakeCheck | CancelCheck,
+        times: np.ndarray,
+    ) -> None:
+        self._robot, self._motion, self._limits, self._rule = robot, motion, limits, rule
+        self._check, (self._times, self._found) = check, stops
+        q, qd, _ = motion.states(times)
+        process = robot.during(motion).acting(times)
+        own = check.stops(q, qd, process)
+        self.durations = own.rests
+        self.speeds = self._safe(q, qd, process, self._kept(own))
+
+    def _kept(self, found: JointStops) -> np.ndarray:
+        return (found.GN <= self._rule.GN) & (found.GT <= self._rule.GT) & np.isfinite(found.rests)
+
+    def _safe(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, kept: np.ndarray) -> np.ndarray:
+        """Largest shares of the speed by halving; 0 where even the smallest checked one is not safe."""
+        low, high = np.where(kept, 1.0, 0.0), np.ones(len(q))
+        todo = np.flatnonzero(~kept)
+        for _ in range(LEVELS if len(todo) else 0):
+            middle = 0.5 * (low[todo] + high[todo])
+            fine = self._kept(self._check.stops(q[todo], middle[:, None] * qd[todo], process[todo]))
+            low[todo], high[todo] = np.where(fine, middle, low[todo]), np.where(fine, high[todo], middle)
+        return low
+
+    def worst(self) -> dict[str, Any]:
+        """Values and where they are."""
+        found, units = self._found, self._robot.units
+        i = int(np.argmax(np.maximum(found.GN, found.GT)))
+        over, joint = found.outside
+        ways = [
+            float(way) if unit == "m" else float(np.rad2deg(way))
+            for way, unit in zip(np.max(found.ways, axis=0), units, strict=True)
+        ]
+        return {
+            "GN": float(np.max(found.GN)),
+            "GT": float(np.max(found.GT)),
+            "begun_s": float(self._times[i]),
+            "after_s": float(found.after[i]),
+            **self._more(i),
+            "longest_stop_s": float(np.max(found.rests)) if np.isfinite(found.rests).all() else None,
+            "ways": {"values": ways, "units": ["m" if unit == "m" else "deg" for unit in units]},
+            "beyond_angle_limit": max(over, 0.0),
+            "joint_nearest_its_limit": joint + 1,
+            "clearance_m": found.clearance if np.isfinite(found.clearance) else None,
+            "postures_looked_at": found.postures,
+        }
+
+    def _more(self, i: int) -> dict[str, Any]:
+        """What else is known, and of the worst stop."""
+        return {}
+
+    def violations(self) -> list[str]:
+        """One sentence per broken limit."""
+        rule, found, said = self._rule, self._found, self._own_violations()
+        over, joint = found.outside
+        if over > CLOSE:
+            said.append(f"joint {joint + 1} leaves its limits by {over:.3g} {self._robot.units[joint]}")
+        if found.clearance < self._limits.clearance:
+            gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
+            said.append(f"clearance is {gap:.1f} mm in a {self.words}, must be >= {asked:.1f} mm")
+        contacts = []
+        for name, values, limit in (("GN", found.GN, rule.GN), ("GT", found.GT, rule.GT)):
+            i = int(np.argmax(values))
+            if not values[i] <= limit:
+                contacts.append(
+                    f"{name} is {values[i]:.4g} in a {self.words} begun at {self._times[i]:.4f} s, "
+                    f"must be <= {limit:.4g}{self.guess}"
+                )
+        return [*contacts, *said] if not self._in_check else said
+
+    @property
+    def _in_check(self) -> bool:
+        """The check of the motion says which limits of the contacts are broken."""
+        raise NotImplementedError
+
+    def _own_violations(self) -> list[str]:
+        raise NotImplementedError
+
+
+class BrakeTable(JointTable):
+    """Stops by brakes."""
+
+    words = "stop by brakes"
+
+    def __init__(
+        self,
+        robot: Robot,
+        motion: Trajectory,
+        limits: Limits,
+        brakes: Brakes,
+        guessed: bool,
+        times: np.ndarray,
+    ) -> None:
+        found = stops_of_motion(robot, motion, brakes)
+        super().__init__(robot, motion, limits, brakes, found, BrakeCheck(robot, brakes), times)
+        self.guess = " (brake torques are a guess)" if guessed else ""
+        self._least = np.array(brakes.least)
+
+    @property
+    def _in_check(self) -> bool:
+        return self._limits.brakes is not None
+
+    def _more(self, i: int) -> dict[str, Any]:
+        return {"brake_torques": self._found.torques[i].tolist()}
+
+    def _own_violations(self) -> list[str]:
+        rests, said = self._found.rests, []
+        if not np.isfinite(rests).all() and not self._limits.brakes:
+            i = int(np.argmax(rests))
+            said.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
+        return said + self._too_weak()
+
+    def _too_weak(self) -> list[str]:
+        """The brake that holds the smallest share of the torque at rest, if that is below 1; else empty."""
+        robot, times = self._robot, self._times
+        q = self._motion.states(times)[0]
+        asked, _ = robot.loads(q, 0 * q, 0 * q, robot.during(self._motion).acting(times))
+        i, joint = np.unravel_index(np.argmax(np.abs(asked) / self._least), asked.shape)
+        needs, unit = float(abs(asked[i, joint])), robot.motor_units[joint]
+        if needs <= self._least[joint]:
+            return []
+        return [
+            f"the arm drops: at {times[i]:.4f} s joint {joint + 1} needs {needs:.4g} {unit} to rest, its "
+            f"brake holds {self._least[joint]:.4g}"
+        ]
+
+
+class CancelTable(JointTable):
+    """Stops by a controller that is cancelled."""
+
+    words = "cancel"
+
+    def __init__(
+        self, robot: Robot, motion: Trajectory, limits: Limits, cancel: Cancel, times: np.ndarray
+    ) -> None:
+        found = cancelled_motion(robot, motion, cancel)
+        super().__init__(robot, motion, limits, cancel, found, CancelCheck(robot, cancel), times)
+        self._cancel, self._within = cancel, dict[str, WorstInstant]()
+        self.durations = self.durations + cancel.reaction
+        if limits.tolerance.given:
+            cases = worst_case_of(robot, limits.tolerance)
+            worst = worst_of_cancels(cases, motion, cancel, cancel_times(motion))
+            pairs = zip(WITHIN_OF, worst, strict=True)
+            self._within = {name: instant for name, instant in pairs if instant is not None}
+
+    @property
+    def _in_check(self) -> bool:
+        return self._limits.cancel is not None
+
+    def _more(self, i: int) -> dict[str, Any]:
+        found, robot, cancel = self._found, self._robot, self._cancel
+        margins = Margins.under(found.wrenches, robot.tip_over, robot.slip)
+        force = float(np.min(margins.min_foot_force))
+        return {
+            "deceleration": list(cancel.decelerations),
+            "reaction_s": cancel.reaction,
+            "tipping_margin_Nm": float(np.min(margins.tipping_moment)),
+            "foot_force_N": force if np.isfinite(force) else None,
+            "torque_ratio": float(np.max(found.drives)),
+            **{f"{name}_worst_case": at.to_dict() for name, at in self._within.items()},
+        }
+
+    def _own_violations(self) -> list[str]:
+        said, cancel, found = [], self._cancel, self._found
+        for name, at in {} if self._in_check else self._within.items():
+            value, limit = at.value if at.bound is None else at.bound, getattr(self._limits, WITHIN_OF[name])
+            if value > limit:
+                said.append(
+                    f"{name} is {value:.4g} in a cancel begun at {at.time:.4f} s within the uncertainty "
+                    f"({at.how}), must be <= {limit:.4g}"
+                )
+        i = int(np.argmax(found.drives))
+        if found.drives[i] > 1 + CLOSE:
+            said.append(
+                f"a drive needs {100 * found.drives[i]:.0f} % of its torque limit in a cancel begun at "
+                f"{self._times[i]:.4f} s"
+            )
+        i = int(np.argmax(found.rests))
+        longest = float(found.rests[i]) + cancel.reaction
+        if longest > cancel.longest:
+            said.append(
+                f"a cancel begun at {self._times[i]:.4f} s takes {longest:.3g} s, must be <= "
+                f"{cancel.longest:.3g} s"
+            )
+        return said

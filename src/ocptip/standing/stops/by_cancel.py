@@ -1,0 +1,183 @@
+"""Stops by a cancelled trajectory: every joint decelerates by itself at a constant rate, then holds.
+
+So do the controllers of others, as their sources say:
+
+- ros2_controllers 6.9.0, joint_trajectory_controller/src/joint_trajectory_controller.cpp:
+  `decelerate_to_hold_position` (`constraints.decelerate_on_cancel`, per joint `max_deceleration_on_cancel`)
+  takes the speed v of each joint, lets it decelerate at its rate a for |v| / a, and then hold, v^2 / (2 a)
+  further. Joints stop at different times. It does so on a cancel, a preemption, and where a tolerance is
+  violated. Without that option (the default) `set_hold_position` commands the present position: the drives
+  then decelerate as hard as they can, which the acceleration limits stand for here.
+- Universal_Robots_Client_Library 2.14.0, resources/external_control.urscript: `stopj(4.0)`, in rad/s^2; that
+  is "linear in joint space", the rate of the leading axis, and not the same as one rate for all joints.
+
+Until the controller reacts the motion goes on as planned. So a stop begins in a state of the motion, and the
+reaction time does not change which states these are: all. Between the stops of two joints all accelerations
+are constant. What acts on the base is evaluated on both sides of every stop of a joint, and at `INSIDE` of
+each time in between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, positive_number, share_of_one
+from ocptip.standing.arm import Robot
+from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
+from ocptip.trajectories.trajectory import Trajectory
+
+SPACING = 0.01  # s, between instants of a motion at which joints begin to decelerate
+NEAR = 2e-3  # s: instants nearer to the one before are left out
+PEAKS, FRESH, ROUNDS = 4, 7, 2  # of the refinement: worst instants, new ones on either side of each, rounds
+INSIDE = np.array([0.0, 1 / 3, 2 / 3, 1.0])  # of each time between stops of joints; 0 and 1 are its two sides
+SHORTEST = 1e-9  # s: times between stops of joints that are shorter have no states of their own
+LONGEST = 2.0  # s
+
+
+@dataclass(frozen=True)
+class Cancel:
+    """How a controller stops a cancelled motion, and what stops have to keep.
+
+    Attributes:
+        decelerations: n, rad/s^2 (sliding joints: m/s^2), of each joint until it rests.
+        reaction: s, at most from the cancel until the joints decelerate.
+        longest: s, at most from the cancel until everything rests.
+        GN, GT: largest values during any stop, at most 1.
+    """
+
+    decelerations: tuple[float, ...]
+    reaction: float = 0.0
+    longest: float = LONGEST
+    GN: float = 0.9
+    GT: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("GN", "GT"):
+            share_of_one(f"cancel.{name}", getattr(self, name))
+        for value in self.decelerations:
+            positive_number("cancel.decelerations", value)
+        positive_number("cancel.reaction", self.reaction, zero_allowed=True)
+        if not positive_number("cancel.longest", self.longest) > self.reaction:
+            raise InputError(
+                f"cancel.longest: must be > the reaction time, {self.reaction:g} s, got {self.longest:g}"
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+
+class StopStates(NamedTuple):
+    """States during N stops: M rows.
+
+    Attributes:
+        owner: (M,) which stop.
+        after: (M,), s, since the joints began to decelerate.
+        before: (M,) True just before a joint rests, False just after, and in between.
+        q, qd, qdd: (M, n).
+    """
+
+    owner: np.ndarray
+    after: np.ndarray
+    before: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+
+
+def stop_states(q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray) -> StopStates:
+    """Of stops from angles and speeds (N, n) at decelerations (n,); the last of each is at rest."""
+    count, n = q.shape
+    qd = without_creep(qd)
+    rests = np.abs(qd) / decelerations  # (N, n), s
+    ends = np.sort(rests, axis=1)
+    begins = np.hstack([np.zeros((count, 1)), ends[:, :-1]])
+    after = begins[:, :, None] + INSIDE * (ends - begins)[:, :, None]  # (N, n, K)
+    middle = 0.5 * (begins + ends)
+    keep = np.repeat((ends - begins > SHORTEST)[:, :, None], len(INSIDE), axis=2)
+    owner, phase, place = np.nonzero(keep)
+    owner, phase, place = (
+        np.append(own, rest)
+        for own, rest in (
+            (owner, np.arange(count)),
+            (phase, np.full(count, n - 1)),
+            (place, np.full(count, len(INSIDE) - 1)),
+        )
+    )
+    last = np.arange(len(owner)) >= len(owner) - count
+    after = after[owner, phase, place]
+    moves = (rests[owner] > middle[owner, phase][:, None]) & ~last[:, None]
+    way = np.minimum(after[:, None], rests[owner])
+    rate = np.sign(qd)[owner] * decelerations
+    return StopStates(
+        owner,
+        after,
+        place == len(INSIDE) - 1,
+        q[owner] + way * (qd[owner] - 0.5 * rate * way),
+        np.where(moves, qd[owner] - rate * way, 0.0),
+        np.where(moves, -rate, 0.0),
+    )
+
+
+class CancelCheck(StopCheck):
+    """Checks stops by a controller of a cancelled motion.
+
+    Args:
+        robot: the arm on its support.
+        cancel: how it stops, and what stops have to keep; greater GT need not be exact.
+        exact: see `StopCheck`.
+    """
+
+    def __init__(self, robot: Robot, cancel: Cancel, exact: bool = True) -> None:
+        super().__init__(robot, cancel.GN, cancel.GT, exact)
+        self._decelerations = np.array(cancel.decelerations)
+
+    def stops(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray | None = None) -> JointStops:
+        """From angles and speeds, (N, n) each; a process that varies stays what it is then, (N, 6).
+
+        Times are from the beginning of the deceleration.
+        """
+        at = stop_states(q, qd, self._decelerations)
+        torques, wrenches = self._robot.loads(at.q, at.qd, at.qdd, of_owner(process, at.owner))
+        loads = wrenches[:, None], torques[:, None]
+        found = self._worst(q, at.owner, at.after, loads, (at.q[None], at.owner), at.q[::-1])
+        np.maximum.at(found.rests, at.owner, at.after)
+        np.maximum.at(found.drives, at.owner, np.max(np.abs(torques) / self._robot.limits.torque, axis=1))
+        return found
+
+
+def cancel_times(motion: Trajectory) -> np.ndarray:
+    """Instants at which joints begin to decelerate, s, `SPACING` apart and at all switching times.
+
+    A motion through points has one at each; speeds change little between two that are near each other.
+    """
+    times = instants_of(motion, SPACING)
+    return times[np.diff(times, prepend=-1.0) > NEAR]
+
+
+@lru_cache(maxsize=8)
+def cancelled_motion(robot: Robot, motion: Trajectory, cancel: Cancel) -> tuple[np.ndarray, JointStops]:
+    """Stops begun at instants of a motion, s: those of `cancel_times`, and more around the worst."""
+    check, acting = CancelCheck(robot, cancel), robot.during(motion)
+
+    def stops(times: np.ndarray) -> JointStops:
+        q, qd, _ = motion.states(times)
+        return check.stops(q, qd, acting.acting(times))
+
+    times = cancel_times(motion)
+    found = stops(times)
+    for _ in range(ROUNDS):
+        worst = np.argsort(-np.maximum(found.GN, found.GT), kind="stable")[:PEAKS]
+        left, right = times[np.maximum(worst - 1, 0)], times[np.minimum(worst + 1, len(times) - 1)]
+        new = np.setdiff1d(np.linspace(left, right, 2 * FRESH + 3)[1:-1].ravel(), times)
+        if not len(new):
+            break
+        found = found.joined(stops(new))
+        times = np.concatenate([times, new])
+        order = np.argsort(times)
+        times, found = times[order], found.some(order)
+    return times, found

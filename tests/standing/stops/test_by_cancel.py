@@ -1,0 +1,177 @@
+"""Stops by a cancelled controller: states by hand, Pinocchio's wrenches, the worst of an uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.motion.cancels import rounded_down, safe_decelerations
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion, stop_states
+from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.cancelled import worst_of_cancels
+from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.task_files.motion import load_task
+from tests.places import EXAMPLES
+from tests.robots.pinocchio_twin import dynamics, twin
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+
+
+@pytest.fixture(scope="module")
+def case():
+    return experiment_task("C", "effective")
+
+
+def controller_at(q, qd, rates, t):
+    """Joint by joint, as in the controller's source: a speed that falls to zero, then the hold position."""
+    found = []
+    for angle, speed, rate in zip(q, qd, rates, strict=True):
+        stop, sign = abs(speed) / rate, np.sign(speed)
+        if t < stop:
+            found.append(
+                (angle + speed * t - 0.5 * sign * rate * t * t, speed - sign * rate * t, -sign * rate)
+            )
+        else:
+            found.append((angle + sign * speed**2 / (2 * rate), 0.0, 0.0))
+    return np.array(found).T
+
+
+def test_states_are_those_of_the_controller_between_the_stops_of_joints():
+    rng = np.random.default_rng(0)
+    q, qd, rates = rng.normal(size=(20, 6)), rng.normal(size=(20, 6)), rng.uniform(0.5, 3, 6)
+    qd[0, :3] = 0.0
+    found = stop_states(q, qd, rates)
+    stops = np.abs(qd) / rates
+    inside = np.min(np.abs(found.after[:, None] - stops[found.owner]), axis=1) > 1e-9
+    assert inside.sum() > 200
+    for k in np.flatnonzero(inside):
+        own = found.owner[k]
+        expected = controller_at(q[own], qd[own], rates, found.after[k])
+        np.testing.assert_allclose([found.q[k], found.qd[k], found.qdd[k]], expected, atol=1e-9)
+    for own in range(20):
+        rows = np.flatnonzero(found.owner == own)
+        assert found.after[rows[-1]] == pytest.approx(np.max(stops[own]))
+        assert not found.qdd[rows[-1]].any()
+        for end in stops[own][stops[own] > 0]:  # both sides of every stop of a joint
+            assert np.sum(np.abs(found.after[rows] - end) < 1e-12) >= 2
+
+
+def test_tipping_moments_are_those_of_pinocchio(ur5):
+    """Its recursive Newton-Euler algorithm, and the least moment about the edges of the four wheels."""
+    robot, rng = ur5.robot, np.random.default_rng(1)
+    q, qd = rng.uniform(-1, 1, (2, 3, 6))
+    rates = np.array([5.0, 6.0, 7.0, 8.0, 9.0, 10.0])
+    model, support = twin(robot.arm), robot.support
+    corners = np.array([contact.position for contact in support.contacts])
+    centre = support.center_of_mass
+    states, least = stop_states(q, qd, rates), np.full(3, np.inf)
+    for own, *state in zip(states.owner, states.q, states.qd, states.qdd, strict=True):
+        on_base = dynamics(model, *state, support.gravity, np.zeros(3), np.zeros(3), centre)[1]
+        force, moment = on_base[:3] + support.mass * support.gravity, on_base[3:]
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            about = moment + np.cross(centre - a, force)
+            along = (b - a) / np.linalg.norm(b - a)
+            least[own] = min(least[own], -along @ about if np.cross(b - a, -a)[2] > 0 else along @ about)
+    found = CancelCheck(robot, Cancel(tuple(rates))).stops(q, qd)
+    expected = robot.tip_over.reference_moment / (robot.tip_over.reference_moment + least)
+    assert np.all(least > 0)
+    np.testing.assert_allclose(found.GN, expected, rtol=1e-6)
+
+
+def test_harder_cancels_load_the_base_more_and_take_less_time(case):
+    found = [
+        cancelled_motion(case.robot, case.reference, Cancel(tuple(share * case.robot.limits.acceleration)))[1]
+        for share in (0.2, 0.5, 1.0)
+    ]
+    worst = [np.max(one.GN) for one in found]
+    assert worst[0] < worst[1] < worst[2]
+    assert found[0].rests.max() > found[1].rests.max() > found[2].rests.max()
+    assert np.all(found[0].ways.max(axis=0) >= found[2].ways.max(axis=0))
+
+
+def test_refinement_finds_no_less_than_a_dense_grid(case):
+    cancel = Cancel(tuple(0.7 * case.robot.limits.acceleration))
+    _, found = cancelled_motion(case.robot, case.reference, cancel)
+    q, qd, _ = case.reference.states(np.arange(0, case.reference.end, 1e-3))
+    dense = CancelCheck(case.robot, cancel).stops(q, qd)
+    assert np.max(found.GN) >= np.max(dense.GN) - 1e-3
+
+
+def test_safe_decelerations_end_where_a_limit_does(case):
+    robot, motion, limits = case.robot, case.reference, case.limits
+    full = Cancel(tuple(robot.limits.acceleration), GN=limits.GN, GT=limits.GT)
+    found = safe_decelerations(robot, motion, limits, full)
+    assert 0 < found.minimum < found.maximum < 1
+    inside = [level for level in found.levels if found.minimum <= level.share <= found.maximum]
+    assert len(inside) >= 3
+    assert all(level.safe for level in inside)
+    above = min(level.share for level in found.levels if level.share > found.maximum)
+    level = next(level for level in found.levels if level.share == above)
+    assert "break a contact limit" in level.broken[0]
+    assert above - found.maximum <= 0.006
+    below = max((level for level in found.levels if level.share < found.minimum), key=lambda own: own.share)
+    assert any("leaves its limits" in text or "takes" in text for text in below.broken)
+    rates = [float(part.split("}")[0]) for part in found.yaml.split("max_deceleration_on_cancel: ")[1:]]
+    highest = found.maximum * robot.limits.acceleration
+    assert np.all((np.array(rates) <= highest) & (np.array(rates) > 0.99 * highest))
+    slow = safe_decelerations(robot, motion, limits, replace(full, longest=0.6), close=1.0)
+    assert slow.minimum > found.minimum
+
+
+def test_within_an_uncertainty_nothing_sampled_is_worse(case):
+    """Deviations drawn at random, joints delayed each by itself, in states of random stops."""
+    robot, motion = case.robot, case.reference
+    own = Uncertainty(base_mass=0.05, tilt=0.01, arm_mass=0.05, delay=0.01)
+    cancel = Cancel(tuple(0.3 * robot.limits.acceleration))
+    cases, times = worst_case_of(robot, own), cancel_times(motion)
+    tip, slip = worst_of_cancels(cases, motion, cancel, times)
+    plain, _ = worst_of_cancels(worst_case_of(robot, Uncertainty(arm_mass=1e-9)), motion, cancel, times)
+    assert plain.value == pytest.approx(np.max(cancelled_motion(robot, motion, cancel)[1].GN), rel=0.02)
+    assert tip.value > plain.value
+    rng, rates = np.random.default_rng(0), np.array(cancel.decelerations)
+    theta = rng.uniform(cases.deviations.low, cases.deviations.high, (4000, cases.deviations.size))
+    for name in ("gravity", "delay"):
+        if name in cases.deviations.places:
+            theta[:, cases.deviations.places[name]] = 0.0
+    count, n = len(theta), robot.n
+    begun, after = rng.uniform(0, motion.end, count)[:, None], rng.uniform(0, 0.2, count)[:, None]
+    passed = after - rng.choice([0.0, own.delay], (count, n))  # since each joint was told to decelerate
+    start = [part.reshape(count, n, n) for part in motion.states(np.repeat(begun, n, axis=1).ravel())]
+    path = [part.reshape(count, n, n) for part in motion.states((begun + passed).ravel())]
+    s, each = np.empty((count, 3, n)), np.arange(n)
+    q, qd = (part[:, each, each] for part in start[:2])
+    stopped = np.minimum(np.maximum(passed, 0), np.abs(qd) / rates)
+    rate = np.sign(qd) * rates
+    s[:, 0] = q + stopped * (qd - 0.5 * rate * stopped)
+    s[:, 1] = qd - rate * stopped
+    s[:, 2] = np.where(np.abs(qd) / rates > passed, -rate, 0.0)
+    for k, part in enumerate(path):
+        s[:, k] = np.where(passed < 0, part[:, each, each], s[:, k])
+    s = s.reshape(count, -1)
+    moments = cases._map(cases.deviations.wrench(s, theta)[0])[0]
+    sampled = robot.tip_over.reference_moment / (robot.tip_over.reference_moment + moments.min())
+    assert sampled <= tip.value + 1e-6
+    assert slip.value > 0
+
+
+def test_rounding_never_exceeds_a_safe_value():
+    for value in (6.1525, 352.5, 0.44063, 14.79999, 1.0):
+        assert 0.99 * value <= rounded_down(value) <= value
+
+
+def test_what_cannot_be_is_refused(case):
+    with pytest.raises(InputError, match="must be > the reaction time"):
+        Cancel((1.0,), reaction=2.5)
+    with pytest.raises(InputError, match=r"cancel\.decelerations"):
+        Cancel((0.0,))
+    limits = replace(case.robot.limits, acceleration=np.array([1, np.inf, 1, 1, 1, 1.0]))
+    robot = case.robot.varied(arm=replace(case.robot.arm, limits=limits))
+    with pytest.raises(InputError, match="joint 2 has no acceleration limit"):
+        case.stops.cancel(robot, case.limits)
