@@ -112,7 +112,7 @@ def test_a_changed_file_is_not_replaced_unasked_and_never_deleted(folder):
     assert (folder / "certificate.json").read_text() == "edited"
 
 
-@pytest.mark.parametrize("name", ["plan.json", "task", "task/meshes", "plan.png", SUMS])
+@pytest.mark.parametrize("name", ["plan.json", "task", "task/meshes", "motion.png", SUMS])
 def test_links_are_not_followed(folder, name, tmp_path):
     target = tmp_path / "elsewhere"
     if (folder / name).exists():
@@ -124,7 +124,7 @@ def test_links_are_not_followed(folder, name, tmp_path):
     with pytest.raises(InputError, match="symbolic link"):
         require_replaceable(folder, "plan", PLAN, overwrite=True)
     with pytest.raises(InputError, match="symbolic link"):
-        replace_folder(folder, {**PLAN, "plan.json": b"new"}) if name != "plan.png" else remove_figures(
+        replace_folder(folder, {**PLAN, "plan.json": b"new"}) if name != "motion.png" else remove_figures(
             folder, "plan"
         ) or require_replaceable(folder, "plan", overwrite=True)
     assert (content(target) if target.is_dir() else target.read_bytes()) == before
@@ -135,9 +135,9 @@ def test_folders_in_the_place_of_files(folder):
     (folder / "trajectory.json").mkdir()
     assert "'trajectory.json' is no file" in refused(folder, write=False)
     (folder / "trajectory.json").rmdir()
-    (folder / "plan.png").mkdir()
+    (folder / "motion.png").mkdir()
     remove_figures(folder, "plan")
-    assert (folder / "plan.png").is_dir()
+    assert (folder / "motion.png").is_dir()
 
 
 def test_what_the_task_names_is_not_replaced_unasked(tmp_path):
@@ -167,14 +167,14 @@ def test_nothing_is_replaced_before_all_is_written(folder, monkeypatch):
 
 def test_figures_of_others_stay(tmp_path):
     for name, text in {
-        "plan.png": MARK,
+        "motion.png": MARK,
         "phase_plane-2.png": MARK,
-        "speeds.png": "mine",
+        "ground.png": "mine",
         "x.png": MARK,
     }.items():
         (tmp_path / name).write_text(text)
     remove_figures(tmp_path, "retime")
-    assert sorted(os.listdir(tmp_path)) == ["speeds.png", "x.png"]
+    assert sorted(os.listdir(tmp_path)) == ["ground.png", "x.png"]
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def run(capsys, *arguments):
 
 
 def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(motion_plots, "_FIGURES", {"plan": motion_plots._FIGURES["plan"]})
+    monkeypatch.setattr(motion_plots, "FIGURES", {"motion": motion_plots.FIGURES["motion"]})
     code, out, err = run(capsys, "C")
     assert (code, err) == (0, "")  # piped: no progress bar
     lines = out.splitlines()
@@ -100,7 +100,7 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     assert [line for line in lines if line.endswith("<- critical")] == [tip]
     assert any(line.startswith("Robust to (one at a time): tilt ") for line in lines)
     directory = tmp_path / "ocptip-plan-C"
-    names = [*FILES, "plan.png"]
+    names = [*FILES, "motion.png"]
     assert (
         lines[-2]
         == f"Files   ocptip-plan-C/: plan.json, motion.csv, trajectory.json and {len(names) - 3} more"
@@ -109,7 +109,7 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     assert files_in(directory) == sorted(names)
     assert all(len(line) <= 80 for line in lines)
     assert out.isascii()
-    assert (directory / "plan.png").read_bytes().startswith(b"\x89PNG")
+    assert (directory / "motion.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_options_reach_the_planner(planner, capsys, tmp_path):
@@ -366,41 +366,41 @@ def test_progress_says_nothing_into_a_pipe():
 def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
     other = tmp_path / "ocptip-plan-C"
     other.mkdir()
-    for name in ("plan.png", "notes.txt"):
+    for name in ("motion.png", "notes.txt"):
         (other / name).write_text("mine")
     code, out, err = run(capsys, "C", "--no-figures")
     assert (code, out) == (2, "")
     assert err == (
         "ocptip: --out: ocptip-plan-C holds files that ocptip plan did not write and would replace: "
-        "plan.png; choose another directory, or --overwrite\n"
+        "motion.png; choose another directory, or --overwrite\n"
     )
     assert not planner.calls
     (other / "plan.json").write_text('{"energy_J": 3}')  # not from ocptip
     assert run(capsys, "C", "--no-figures")[0] == 2
     assert run(capsys, "C", "--no-figures", "--overwrite")[0] == 0
-    assert files_in(other) == sorted([*FILES, "notes.txt", "plan.png"])
+    assert files_in(other) == sorted([*FILES, "notes.txt", "motion.png"])
 
 
 def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(motion_plots, "_FIGURES", {"plan": motion_plots._FIGURES["plan"]})
     assert run(capsys, "C", "--no-figures")[0] == 0
     directory = tmp_path / "ocptip-plan-C"
-    for name in ("plan.png", "friction.png", "mine.png"):
+    for name in ("motion.png", "drives.png", "mine.png"):
         (directory / name).write_text(f"old, {MARK}")
     assert run(capsys, "C", "--no-figures")[0] == 0
     assert files_in(directory) == sorted([*FILES, "mine.png"])
-    (directory / "plan.png").write_text("mine")
+    (directory / "motion.png").write_text("mine")
     assert run(capsys, "C", "--no-figures")[0] == 2
     assert run(capsys, "C", "--no-figures", "--overwrite")[0] == 0  # replaces, but does not delete
-    assert (directory / "plan.png").read_text() == "mine"
+    assert (directory / "motion.png").read_text() == "mine"
     assert run(capsys, "C", "--overwrite")[0] == 0
-    assert MARK.encode() in (directory / "plan.png").read_bytes()
+    assert MARK.encode() in (directory / "motion.png").read_bytes()
     assert run(capsys, "C", "--no-figures")[0] == 0
     assert files_in(directory) == sorted([*FILES, "mine.png"])
 
 
 def test_the_names_of_all_files_are_known():
-    figures = [f"{name}.png" for name in (*motion_plots._FIGURES, "stops", "feet", "gears")]
+    figures = [f"{name}.png" for name in (*motion_plots.FIGURES, "feet", "gears", "stops")]
     assert OUTPUTS["plan"] == (*FILES, *figures)
 
 

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from PIL import Image
 
+from ocptip.motion.margins import FRICTION, TIPPING, motion_margins
 from ocptip.motion.output import sample_motion
+from ocptip.motion.summary import TITLES, at_text
 from ocptip.pictures import plan as motion_plots
-from ocptip.pictures import plan_curves
-from ocptip.pictures.frame import COLORS
+from ocptip.pictures import plan_curves, style
 from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.pictures.plan_curves import PlanCurves
+from ocptip.pictures.sketch import SKETCH, view_of
+from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import WORKSHOP
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
 from tests.standing.elastic.test_drives import geared
 from tests.standing.elastic.test_feet import softened
 
-NAMES = ["plan", "angles", "speeds", "torques", "power", "reserves", "normal_forces", "friction", "clearance"]
+NAMES = ["motion", "ground", "drives"]
 
 
 def drawn(name, **options):
@@ -48,6 +54,11 @@ def curve(figure, gid):
     return np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
 
 
+def panel(figure, label):
+    """The axes whose vertical one is called so."""
+    return next(ax for ax in figure.axes if ax.get_ylabel().startswith(label))
+
+
 def legend(ax):
     return [text.get_text() for text in ax.get_legend().get_texts()]
 
@@ -57,25 +68,28 @@ def test_curves_are_the_samples(clamped):
     assert list(figures) == NAMES
     limits = plan.task.robot.arm.limits
     for figure, gid, values in (
-        ("plan", "angle-2", np.rad2deg(samples.angles[:, 1])),
-        ("angles", "angle-6", np.rad2deg(samples.angles[:, 5])),
-        ("speeds", "speed-1", np.rad2deg(samples.speeds[:, 0])),
-        ("torques", "torque-2", samples.torques[:, 1]),
-        ("power", "power-3", samples.powers[:, 2]),
-        ("power", "power", samples.powers.sum(axis=1)),
-        ("plan", "power", samples.powers.sum(axis=1)),
-        ("reserves", "GN", samples.tip.GN),
-        ("plan", "GT", samples.slip.GT),
-        ("normal_forces", "normal-3", samples.states.contact_forces[:, 2, 0]),
-        ("friction", "use-1", 100 * samples.slip.usage[:, 0]),
+        ("motion", "angle-2", np.rad2deg(samples.angles[:, 1])),
+        ("motion", "share-2", 100 * samples.speeds[:, 1] / limits.speed[1]),
+        ("drives", "share-2", 100 * samples.torques[:, 1] / limits.torque[1]),
+        ("drives", "power", samples.powers.sum(axis=1)),
+        ("ground", "tipping", np.maximum(samples.tip.moments.min(axis=1), 0)),
+        ("ground", "friction", 100 * samples.slip.GT),
+        ("ground", "normal-3", samples.states.contact_forces[:, 2, 0]),
+        ("ground", "use-1", 100 * samples.slip.usage[:, 0]),
     ):
         x, y = curve(figures[figure], gid)
         np.testing.assert_array_equal(x[1:-1], samples.times)  # first and last: the rests before and after
-        np.testing.assert_allclose(y[1:-1], values, err_msg=gid)
-    speeds, torques = figures["plan"].axes[1:3]
-    for ax, share in ((speeds, samples.speeds / limits.speed), (torques, samples.torques / limits.torque)):
-        (line,) = ax.findobj(lambda artist: artist.get_gid() == "share-2")
-        np.testing.assert_allclose(line.get_ydata()[1:-1], 100 * share[:, 1])
+        np.testing.assert_allclose(y[1:-1], values, err_msg=gid, atol=1e-9)
+
+
+def test_speed_of_the_tcp_is_that_of_its_places(clamped):
+    plan, _, figures = clamped
+    x, speed = curve(figures["motion"], "tcp-speed")
+    times = np.linspace(0.1, 0.9, 7) * plan.motion.end
+    ahead, behind = (plan.task.robot.tool(plan.motion.states(times + h)[0]) for h in (1e-6, -1e-6))
+    np.testing.assert_allclose(
+        np.interp(times, x, speed), np.linalg.norm(ahead - behind, axis=1) / 2e-6, rtol=0.01
+    )
 
 
 def test_curves_have_the_rests_before_and_after(clamped):
@@ -85,8 +99,8 @@ def test_curves_have_the_rests_before_and_after(clamped):
     still = np.zeros((1, robot.n))
     for q, end in ((plan.motion.start, 0), (plan.motion.goal, -1)):
         torques = robot.samples_of(np.zeros(1), q[None], still, still).torques[0]
-        for j, torque in enumerate(torques, 1):
-            np.testing.assert_allclose(curve(figures["torques"], f"torque-{j}")[1][end], torque)
+        for j, torque in enumerate(100 * torques / robot.limits.torque, 1):
+            np.testing.assert_allclose(curve(figures["drives"], f"share-{j}")[1][end], torque)
 
 
 def test_events_are_those_of_ramps(free):
@@ -107,112 +121,152 @@ def test_least_distances_carry_the_names_of_their_pairs(free):
     names = np.array([str(label) for label in collision.labels])
     gaps = collision.gaps(samples.angles)
     nearest = names[np.argmin(gaps, axis=1)]
-    for figure in ("plan", "clearance"):
-        (ax,) = [ax for ax in figures[figure].axes if ax.get_ylabel() == "distance [mm]"]
-        shown = [
-            line
-            for line in ax.lines
-            if str(line.get_gid()).startswith("clearance-") and len(line.get_xdata()) > 1
-        ]
-        assert [line.get_label() for line in shown] == sorted(
-            set(nearest), key=lambda n: -np.sum(nearest == n)
-        )
-        for line in shown:
-            own = nearest == line.get_label()
-            np.testing.assert_allclose(line.get_ydata()[1:-1][own], 1e3 * gaps.min(axis=1)[own])
-        assert all(np.isfinite([line.get_ydata() for line in shown]).any(axis=0))
-        _, y = curve(figures[figure], "clearance-worst")
-        assert y[0] == pytest.approx(1e3 * gaps.min(), rel=1e-3)
-        assert ax.get_title("left").startswith(f"Minimum distance {y[0]:.3g} mm at ")
+    (ax,) = [ax for ax in figures["motion"].axes if ax.get_ylabel() == "clearance [mm]"]
+    shown = [line for line in ax.lines if str(line.get_gid()).startswith("clearance-")]
+    labels = [line.get_label().removeprefix("between ") for line in shown]
+    assert labels == sorted(set(nearest), key=lambda n: -np.sum(nearest == n))
+    for line, label in zip(shown, labels, strict=True):
+        own = nearest == label
+        np.testing.assert_allclose(line.get_ydata()[1:-1][own], 1e3 * gaps.min(axis=1)[own])
+    assert all(np.isfinite([line.get_ydata() for line in shown]).any(axis=0))
+    _, y = curve(figures["motion"], "clearance_m-nominal")
+    assert y[0] == pytest.approx(1e3 * gaps.min(), rel=1e-3)
+    assert ax.get_title("left").startswith(f"Clearance: smallest {y[0]:.3g} mm @")
 
 
-def test_energy_ends_at_that_of_the_check_and_the_reference_is_dashed(clamped):
+def test_energy_ends_at_that_of_the_check_and_the_reference_is_dotted(clamped):
     plan, _, figures = clamped
-    for name in ("plan", "power"):
-        x, y = curve(figures[name], "energy")
-        assert y[-1] == pytest.approx(plan.energy, rel=1e-5)
-        x, y = curve(figures[name], "energy-reference")
-        assert x[-1] == plan.task.reference.end
-        assert y[-1] == pytest.approx(plan.task.robot.energy(plan.task.reference), rel=1e-5)
-    for gid in ("GN-reference", "GT-reference", "energy-reference"):
-        figure = figures["power" if gid.startswith("energy") else "reserves"]
-        (line,) = figure.findobj(lambda artist, gid=gid: artist.get_gid() == gid)
+    _, y = curve(figures["drives"], "energy")
+    assert y[-1] == pytest.approx(plan.energy, rel=1e-5)
+    x, y = curve(figures["drives"], "energy-reference")
+    assert x[-1] == plan.task.reference.end
+    assert y[-1] == pytest.approx(plan.task.robot.energy(plan.task.reference), rel=1e-5)
+    for name, gid in (("ground", "tipping-reference"), ("ground", "friction-reference")):
+        (line,) = figures[name].findobj(lambda artist, gid=gid: artist.get_gid() == gid)
         assert line.is_dashed()
 
 
-def test_without_reference_nothing_is_dashed_but_limits():
+def test_without_reference_none_is_drawn():
     _, _, figures = drawn("C", reference=False)
-    assert not figures["plan"].findobj(lambda artist: str(artist.get_gid()).endswith("reference"))
-    assert "reference" not in legend(figures["reserves"].axes[0])
+    for figure in figures.values():
+        assert not figure.findobj(lambda artist: str(artist.get_gid()).endswith("reference"))
+        assert not any("reference" in legend(ax) for ax in figure.axes if ax.get_legend())
 
 
-def test_worst_instants_are_marked(clamped):
+def test_worst_instants_are_marked_as_the_table_of_the_plan_has_them(clamped):
     plan, _, figures = clamped
-    for name in ("GN", "GT"):
-        worst = plan.check.worst[name]
-        for figure in ("plan", "reserves"):
-            x, y = curve(figures[figure], f"{name}-worst")
-            assert (x[0], y[0]) == (worst.time, worst.value)
-    assert f"at most {plan.check.worst['GN'].value:.3f}" in figures["reserves"].axes[0].get_title("left")
+    rows = {row.name: row for row in motion_margins(plan.task.robot, plan.check)}
+    for name, scale in ((TIPPING, 1.0), (FRICTION, 100.0)):
+        x, y = curve(figures["ground"], f"{name}-nominal")
+        assert (x[0], y[0]) == (rows[name].nominal.time, scale * rows[name].nominal.value)
+        titles = " ".join(ax.get_title("left") for ax in figures["ground"].axes)
+        assert f"{TITLES[name]}: " in titles
+        assert at_text(rows[name], rows[name].nominal) in titles
+
+
+def test_the_worst_case_is_dashed_and_its_minimum_is_that_of_the_check():
+    task = experiment_task("A", "effective")
+    limits = Limits(tolerance=WORKSHOP)
+    motion = task.reference.time_scaled(3.0)
+    plan = plan_of(dataclasses.replace(task, limits=limits, reference=None), motion)
+    figure = plan_figures(plan)["ground"]
+    (row,) = [row for row in motion_margins(task.robot, plan.check) if row.name == TIPPING]
+    x, y = curve(figure, "tipping-worst-case")
+    assert min(y) == pytest.approx(row.worst_case.value, rel=0.01)
+    assert x[np.argmin(y)] == pytest.approx(row.worst_case.time, abs=0.02)
+    times, nominal = curve(figure, "tipping")
+    assert (y <= np.interp(x, times, nominal) + 0.2).all()
+    assert f"worst case {at_text(row, row.worst_case)}" in panel(figure, "tipping").get_title("left")
+    assert figure.get_suptitle().splitlines()[0] == "A: what the ground feels"
+    assert figure.get_suptitle().splitlines()[1].startswith("CHECKED at samples for 'workshop' uncertainty")
 
 
 def test_limits_are_those_of_the_task():
     plan, _, figures = drawn("C", limits=Limits(GN=0.95, GT=0.8, torque_ratio=0.6))
-    gn, gt = figures["reserves"].axes
-    for ax, value in ((gn, 0.95), (gt, 0.8)):
-        (line,) = ax.findobj(lambda artist: artist.get_gid() == "limit")
-        assert line.get_ydata()[0] == value
-    assert {"limit of GN 0.95", "limit of GT 0.8"} <= set(legend(figures["plan"].axes[4]))
-    assert curve(figures["friction"], "limit")[1][0] == pytest.approx(80)
-    largest = 0.6 * plan.task.robot.arm.limits.torque[1]
-    assert legend(figures["torques"].axes[1])[1] == f"limit {largest:.4g} N m"
+    moment = plan.task.robot.tip_over.reference_moment * (1 / 0.95 - 1)
+    for ax, value, label in (
+        (panel(figures["ground"], "tipping"), moment, f"limit {moment:.3g} N m"),
+        (panel(figures["ground"], "friction"), 80.0, "limit 80 %"),
+        (panel(figures["drives"], "torque"), 60.0, "limit 60 %"),
+    ):
+        lines = ax.findobj(lambda artist: artist.get_gid() == "limit")
+        assert lines[0].get_ydata()[0] == pytest.approx(value)
+        assert label in legend(ax)
+    largest = plan.task.robot.arm.limits.torque[1]
+    assert f"joint 2, limit {largest:.3g} N m" in legend(panel(figures["drives"], "torque"))
 
 
 def test_clamp_force_is_the_least_normal_force_of_its_contact(clamped, free):
-    assert "least (3): -29.33 N" in legend(clamped[2]["normal_forces"].axes[0])
-    assert "least (1, 2): 0 N" in legend(clamped[2]["normal_forces"].axes[0])
-    assert legend(free[2]["normal_forces"].axes[0])[-1] == "least: 0 N"
+    assert "least of 3: -29.33 N" in legend(panel(clamped[2]["ground"], "normal"))
+    assert "least of 1, 2: 0 N" in legend(panel(clamped[2]["ground"], "normal"))
+    assert legend(panel(free[2]["ground"], "normal"))[-1] == "least: 0 N"
 
 
-def test_every_panel_has_time_units_legend_and_events(clamped):
+def test_sketches_stand_on_all_feet_and_end_at_the_gripper(clamped):
     plan, _, figures = clamped
-    for name, figure in figures.items():
-        assert plan.task.name in figure.get_suptitle()
-        for ax in figure.axes:
-            if ax.get_legend() is None:  # the right axis of power and energy
-                assert ax.get_ylabel() == "energy [J]"
-                continue
-            assert ax.get_xlabel() == "time [s]", name
-            assert ax.get_ylabel()[-1] in "])", name
-            lines = [path.vertices[:, 0] for own in ax.collections for path in own.get_paths()]
-            vertical = {x[0] for x in lines if len(x) == 2 and x[0] == x[1]}
-            assert set(plan.motion.event_times) <= vertical
+    robot = plan.task.robot
+    for figure in figures.values():
+        sketches = [ax for ax in figure.axes if ax.get_gid() == SKETCH]
+        assert sketches
+        for ax in sketches:
+            feet = [line for line in ax.lines if str(line.get_gid()).startswith("foot-")]
+            assert len(feet) == len(robot.support.contacts)
+    (points,) = robot.sticks(plan.motion.start)
+    np.testing.assert_allclose(points[-1], robot.tool(plan.motion.start[None])[0])
+    np.testing.assert_allclose(points[0], robot.arm.mount_position)
+    ax = next(ax for ax in figures["motion"].axes if ax.get_title() == "start")
+    (body,) = [line for line in ax.lines if line.get_gid() == "body-1"]
+    axes = view_of(np.asarray(PlanCurves.of(plan).tcp))
+    np.testing.assert_allclose(body.get_xydata(), points @ axes.T, atol=1e-9)
+
+
+def check_style(name, figure):
+    """Axes have units, legends what is drawn, curves the colours of the one table."""
+    colors = {quantity.color for quantity in style.QUANTITIES}
+    colors |= {*style.MEMBERS, style.LIMIT_COLOR, style.NOTE, "#7a7a7a"}
+    for ax in figure.axes:
+        if ax.get_gid() == SKETCH:
+            continue
+        assert re.search(r"\[.+\]$", ax.get_ylabel()), (name, ax.get_ylabel())
+        below = [own.get_xlabel() for own in [ax, *ax.get_shared_x_axes().get_siblings(ax)]]
+        assert any(re.search(r"\[.+\]", label) for label in below), name
+        assert ax.get_title("left"), name
+        lines = [line for line in ax.lines if len(line.get_xdata())]
+        assert {to_hex(line.get_color()) for line in lines} <= colors, name
+        labels = {line.get_label() for line in lines if not line.get_label().startswith("_")}
+        assert set(legend(ax) if ax.get_legend() else ()) == labels, name
 
 
 def check_texts(name, figure):
     """All texts are inside the figure, none covers another, legends cover no curve and squeeze no panel."""
     figure.draw_without_rendering()
-    columns = figure.axes[0].get_subplotspec().get_gridspec().ncols
-    assert columns * figure.axes[0].get_window_extent().width > 0.8 * figure.bbox.width, name
     texts = [figure._suptitle]
     for ax in figure.axes:
-        texts += [ax._left_title, ax.xaxis.label, ax.yaxis.label]
+        texts += [ax.title, ax._left_title, ax.xaxis.label, ax.yaxis.label]
         if ax.get_legend() is not None:
             texts += ax.get_legend().get_texts()
-            assert ax.get_legend().get_window_extent().y0 >= ax.get_window_extent().y1 - 1
+            assert ax.get_legend().get_window_extent().x0 >= ax.get_window_extent().x1 - 1
+    wide = max(ax.get_window_extent().width for ax in figure.axes)
+    assert wide > 0.55 * figure.bbox.width, name
     boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]
     for i, (first, a) in enumerate(boxes):
-        assert min(a.x0, a.y0) >= 0, (name, first)
-        assert a.x1 <= figure.bbox.x1, (name, first)
-        assert a.y1 <= figure.bbox.y1, (name, first)
+        assert min(a.x0, a.y0) >= -1, (name, first)
+        assert a.x1 <= figure.bbox.x1 + 1, (name, first)
+        assert a.y1 <= figure.bbox.y1 + 1, (name, first)
         for second, b in boxes[:i]:
             assert not a.overlaps(b), (name, first, second)
 
 
 @pytest.mark.parametrize("case", ["clamped", "free"])
-def test_no_text_is_cut_off_or_covered(case, request):
+def test_axes_have_units_legends_what_is_drawn_and_no_text_is_covered(case, request):
     for name, figure in request.getfixturevalue(case)[2].items():
+        check_style(name, figure)
         check_texts(name, figure)
+
+
+def test_quantities_and_members_have_colours_of_their_own():
+    colors = [*(quantity.color for quantity in style.QUANTITIES), *style.MEMBERS]
+    assert len(set(colors)) == len(colors)
 
 
 def test_many_joints_without_limits_can_be_drawn(monkeypatch):
@@ -232,28 +286,32 @@ def test_many_joints_without_limits_can_be_drawn(monkeypatch):
         names=tuple(f"shoulder_lift_joint_{j}" for j in range(9)),
         units=("rad",) * 9,
         motor_units=("N m",) * 9,
+        n=9,
+        tip_over=robot.tip_over,
+        sticks=lambda q: robot.sticks(plan.motion.start),
+        tool=lambda q: np.zeros((len(q), 3)),
         limits=unlimited,
         support=robot.support,
     )
     task = SimpleNamespace(**{**vars(plan.task), "robot": wide_robot})
     figures = plan_figures(SimpleNamespace(**{**vars(plan), "task": task}), samples)
-    assert "no limit" in figures["torques"].axes[0].get_title("left")
-    assert len(figures["torques"].axes) == 9
-    assert "1: shoulder_lift_joint_0" in legend(figures["angles"].axes[0])
-    styles = {(line.get_color(), str(line._dash_pattern)) for line in figures["angles"].axes[0].lines[:9]}
-    assert len(styles) == 9 > len(COLORS)
-    assert [text.get_text() for text in figures["clearance"].axes[0].texts] == ["collision not checked"]
+    assert [text.get_text() for text in panel(figures["drives"], "torque").texts] == [
+        "no joint has such a limit"
+    ]
+    angles, clearance = (panel(figures["motion"], word) for word in ("angle", "clearance"))
+    assert "1: shoulder_lift_joint_0" in legend(angles)
+    styles = {(line.get_color(), str(line._dash_pattern)) for line in angles.lines[:9]}
+    assert len(styles) == 9 > len(style.MEMBERS)
+    assert [text.get_text() for text in clearance.texts] == ["collision not checked"]
     for name, figure in figures.items():
         check_texts(name, figure)
 
 
 def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     plan, samples, _ = free
-    monkeypatch.setattr(
-        motion_plots, "_FIGURES", {n: motion_plots._FIGURES[n] for n in ("angles", "friction")}
-    )
+    monkeypatch.setattr(motion_plots, "FIGURES", {n: motion_plots.FIGURES[n] for n in ("ground", "drives")})
     paths = draw_plan(tmp_path / "out", plan, samples)
-    assert [path.name for path in paths] == ["angles.png", "friction.png"]
+    assert [path.name for path in paths] == ["ground.png", "drives.png"]
     for path in paths:
         with Image.open(path) as image:
             assert image.format == "PNG"
@@ -305,19 +363,3 @@ def test_forces_and_gaps_of_feet_that_give():
     at = np.searchsorted(found.course.times, times)
     np.testing.assert_array_equal(forces, found.course.forces[at, 1, 0])
     assert curve(figures["feet"], "gap-1")[1].max() <= 1e3 * found.lift
-
-
-def test_titles_say_what_was_proved_and_what_holds_within_a_tolerance():
-    plan = stand_in_plan("A")
-    (title,) = {figure.get_suptitle() for figure in plan_figures(plan).values()}
-    assert title.startswith("A: verified, ")
-    worst = plan.check.worst | {
-        f"{name}_worst_case": dataclasses.replace(plan.check.worst[name], value=0.75) for name in ("GN", "GT")
-    }
-    checked = dataclasses.replace(plan.check, worst=worst, certificate=SimpleNamespace(certified=True))
-    figures = plan_figures(plan_of(plan.task, plan.motion, checked))
-    assert "at the worst of the tolerance GN 0.750, GT 0.750" in figures["plan"].axes[4].get_title(loc="left")
-    assert (
-        figures["reserves"].axes[0].get_title(loc="left").endswith("at the worst of the tolerance GN 0.750")
-    )
-    assert figures["plan"].get_suptitle().startswith("A: certified, ")

@@ -13,7 +13,8 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Load
 from ocptip.pictures.scene import draw_scene, plot_scene
-from ocptip.pictures.scene_panels import LOAD, NEAREST
+from ocptip.pictures.scene_panels import NEAREST
+from ocptip.pictures.style import BROKEN
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.task_files.scene import Scene, read_scene
@@ -152,7 +153,7 @@ def test_title_carries_verdict_and_reserves(scenes):
     title = draw_scene(scene, states, tip, slip).get_suptitle()
     assert title == f"pushed_cart.toml: does not stand    GN {tip.GN[0]:.3g}, GT {slip.GT[0]:.3g}  (limit 1)"
     figure = draw_scene(scene, states, tip, slip)
-    assert to_hex(figure._suptitle.get_color()) == LOAD
+    assert to_hex(figure._suptitle.get_color()) == BROKEN
 
 
 @pytest.mark.parametrize("name", [*EXAMPLES, "planar"])

@@ -23,13 +23,10 @@ from ocptip.basics.text import some
 from ocptip.basics.write import MARK, write_files
 
 _PLAN = ("plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", SUMS)
-_FIGURES = (
-    "plan.png", "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
-    "friction.png", "clearance.png",
-)  # fmt: skip
+_FIGURES = ("motion.png", "ground.png", "drives.png", "feet.png", "gears.png")
 OUTPUTS = {
-    "plan": (*_PLAN, *_FIGURES, "stops.png", "feet.png", "gears.png"),
-    "retime": (*_PLAN, *_FIGURES, "feet.png", "gears.png", "phase_plane.png"),
+    "plan": (*_PLAN, *_FIGURES, "stops.png"),
+    "retime": (*_PLAN, *_FIGURES, "phase_plane.png"),
     "place": ("placement.json", "placement.png", "map.png"),
     "cell": ("cell.json", "placement.png"),
 }

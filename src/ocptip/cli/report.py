@@ -31,7 +31,11 @@ from ocptip.motion.load_cases import (
 from ocptip.reserves.equal_compliance import equal_normal_map
 
 ENDINGS = (".html", ".pdf")
-OVERVIEW = "plan.png"
+_OVERVIEWS = {
+    "motion.png": "What the robot does, as planned.",
+    "ground.png": "What the ground feels.",
+    "drives.png": "What the drives do.",
+}
 _TITLES = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "minimum force", "worst direction")
 _NOT = (
     "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
@@ -135,9 +139,10 @@ class Document:
         titles, *rows = worst_rows(checked)
         yield html.grid(titles, rows)
         yield html.items(checked.contacts.lines())
-        if self.about.folder is not None and (image := self.about.folder.path / OVERVIEW).is_file():
-            with only_inside(self.about.folder.path):
-                yield html.image(read_bytes(image), "The motion, as planned.")
+        for name, caption in _OVERVIEWS.items() if self.about.folder is not None else ():
+            if (image := self.about.folder.path / name).is_file():
+                with only_inside(self.about.folder.path):
+                    yield html.image(read_bytes(image), caption)
         yield html.heading("Robustness, one at a time")
         yield html.paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")
         yield html.items(tolerated_lines(self.about.tolerated))

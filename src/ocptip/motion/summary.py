@@ -17,7 +17,7 @@ from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.trajectory import Trajectory
 
 WIDTH = 80
-_TITLES = {
+TITLES = {
     "tipping_margin_Nm": "Tipping margin",
     "friction_used": "Friction used",
     "foot_force_N": "Min foot force",
@@ -68,11 +68,11 @@ def margin_table(robot: StandingMechanism, checked: MotionCheck) -> list[str]:
     for row in margins:
         values = [row.nominal, *([row.worst_case] if within else [])]
         mark = "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive else ""
-        rows.append([_TITLES[row.name], *(_at(row, value) for value in values), _limit(row, within), mark])
+        rows.append([TITLES[row.name], *(at_text(row, value) for value in values), _limit(row, within), mark])
     return table(rows, left=tuple(range(len(rows[0]))))
 
 
-def _at(row: MotionMargin, at: At | None) -> str:
+def at_text(row: MotionMargin, at: At | None) -> str:
     """A value and when it occurs."""
     if at is None:
         return "-"

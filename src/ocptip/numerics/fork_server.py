@@ -42,11 +42,6 @@ def start_method() -> str:
     return _start_method[0]
 
 
-def ready() -> bool:
-    """Whether processes start at once, so that a second's work is worth one; see `prepare_workers`."""
-    return start_method() != "spawn" and cores() > 1
-
-
 def cores() -> int:
     """Number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

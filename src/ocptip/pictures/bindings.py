@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from ocptip.contact.bindings.automaton import Automaton
 from ocptip.contact.bindings.binding import Binding
-from ocptip.pictures.frame import COLORS, new_figure
+from ocptip.pictures.frame import new_figure
+from ocptip.pictures.style import FOOT_FORCE, MEMBERS
 
-MODE_COLORS = {"stick": COLORS[0], "slide": COLORS[1], "separate": COLORS[2], "yield": COLORS[2]}
+MODE_COLORS = {"stick": MEMBERS[0], "slide": MEMBERS[1], "separate": MEMBERS[2], "yield": MEMBERS[2]}
 ROUNDS, STEP = 600, 0.02  # of the layout
 
 
@@ -44,7 +45,7 @@ def draw_forces(ax: Any, binding: Binding, largest: float) -> None:
         across = np.maximum(piece.radius + piece.slope * normal, 0.0)
         ax.fill(
             np.concatenate([across, -across[::-1]]), np.concatenate([normal, normal[::-1]]),
-            color=COLORS[5], alpha=0.45, ec=COLORS[0], lw=1.2,
+            color=FOOT_FORCE.color, alpha=0.35, ec=FOOT_FORCE.color, lw=1.2,
         )  # fmt: skip
     ax.axhline(0.0, color="#808080", lw=0.8)
     ax.axvline(0.0, color="#808080", lw=0.8)

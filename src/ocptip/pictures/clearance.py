@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.pictures.frame import COLORS
+from ocptip.pictures.style import MEMBERS, NOMINAL
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 
 _REST = "#7a7a7a"
-_SHOWN = len(COLORS)  # pairs with colours of their own; the others are one
+_SHOWN = len(MEMBERS)  # pairs with colours of their own; the others are one
 
 
 def nearest_pairs(robot: StandingMechanism, samples: MotionSamples) -> tuple[np.ndarray, list[str]]:
@@ -36,8 +36,12 @@ def draw_clearance(ax: Any, robot: StandingMechanism, samples: MotionSamples) ->
         if name == "other pairs" and not own.any():
             continue
         ends = own | np.roll(own, 1) & (np.arange(len(own)) > 0)  # up to where the next pair begins
-        color = _REST if name == "other pairs" else COLORS[k]
-        ax.plot(
-            samples.times, np.where(ends, gaps, np.nan), color=color, label=name, gid=f"clearance-{k + 1}"
-        )
+        color = _REST if name == "other pairs" else MEMBERS[k]
+        look = {
+            **NOMINAL,
+            "color": color,
+            "label": name if name == "other pairs" else f"between {name}",
+            "gid": f"clearance-{k + 1}",
+        }
+        ax.plot(samples.times, np.where(ends, gaps, np.nan), **look)
     return True

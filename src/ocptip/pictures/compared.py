@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from ocptip.measured.comparison import Compared, Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, POWER, TORQUE, WRENCH
-from ocptip.pictures.frame import COLORS, DPI, new_figure, save_figure
+from ocptip.pictures import style
+from ocptip.pictures.frame import DPI, new_figure, save_figure
 
 
 def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: Predictor, name: str) -> Path:
@@ -33,30 +34,26 @@ def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Fig
     kinds[POWER] = [one for one in kinds[POWER] if one.index == 0]
     forces = [one for one in kinds[WRENCH] if one.index < 3]
     moments = [one for one in kinds[WRENCH] if one.index >= 3]
-    figure = new_figure(11, 12)
+    figure = new_figure(11.5, 12)
     axes = figure.subplots(5, 2, sharex=True, width_ratios=(3, 2))
     groups = (
-        ("torque [N m]", kinds[TORQUE]),
-        ("force [N]", forces),
-        ("moment [N m]", moments),
-        ("power [W]", kinds[POWER]),
+        ("Torque of each drive", "torque", "N m", kinds[TORQUE]),
+        ("Force on the sensor", "force", "N", forces),
+        ("Moment on the sensor", "moment", "N m", moments),
+        ("Electric power", "power", "W", kinds[POWER]),
     )
     _errors(axes[0, 0], kinds[ANGLE], found.times, predictor.robot.units)
     _deviation(axes[0, 1], found)
-    for (left, right), (title, signals) in zip(axes[1:], groups, strict=True):
-        _pair(left, right, title, signals, found.times)
+    for (left, right), group in zip(axes[1:], groups, strict=True):
+        _pair(left, right, *group, found.times)
     for ax in axes.flat:
-        ax.grid(axis="y", color="#ececec", lw=0.8)
-        ax.set_axisbelow(True)
-        ax.axvspan(0, predictor.motion.end, color="#f4f7fb", zorder=-1, lw=0)
+        ax.axvspan(0, predictor.motion.end, color=style.SHADE, zorder=-1, lw=0)
     for ax in axes[-1]:
         ax.set_xlabel("time of the motion [s]")
     count = len(found.findings)
     verdict = "agrees with the plan" if not count else f"{count} finding{'s' if count > 1 else ''}"
-    figure.suptitle(f"{name}, recorded: {verdict}", fontsize=13, fontweight="bold")
-    figure.supxlabel(
-        "dots: measured; lines: predicted; shaded: the motion as planned", fontsize=8.5, color="#606060"
-    )
+    style.head(figure, f"{name}, recorded: {verdict}")
+    style.note(figure, "dots: measured; lines: predicted; shaded: the motion as planned")
     return figure
 
 
@@ -64,31 +61,33 @@ def _errors(ax: Any, signals: list[Compared], times: np.ndarray, units: Sequence
     for k, one in enumerate(signals):
         scale = 180 / np.pi if units[one.index] == "rad" else 1e3
         away = scale * (one.measured - one.predicted)
-        ax.plot(times, away, color=COLORS[k % len(COLORS)], lw=0.9, label=one.name, gid=f"error-{one.name}")
+        ax.plot(times, away, **style.member(k), lw=0.9, label=one.name, gid=f"error-{one.name}")
     words = [word for unit, word in (("rad", "deg"), ("m", "mm")) if unit in units]
-    ax.set_ylabel(f"joint error [{', '.join(words)}]")
-    _legend(ax, signals)
+    _finish(ax, bool(signals), "Error of each joint, measured - predicted", f"error [{', '.join(words)}]")
 
 
 def _deviation(ax: Any, found: Comparison) -> None:
     if found.gripper is not None:
-        ax.plot(found.times, 1e3 * found.gripper, color=COLORS[0], lw=0.9, gid="gripper")
-    ax.set_ylabel("gripper deviation [mm]")
+        look = {"color": style.TCP_SPEED.color, "lw": 0.9, "gid": "gripper"}
+        ax.plot(found.times, 1e3 * found.gripper, **look)
+    _finish(ax, found.gripper is not None, "Distance of the TCP from the plan", "deviation [mm]")
 
 
-def _pair(left: Any, right: Any, title: str, signals: list[Compared], times: np.ndarray) -> None:
+def _pair(
+    left: Any, right: Any, title: str, what: str, unit: str, signals: list[Compared], times: np.ndarray
+) -> None:
     for k, one in enumerate(signals):
-        color = COLORS[k % len(COLORS)]
-        left.plot(times, one.measured, ".", color=color, ms=1.5, alpha=0.5, gid=f"measured-{one.name}")
-        left.plot(times, one.predicted, color=color, lw=1.0, label=one.name, gid=f"predicted-{one.name}")
-        right.plot(times, one.measured - one.predicted, color=color, lw=0.8, gid=f"rest-{one.name}")
-    left.set_ylabel(title)
-    right.set_ylabel(f"measured - predicted [{title.split('[')[1]}", fontsize=8.5)
-    _legend(left, signals)
+        look = style.member(k)
+        left.plot(
+            times, one.measured, ".", color=look["color"], ms=1.5, alpha=0.5, gid=f"measured-{one.name}"
+        )
+        left.plot(times, one.predicted, **look, lw=1.0, label=one.name, gid=f"predicted-{one.name}")
+        right.plot(times, one.measured - one.predicted, **look, lw=0.8, gid=f"rest-{one.name}")
+    _finish(left, bool(signals), title, f"{what} [{unit}]")
+    _finish(right, bool(signals), "measured - predicted", f"difference [{unit}]")
 
 
-def _legend(ax: Any, signals: list[Compared]) -> None:
-    if signals:
-        ax.legend(frameon=False, fontsize=7.5, ncols=3)
-    else:
-        ax.text(0.5, 0.5, "not recorded", transform=ax.transAxes, ha="center", color="#808080")
+def _finish(ax: Any, recorded: bool, title: str, label: str) -> None:
+    if not recorded:
+        ax.text(0.5, 0.5, "not recorded", transform=ax.transAxes, ha="center", color=style.NOTE)
+    style.finish(ax, title, label)

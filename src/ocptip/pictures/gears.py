@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ocptip.pictures.frame import COLORS, new_figure
+from ocptip.pictures import style
+from ocptip.pictures.frame import new_figure
 from ocptip.standing.elastic.drives import SETTLED, DriveMotion
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -22,38 +23,32 @@ def gears_figure(
     """Vibration and normal forces over time.
 
     Args:
-        title: above all.
+        title: name of the task.
         robot: that moves.
         found: with its gears.
         times: (N,), s, of `stiff`.
         stiff: (N, n) normal forces with gears and feet that do not give, N.
     """
-    figure, course = new_figure(9.5, 8.5), found.course
-    figure.suptitle(title, fontsize=13, fontweight="bold")
+    figure, course = new_figure(10.5, 6.4), found.course
+    style.head(figure, f"{title}: vibration of elastic joints")
     vibration, forces = figure.subplots(2, 1, sharex=True)
     some = np.unique(np.linspace(0, len(course.times) - 1, _MOST_POINTS).astype(int))
     own = course.forces[some, :, 0]
     if course.wrenches.shape[1]:
         own = robot.contact_states(course.wrenches[some]).contact_forces[:, :, 0]
-    vibration.plot(course.times, 1e3 * found.vibration, color=COLORS[0], lw=1.2, gid="vibration")
-    vibration.axhline(1e3 * SETTLED, color="#6f6f6f", lw=1.0, ls=(0, (1, 2)))
+    look = {"color": style.TCP_SPEED.color, "lw": 1.2, "label": "TCP", "gid": "vibration"}
+    vibration.plot(course.times, 1e3 * found.vibration, **look)
+    vibration.axhline(1e3 * SETTLED, **style.LIMIT, label="counted as settled", gid="settled")
     for k in range(stiff.shape[1]):
-        color = COLORS[k % len(COLORS)]
-        forces.plot(times, stiff[:, k], color=color, lw=1.0, ls=(0, (4, 2)), gid=f"stiff-{k + 1}")
-        name = {"label": f"{k + 1}", "gid": f"force-{k + 1}"}
-        forces.plot(course.times[some], own[:, k], color=color, lw=1.2, **name)
-    peak = f"up to {1e3 * found.peak.value:.3g} mm, {1e3 * found.after:.3g} mm after the end"
-    heads = (f"Vibration of the gripper: {peak}", "gripper from rest in the same posture [mm]")
-    for ax, (head, label) in zip(
-        (vibration, forces), (heads, ("Normal forces of contacts", "force on the base [N]")), strict=True
-    ):
-        ax.axvline(found.end, color="#c8c8c8", lw=1.0, zorder=0)
-        ax.set_title(head, loc="left", fontsize=11)
-        ax.set_ylabel(label)
-        ax.grid(axis="y", color="#ececec", lw=0.8)
+        look, label = style.member(k), "stiff gears" if k == 0 else None
+        dotted = {**style.REFERENCE, "color": look["color"]}
+        forces.plot(times, stiff[:, k], **dotted, label=label, gid=f"stiff-{k + 1}")
+        name = {"label": f"contact {k + 1}", "gid": f"force-{k + 1}"}
+        forces.plot(course.times[some], own[:, k], **look, lw=1.2, **name)
+    for ax in (vibration, forces):
+        ax.axvline(found.end, color=style.NOTE, lw=1.0, zorder=0, label="end of the motion", gid="end")
     vibration.set_ylim(bottom=0.0)
-    forces.legend(loc="upper right", ncol=4, frameon=False, fontsize=8.5)
-    forces.set_xlabel("time [s]")
-    note = "dashed: stiff gears; grey line: end of the motion; dotted: settled"
-    figure.supxlabel(note, fontsize=9, color="#6f6f6f")
+    peak = f"up to {1e3 * found.peak.value:.3g} mm, {1e3 * found.after:.3g} mm after the end"
+    style.finish(vibration, f"Vibration of the TCP: {peak}", "deviation from rest [mm]")
+    style.finish(forces, "Normal force of each contact", style.FOOT_FORCE.label, "time [s]")
     return figure

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ocptip.pictures.frame import COLORS, new_figure, save_figures
+from ocptip.pictures import style
+from ocptip.pictures.frame import new_figure, save_figures
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -20,8 +21,14 @@ if TYPE_CHECKING:
 
 ROOM = 1.6  # times the largest speed, up to which the limits are drawn
 SAMPLES = 400
-_NAMES = ("tip-over", "slip", "torque", "acceleration", "speed")
-_OTHER = "#7f7f7f"
+_QUANTITIES = {
+    "tip-over": style.TIPPING,
+    "slip": style.FRICTION,
+    "torque": style.TORQUE,
+    "acceleration": style.ACCELERATION,
+    "speed": style.SPEED,
+}
+_NONE, _OTHERS = "#c4c4c4", style.MEMBERS  # of limits that are no quantity above
 
 
 def draw_phase_plane(
@@ -41,7 +48,7 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     The speed is ds/dt, with s from 0 to 1; the timing is coloured by the limit that ends it, and so is the
     curve that the limits at a place allow. The timing that the path came with is dotted.
     """
-    figure = new_figure(9.5, 5.5)
+    figure = new_figure(10.5, 5.2)
     ax = figure.subplots()
     timing = timed.motion.timing
     assert timing is not None
@@ -49,40 +56,46 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     top = ROOM * float(rates.max())
     seen = (name for name, pace in zip(timed.curve_limits, timed.curve, strict=False) if pace <= top)
     names = sorted({*timed.active, *seen} - {""}, key=_rank)
-    colors = {name: COLORS[k % len(COLORS)] for k, name in enumerate(names)}
+    kinds = {name: _kind(name) for name in names}
+    others = [name for name in names if kinds[name] not in _QUANTITIES]
+    colors = {
+        name: _QUANTITIES[kind].color if kind in _QUANTITIES else _OTHERS[others.index(name) % len(_OTHERS)]
+        for name, kind in kinds.items()
+    }
     begins = timing.s[:-1]
     _by_name(ax, begins, timed.curve, timed.curve_limits, colors, lw=1.2, alpha=0.55, gid="limit")
     coloured = len(timed.active) == len(begins) and timed.cheapest is None and timed.jerk is None
-    ax.plot(timing.s, rates, color=_OTHER, lw=2.0, gid="timing", label=None if coloured else "timing")
+    ax.plot(timing.s, rates, color=_NONE, lw=2.0, gid="timing", label=None if coloured else "timing")
     if coloured:
         _by_name(ax, timing.s, rates, timed.active, colors, lw=2.6, alpha=1.0, gid="active")
     if (given := plan.task.reference) is not None:
         places, speeds = _pace(timing.path, given)
-        ax.plot(places, speeds, color="#000000", ls=(0, (1, 1.5)), lw=1.4, label="as given", gid="given")
+        ax.plot(places, speeds, color="#000000", **style.REFERENCE, label="as given", gid="given")
     for k in timing.path.corners:
-        ax.axvline(float(timing.path.breakpoints[k]), color="#e3e3e3", lw=0.8, zorder=0)
+        ax.axvline(float(timing.path.breakpoints[k]), color=style.EVENT, lw=0.8, zorder=0)
     for name in names:
-        ax.plot([], [], color=colors[name], lw=2.6, label=name)
+        ax.plot([], [], color=colors[name], lw=2.6, label=f"limit: {name}")
     if "" in (*timed.curve_limits, *(timed.active if coloured else ())):
-        ax.plot([], [], color=_OTHER, lw=2.6, label="none at this place", gid="none")
+        ax.plot([], [], color=_NONE, lw=2.6, label="none at this place", gid="none")
     ax.set_xlim(0.0, 1.0)
     ax.set_ylim(0.0, top)
-    ax.set_xlabel("s, place on the path (0: start, 1: goal)")
-    ax.set_ylabel("ds/dt, speed along the path [1/s]")
-    ax.grid(axis="y", color="#ececec", lw=0.8)
-    ax.set_axisbelow(True)
-    ax.legend(
-        frameon=False, fontsize=8.5, ncols=len(names) + 2, loc="lower center", bbox_to_anchor=(0.5, 1.0)
-    )
+    style.finish(
+        ax, "Thick: the timing; faint: the speed that each place allows alone", "ds/dt [1/s]",
+        "place s on the path, 0: start, 1: goal [-]",
+    )  # fmt: skip
     word = "" if timed.check.verified else ", NOT verified"
-    title = f"{plan.task.name}: timing of {timed.motion.end:.3f} s before it becomes points{word}"
-    figure.suptitle(title, fontsize=13, fontweight="bold")
+    style.head(figure, f"{plan.task.name}: speed along the path, {timed.motion.end:.3f} s{word}")
     return figure
 
 
+def _kind(name: str) -> str:
+    """The quantity of a limit's name, or the name."""
+    return next((known for known in _QUANTITIES if name.startswith(known)), name)
+
+
 def _rank(name: str) -> tuple[int, str]:
-    found = [k for k, known in enumerate(_NAMES) if name.startswith(known)]
-    return (found[0] if found else len(_NAMES)), name
+    known, kind = list(_QUANTITIES), _kind(name)
+    return (known.index(kind) if kind in known else len(known)), name
 
 
 def _by_name(
@@ -98,7 +111,7 @@ def _by_name(
     for name, group in groupby(range(len(names)), key=lambda k: names[k]):
         own = list(group)
         upto = slice(own[0], min(own[-1] + 2, len(values)))
-        ax.plot(s[upto], values[upto], color=colors.get(name, _OTHER), gid=f"{gid}-{name}", **style)
+        ax.plot(s[upto], values[upto], color=colors.get(name, _NONE), gid=f"{gid}-{name}", **style)
 
 
 def _pace(path: JointPath, given: Trajectory) -> tuple[np.ndarray, np.ndarray]:

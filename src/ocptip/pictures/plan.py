@@ -1,37 +1,30 @@
-"""Figures of a plan: angles, speeds, torques, power and energy, reserves, normal forces, friction used,
-least distance.
+"""Figures of a plan: what the robot does, what the ground feels, what the drives do.
 
-An overview of eight panels and a figure for each quantity, all over the same time axis. Faint vertical lines
-are the events of the ramps, where accelerations jump. Joints and contacts are numbered from 1; a joint or
-contact has the same colour in all figures. A reference motion of the task, if there is one, is dashed.
+Each (`motion.png`, `ground.png`, `drives.png`) has sketches of postures above panels over one time axis.
+Joints and contacts are numbered from 1; each has the same colour in all figures.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ocptip.motion import margins as kinds
+from ocptip.motion.margins import MotionMargin
+from ocptip.motion.summary import TITLES, at_text
+from ocptip.pictures import style
 from ocptip.pictures.clearance import draw_clearance
 from ocptip.pictures.feet import feet_figure
-from ocptip.pictures.frame import (
-    COLORS,
-    LEGEND_GAP,
-    LEGEND_HANDLE,
-    LEGEND_SIZE,
-    Drawing,
-    legend_columns,
-    mark_segments,
-    new_figure,
-    place_panels,
-)
+from ocptip.pictures.frame import hull, new_figure, save_figures
 from ocptip.pictures.gears import gears_figure
 from ocptip.pictures.plan_curves import PlanCurves
-from ocptip.standing.limits import WITHIN_OF
+from ocptip.pictures.sketch import draw_postures
+from ocptip.pictures.style import Quantity
 from ocptip.standing.mechanism import MotionSamples
 
 if TYPE_CHECKING:
@@ -39,13 +32,12 @@ if TYPE_CHECKING:
 
     from ocptip.motion.plan import MotionPlan
 
-STYLES = ("-", (0, (5, 1.2)), (0, (1.2, 1.2)))  # beyond seven joints or contacts
-GN, GT, ENERGY, POWER = "#0072b2", "#d55e00", "#000000", "#009e73"
-LIMIT, EVENT = "#8b0000", "#e3e3e3"
+_WIDTH = 10.5  # inches
+_SKETCHES, _PANEL = 2.5, 1.95  # inches high
+_SAME = 1e-3  # s: postures no farther apart are one
 
-_DASHED = (0, (4, 2))
-_LIMIT_STYLE = {"color": LIMIT, "lw": 1.3, "ls": (0, (6, 2))}
-_WORST = {"marker": "o", "ms": 8, "mfc": "none", "mew": 1.8, "ls": "", "zorder": 6, "clip_on": False}
+_MARKS = {"-nominal": "ring: worst instant, nominal", "-worst-instant": "diamond: in the worst case"}
+_EVENTS = "faint vertical lines: switching times of joints"
 
 
 def draw_plan(
@@ -59,17 +51,12 @@ def draw_plan(
         samples: of its motion, from :func:`ocptip.motion.output.sample_motion`; computed if None.
 
     Returns:
-        The paths, `plan.png` (the overview) first.
+        The paths, the three overviews first.
 
     Raises:
         OSError: a file or the directory cannot be written; names it.
     """
-    return begin_plan(plan, samples).save(directory)
-
-
-def begin_plan(plan: Any, samples: MotionSamples | None = None) -> Drawing:
-    """The same figures, which are being drawn while the caller goes on."""
-    return Drawing(_figures(plan, samples))
+    return save_figures(directory, _figures(plan, samples))
 
 
 def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:
@@ -79,371 +66,334 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
 
 def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
     curves = PlanCurves.of(plan, samples)
-    figures = {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
+    figures: dict[str, Callable[[], Figure]] = {name: partial(draw, curves) for name, draw in FIGURES.items()}
+    forces = curves.times, curves.normal_forces
     if feet := plan.check.feet:
-        figures["feet"] = partial(feet_figure, curves.title, feet, curves.times, curves.normal_forces)
+        figures["feet"] = partial(feet_figure, plan.task.name, feet, *forces)
     if drives := plan.check.drives:
-        robot = curves.plan.task.robot
-        figures["gears"] = partial(
-            gears_figure, curves.title, robot, drives, curves.times, curves.normal_forces
-        )
+        figures["gears"] = partial(gears_figure, plan.task.name, plan.task.robot, drives, *forces)
     return figures
 
 
-def _overview(curves: PlanCurves) -> Figure:
-    figure, axes = _figure(curves, (14.0, 15.0), 4, 2)
-    (angles, speeds), (torques, power), (reserves, forces), (friction, clearance) = axes
-    _angles(angles, curves)
-    limits = curves.joint_limits
-    _shares(
-        speeds,
-        curves,
-        _all("Speed / limit of joints", curves.samples.speeds),
-        curves.samples.speeds,
-        limits.speed,
-        np.ones(len(curves.times)),
-    )
-    _shares(
-        torques,
-        curves,
-        _all("Torque / limit of joints", curves.samples.torques),
-        curves.samples.torques,
-        limits.torque,
-        curves.limit("torque_ratio"),
-    )
-    _total_power(power, curves)
-    _reserves(reserves, curves, ("GN", "GT"))
-    _normal_forces(forces, curves)
-    _friction(friction, curves)
-    _clearance(clearance, curves)
-    return figure
-
-
-def _angle_figure(curves: PlanCurves) -> Figure:
-    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
-    _angles(axes[0, 0], curves, curves.joint_names)
-    return figure
-
-
-def _speed_figure(curves: PlanCurves) -> Figure:
-    units, scales = [f"{unit}/s" for unit in curves.units], curves.scales
-    limits = np.tile(scales * curves.joint_limits.speed, (len(curves.times), 1))
-    return _joint_panels(curves, "speed", units, scales * curves.samples.speeds, limits)
-
-
-def _torque_figure(curves: PlanCurves) -> Figure:
-    units = list(curves.plan.task.robot.motor_units)
-    limits = curves.limit("torque_ratio")[:, None] * curves.joint_limits.torque
-    return _joint_panels(curves, "torque", units, curves.samples.torques, limits)
-
-
-def _power_figure(curves: PlanCurves) -> Figure:
-    figure, axes = _figure(curves, (9.5, 8.5), 2, 1)
-    power, energy = axes[:, 0]
-    for j, values in enumerate(curves.samples.powers.T):
-        power.plot(curves.times, values, **_style(j), lw=1.2, label=f"joint {j + 1}", gid=f"power-{j + 1}")
-    total = curves.samples.total_power
-    power.plot(curves.times, total, color="#5f5f5f", lw=2.4, zorder=1.5, label="total", gid="power")
-    _finish(power, curves, "Electric power", "power [W]")
-    power.set_ylim(bottom=min(0.0, power.get_ylim()[0]) if power.dataLim.ymin < 0 else 0.0)
-    _energy(energy, curves)
-    _finish(energy, curves, "Electric energy since the start", "energy [J]")
-    return figure
-
-
-def _reserve_figure(curves: PlanCurves) -> Figure:
-    figure, axes = _figure(curves, (9.5, 8.5), 2, 1)
-    for ax, name in zip(axes[:, 0], ("GN", "GT"), strict=True):
-        _reserves(ax, curves, (name,))
-    return figure
-
-
-def _normal_figure(curves: PlanCurves) -> Figure:
-    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
-    _normal_forces(axes[0, 0], curves)
-    return figure
-
-
-def _friction_figure(curves: PlanCurves) -> Figure:
-    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
-    _friction(axes[0, 0], curves)
-    return figure
-
-
-def _clearance_figure(curves: PlanCurves) -> Figure:
-    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
-    _clearance(axes[0, 0], curves)
-    return figure
-
-
-def _friction(ax: Any, curves: PlanCurves) -> None:
-    for k, usage in enumerate(curves.samples.slip.usage.T):
-        # Contacts often share the largest use; thinner lines on top let the ones below be seen.
-        width = max(3.9 - 1.2 * k, 1.2)
-        ax.plot(
-            curves.times, 100 * usage, **_style(k), lw=width, label=f"contact {k + 1}", gid=f"use-{k + 1}"
+def _motion(curves: PlanCurves) -> Figure:
+    """Postures, angles, speeds, clearance."""
+    count = 4 if curves.has_tcp else 3
+    figure, top, panels = _begin(curves, "what the robot does", count)
+    robot, end = curves.plan.task.robot, curves.plan.motion.end
+    row = curves.margins.get(kinds.TIPPING)
+    moments = [("start", 0.0), ("goal", end)]
+    if row and row.nominal and row.nominal.time is not None and _SAME < row.nominal.time < end - _SAME:
+        moments.insert(1, (f"smallest tipping margin, {row.nominal.time:.3f} s", row.nominal.time))
+    _postures(top, curves, moments)
+    _angles(panels[0], curves)
+    limits, units = robot.limits.speed, ([f"{unit}/s" for unit in curves.units], curves.scales)
+    _shares(panels[1], curves, style.SPEED, "Speed of the joints", curves.samples.speeds, limits, units)
+    if curves.has_tcp:
+        speed, quantity = curves.tcp_speed, style.TCP_SPEED
+        panels[2].plot(
+            curves.times, speed, color=quantity.color, **style.NOMINAL, label="TCP", gid="tcp-speed"
         )
-    _limit(ax, curves, 100 * curves.limit("GT"), "limit of GT,", " %")
-    _finish(ax, curves, "Friction used", "tangential force / friction limit [%]")
-    ax.set_ylim(bottom=0.0)
+        _finish(panels[2], curves, f"Speed of the TCP: at most {speed.max():.3g} m/s", quantity.label)
+    _clearance(panels[-1], curves)
+    return _end(figure, curves, panels[-1:])
 
 
-def _clearance(ax: Any, curves: PlanCurves) -> None:
-    """The least distance; a ring marks the worst instant that the check has found."""
-    title = "Minimum distance"
-    if draw_clearance(ax, curves.plan.task.robot, curves.samples):
-        worst = curves.plan.check.worst["clearance_m"]
-        ax.plot([worst.time], [1e3 * worst.value], **_WORST, mec=LIMIT, gid="clearance-worst")
-        _limit(ax, curves, 1e3 * curves.limit("clearance"), "limit", " mm")
-        title = f"Minimum distance {1e3 * worst.value:.3g} mm at {max(worst.time, 0.0) + 0.0:.3f} s"
-    _finish(ax, curves, title, "distance [mm]")
+def _ground(curves: PlanCurves) -> Figure:
+    """Where the load is on the feet; tipping margin, friction used, foot forces."""
+    figure, top, panels = _begin(curves, "what the ground feels", 3)
+    row = curves.margins.get(kinds.TIPPING)
+    worst = row.nominal if row else None
+    time = 0.0 if worst is None or worst.time is None else min(max(worst.time, 0.0), curves.plan.motion.end)
+    moments = [("start" if worst is None else f"smallest tipping margin, {time:.3f} s", time)]
+    _, above = _postures(top, curves, moments, more=1, feet=True, axis=worst.contacts if worst else ())
+    _support(above, curves)
+    _tipping(panels[0], curves)
+    _friction(panels[1], curves)
+    _foot_forces(panels[2], curves)
+    return _end(figure, curves, panels[-1:])
 
 
-def _limit(ax: Any, curves: PlanCurves, values: np.ndarray, label: str | None, unit: str = "") -> None:
-    """A limit (N,), with its value in the legend; it may change from segment to segment."""
-    low, high = values.min(), values.max()
-    if label is not None:
-        label = f"{label} {low:.4g}{unit}" if low == high else f"{label} {low:.4g} to {high:.4g}{unit}"
-    if low == high:
-        ax.axhline(low, **_LIMIT_STYLE, label=label, gid="limit")
-    else:
-        ax.plot(curves.times, values, **_LIMIT_STYLE, label=label, gid="limit")
+def _drives(curves: PlanCurves) -> Figure:
+    """Torques as shares of their limits, power and energy."""
+    figure, top, panels = _begin(curves, "what the drives do", 3)
+    row = curves.margins.get(kinds.TORQUE)
+    time = 0.0 if row is None or row.nominal is None or row.nominal.time is None else row.nominal.time
+    time = min(max(time, 0.0), curves.plan.motion.end)
+    _postures(top, curves, [(f"largest torque / limit, {time:.3f} s", time)], joints=True)
+    torques, robot = curves.samples.torques, curves.plan.task.robot
+    limits, units = robot.limits.torque, (robot.motor_units, np.ones(robot.n))
+    _shares(panels[0], curves, style.TORQUE, "Torque of the drives", torques, limits, units, row)
+    total = curves.samples.total_power
+    panels[1].fill_between(curves.times, 0.0, total, color=style.POWER.color, alpha=0.15, lw=0)
+    _line(panels[1], curves, style.POWER, total, "all drives", "power")
+    most = f"Electric power: {total.min():.0f} to {total.max():.0f} W"
+    _finish(panels[1], curves, most, style.POWER.label)
+    energy = curves.energy(curves.samples)
+    _line(panels[2], curves, style.ENERGY, energy, f"plan, {energy[-1]:.1f} J", "energy")
+    if curves.reference is not None:
+        other = curves.energy(curves.reference)
+        name = f"reference, {other[-1]:.1f} J"
+        look = {"color": style.ENERGY.color, **style.REFERENCE}
+        panels[2].plot(curves.reference.times, other, **look, label=name, gid="energy-reference")
+    _finish(panels[2], curves, "Electric energy since the start", style.ENERGY.label)
+    return _end(figure, curves, panels[-1:])
 
 
-def _angles(ax: Any, curves: PlanCurves, names: Iterable[str] | None = None) -> None:
-    names = names or [str(j + 1) for j in range(curves.samples.angles.shape[1])]
-    for j, (name, values) in enumerate(zip(names, (curves.scales * curves.samples.angles).T, strict=True)):
-        ax.plot(curves.times, values, **_style(j), label=name, gid=f"angle-{j + 1}")
+FIGURES: dict[str, Callable[[PlanCurves], Figure]] = {
+    "motion": _motion,
+    "ground": _ground,
+    "drives": _drives,
+}
+
+
+# --- panels -------------------------------------------------------------------------------------------------
+
+
+def _angles(ax: Any, curves: PlanCurves) -> None:
+    values = (curves.scales * curves.samples.angles).T
+    for j, (name, own) in enumerate(zip(curves.joint_names, values, strict=True)):
+        ax.plot(curves.times, own, **style.member(j), label=name, gid=f"angle-{j + 1}")
     if set(curves.units) == {"deg"}:
-        title, label = _all("Angles of joints", curves.samples.angles), "angle [deg]"
+        title, label = "Angle of each joint", "angle [deg]"
     else:
         title, label = "Coordinates", f"coordinate [{', '.join(sorted(set(curves.units), reverse=True))}]"
     _finish(ax, curves, title, label)
 
 
 def _shares(
-    ax: Any, curves: PlanCurves, title: str, values: np.ndarray, limits: np.ndarray, largest: np.ndarray
-) -> None:
-    """Joint quantities as shares of their limits, (N,) of which are allowed; those without are left out."""
-    if not np.any(np.isfinite(limits)):
-        ax.text(0.5, 0.5, "no joint has such a limit", ha="center", va="bottom", transform=ax.transAxes)
-    for j in np.flatnonzero(np.isfinite(limits)):
-        ax.plot(
-            curves.times,
-            100 * values[:, j] / limits[j],
-            **_style(int(j)),
-            label=str(j + 1),
-            gid=f"share-{j + 1}",
-        )
-    for side, label in ((100, "limit"), (-100, None)):
-        _limit(ax, curves, side * largest, label, " %")
-    _finish(ax, curves, title, "share of the limit [%]")
-
-
-def _joint_panels(
+    ax: Any,
     curves: PlanCurves,
-    quantity: str,
-    units: list[str],
+    quantity: Quantity,
+    title: str,
     values: np.ndarray,
     limits: np.ndarray,
-) -> Figure:
-    """One panel per joint with its own limits, (N, n) as the values are."""
-    n = values.shape[1]
-    columns = min(n, 2)
-    rows = -(-n // columns)
-    figure, axes = _figure(curves, (12.0, 0.8 + 2.7 * rows), rows, columns)
-    for j, ax in enumerate(axes.ravel()):
-        if j >= n:
-            ax.remove()
-            continue
-        unit = units[j]
-        ax.plot(curves.times, values[:, j], **_style(j), label=quantity, gid=f"{quantity}-{j + 1}")
-        peak = float(np.max(np.abs(values[:, j])))
-        if np.isfinite(limits[:, j]).all():
-            _limit(ax, curves, limits[:, j], "limit", f" {unit}")
-            _limit(ax, curves, -limits[:, j], None)
-            most = f"{100 * np.max(np.abs(values[:, j]) / limits[:, j]):.0f} % of the limit"
-        else:
-            most = "no limit"
-        name = curves.joint_names[j]
-        _finish(
-            ax,
-            curves,
-            f"{name[:1].upper()}{name[1:]}: at most {peak:.3g} {unit}, {most}",
-            f"{quantity} [{unit}]",
-        )
-    return figure
+    units: tuple[Sequence[str], np.ndarray],
+    row: MotionMargin | None = None,
+) -> None:
+    """Joint quantities (N, n) as shares of their limits (n,); those without one are left out.
+
+    The legend has the limits in these units: names, and factors from SI units.
+    """
+    limited, shares = np.flatnonzero(np.isfinite(limits)), values / limits
+    shown = [f"{scale * own:.3g} {unit}" for own, unit, scale in zip(limits, *units, strict=True)]
+    for j in limited:
+        look = {**style.member(int(j)), "label": f"joint {j + 1}, limit {shown[j]}", "gid": f"share-{j + 1}"}
+        ax.plot(curves.times, quantity.scale * shares[:, j], **look)
+    if not len(limited):
+        ax.text(0.5, 0.5, "no joint has such a limit", ha="center", va="bottom", transform=ax.transAxes)
+    elif row is not None:
+        _marks(ax, curves, quantity, row, sign=_sign(curves, shares, row))
+        title = _title(title, row)
+        most = curves.limit("torque_ratio")
+        for side, label in ((1.0, "limit"), (-1.0, None)):
+            _limit(ax, curves, quantity, side * most, label)
+    else:
+        title += f": at most {quantity.scale * np.max(np.abs(shares[:, limited])):.3g} % of the limit"
+    _finish(ax, curves, title, quantity.label)
 
 
-def _total_power(ax: Any, curves: PlanCurves) -> None:
-    """Power on the left axis, energy on the right one."""
-    total = curves.samples.total_power
-    ax.fill_between(curves.times, 0.0, total, color=POWER, alpha=0.15, lw=0)
-    ax.plot(curves.times, total, color=POWER, label="power", gid="power")
-    right = ax.twinx()
-    _energy(right, curves)
-    right.set_ylabel("energy [J]")
-    handles, labels = right.get_legend_handles_labels()
-    ax.margins(y=0.08)
-    _finish(ax, curves, "Electric power and energy", "power [W]", (handles, labels))
-    low, high = ax.get_ylim()
-    if low < 0:  # both zeros at the same height
-        top = right.get_ylim()[1]
-        right.set_ylim(top * low / high, top)
+def _sign(curves: PlanCurves, shares: np.ndarray, row: MotionMargin) -> float:
+    """Of the share that is largest at the worst instant."""
+    if row.nominal is None or row.nominal.time is None:
+        return 1.0
+    at = shares[int(np.argmin(np.abs(curves.times - row.nominal.time)))]
+    return float(np.sign(at[np.nanargmax(np.abs(at))])) or 1.0
 
 
-def _energy(ax: Any, curves: PlanCurves) -> None:
-    for samples, style in ((curves.samples, {"ls": "-"}), (curves.reference, {"ls": _DASHED, "lw": 1.4})):
-        if samples is not None:
-            energy = _cumulated(samples)
-            own = samples is curves.samples
-            label = f"{'energy' if own else 'reference'}, {energy[-1]:.1f} J"
-            gid = "energy" if own else "energy-reference"
-            ax.plot(samples.times, energy, color=ENERGY, **style, label=label, gid=gid)
-    ax.set_ylim(min(0.0, ax.get_ylim()[0]) if ax.dataLim.ymin < 0 else 0.0, 1.06 * ax.dataLim.ymax)
-
-
-def _reserves(ax: Any, curves: PlanCurves, names: tuple[str, ...]) -> None:
-    """Reserves with their limits; a ring marks the worst instant that the check has found."""
-    for name in names:
-        color = GN if name == "GN" else GT
-        ax.plot(curves.times, _reserve(curves.samples, name), color=color, label=name, gid=name)
-    for name in names:
-        color, worst = GN if name == "GN" else GT, curves.plan.check.worst[name]
-        ax.plot(
-            [worst.time],
-            [worst.value],
-            **_WORST,
-            mec=color,
-            label=None if name != names[0] else "worst",
-            gid=f"{name}-worst",
-        )
-        if curves.reference is not None:
-            style = {"color": color, "ls": _DASHED, "lw": 1.2, "alpha": 0.75, "zorder": 1.8}
-            values, label = _reserve(curves.reference, name), None if name != names[0] else "reference"
-            ax.plot(curves.reference.times, values, **style, label=label, gid=f"{name}-reference")
-    limits = {tuple(curves.limit(name)): name for name in reversed(names)}
-    for values, name in reversed(limits.items()):
-        _limit(ax, curves, np.array(values), "limit" if len(limits) == 1 else f"limit of {name}")
-    most = {name: curves.plan.check.worst[name] for name in names}
-    words = {"GN": "Tip-over GN", "GT": "slip GT"}
-    title = ", ".join(f"{words[n]} at most {w.value:.3f} at {w.time:.3f} s" for n, w in most.items())
-    worst_case = {name: curves.plan.check.worst.get(WITHIN_OF[name]) for name in names}
-    if within := [f"{name} {worst.value:.3f}" for name, worst in worst_case.items() if worst is not None]:
-        title += f";\nat the worst of the tolerance {', '.join(within)}"
-    _finish(ax, curves, title[:1].upper() + title[1:], f"{', '.join(names)} (1: contact lost)")
+def _tipping(ax: Any, curves: PlanCurves) -> None:
+    row, quantity = curves.margins.get(kinds.TIPPING), style.TIPPING
+    if row is None:
+        ax.text(0.5, 0.5, "the base cannot tip", ha="center", va="bottom", transform=ax.transAxes)
+        _finish(ax, curves, TITLES[kinds.TIPPING], quantity.label)
+        return
+    _line(ax, curves, quantity, curves.moments(curves.samples), "nominal", "tipping")
+    if len(curves.worst_moments[0]):
+        look = {"color": quantity.color, **style.WORST_CASE}
+        ax.plot(*curves.worst_moments, **look, label="worst case", gid="tipping-worst-case")
+    _reference(ax, curves, quantity, curves.moments)
+    _marks(ax, curves, quantity, row)
+    index = curves.limit("GN")
+    _limit(ax, curves, quantity, curves.plan.task.robot.tip_over.reference_moment * (1 / index - 1), "limit")
+    _worst_limit(ax, quantity, row)
     ax.set_ylim(bottom=0.0)
+    _finish(ax, curves, _title(TITLES[kinds.TIPPING], row), quantity.label)
 
 
-def _normal_forces(ax: Any, curves: PlanCurves) -> None:
+def _friction(ax: Any, curves: PlanCurves) -> None:
+    quantity, row = style.FRICTION, curves.margins.get(kinds.FRICTION)
+    usage = curves.samples.slip.usage
+    _line(
+        ax,
+        curves,
+        quantity,
+        curves.friction(curves.samples),
+        "largest of all",
+        "friction",
+        zorder=1.9,
+        lw=3.0,
+    )
+    for k, own in enumerate(usage.T):
+        look = {**style.member(k), "lw": 1.0, "label": f"contact {k + 1}", "gid": f"use-{k + 1}"}
+        ax.plot(curves.times, quantity.scale * own, **look)
+    _reference(ax, curves, quantity, curves.friction)
+    _limit(ax, curves, quantity, curves.limit("GT"), "limit")
+    title = TITLES[kinds.FRICTION]
+    if row is not None:
+        _marks(ax, curves, quantity, row)
+        _worst_limit(ax, quantity, row)
+        title = _title(title, row)
+    ax.set_ylim(bottom=0.0)
+    _finish(ax, curves, title, quantity.label)
+
+
+def _foot_forces(ax: Any, curves: PlanCurves) -> None:
+    quantity, row = style.FOOT_FORCE, curves.margins.get(kinds.FOOT_FORCE)
     for k, values in enumerate(curves.normal_forces.T):
-        ax.plot(curves.times, values, **_style(k), label=str(k + 1), gid=f"normal-{k + 1}")
+        look = {**style.member(k), "label": f"contact {k + 1}", "gid": f"normal-{k + 1}"}
+        ax.plot(curves.times, values, **look)
     for side, word in ((0, "least"), (1, "most")):
         bounds = curves.normal_range[:, side]
         for value in np.unique(bounds[np.isfinite(bounds)]):
             which = np.flatnonzero(bounds == value)
-            own = {"color": _style(which[0])["color"]} if len(which) < len(bounds) else {}
-            of = "" if len(which) == len(bounds) else f" ({', '.join(str(k + 1) for k in which)})"
-            style = {**_LIMIT_STYLE, **(own if len(which) == 1 else {})}
-            ax.axhline(value, **style, label=f"{word}{of}: {value:.4g} N", gid=f"{word}-normal")
-    title = _all("Normal forces of contacts", curves.normal_forces)
-    contacts = curves.plan.check.contacts
-    shared = ", equally compliant feet" if contacts.alike else ", one possible sharing"
-    shared = "" if contacts.unique else shared
-    _finish(ax, curves, title + shared, "force on the base [N]")
+            of = "" if len(which) == len(bounds) else f" of {', '.join(str(k + 1) for k in which)}"
+            ax.axhline(value, **style.LIMIT, label=f"{word}{of}: {value:.4g} N", gid=f"{word}-normal")
+    title, contacts = "Normal forces", curves.plan.check.contacts
+    if curves.normal_range[:, 0].any():
+        title += ", distance from where a contact lets go"  # as clamps do at other forces than 0
+    elif row is not None:
+        _marks(ax, curves, quantity, row)
+    title = title if row is None else _title(title, row)
+    shared = ", of equally compliant feet" if contacts.alike else ", one possible sharing"
+    _finish(ax, curves, title + ("" if contacts.unique else shared), quantity.label)
 
 
-def _drawn(draw: Callable[[PlanCurves], Figure], curves: PlanCurves) -> Figure:
-    """A figure whose time axes end with the motion, or with the reference where that is drawn and longer."""
-    figure = draw(curves)
-    lines = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
-    ends = [max(curves.plan.motion.end, curves.samples.times[-1])]
-    reference = curves.plan.task.reference
-    if reference is not None and any(gid.endswith("-reference") for gid in lines):
-        ends.append(reference.end)
-    for ax in figure.axes:
-        ax.set_xlim(0.0, max(ends) or 1.0)
-    place_panels(figure)
+def _clearance(ax: Any, curves: PlanCurves) -> None:
+    """Distance of the nearest pair; rings mark the worst instants of the check."""
+    quantity, row = style.CLEARANCE, curves.margins.get(kinds.CLEARANCE)
+    title = TITLES[kinds.CLEARANCE]
+    if draw_clearance(ax, curves.plan.task.robot, curves.samples) and row is not None:
+        _marks(ax, curves, quantity, row)
+        _limit(ax, curves, quantity, curves.limit("clearance"), "limit")
+        title = _title(title, row)
+    _finish(ax, curves, title, quantity.label)
+
+
+def _support(ax: Any, curves: PlanCurves) -> None:
+    """Seen from above: the support polygon, and where the zero-moment point goes."""
+    contacts = np.array([c.position for c in curves.plan.task.robot.support.contacts])[:, :2]
+    outline = np.append(hull(contacts), hull(contacts)[:1])
+    ax.plot(*contacts[outline].T, color=style.NOTE, lw=1.2, label="support polygon", gid="polygon")
+    for k, place in enumerate(contacts):
+        ax.plot(*place, ls="", marker="s", ms=6, color=style.member(k)["color"], label=f"contact {k + 1}")
+    title, row = "Contacts from above", curves.margins.get(kinds.ZERO_MOMENT_POINT)
+    if (points := curves.zero_moment_points) is not None:
+        ax.plot(*points.T, color=style.TIPPING.color, **style.NOMINAL, label="zero-moment point", gid="zmp")
+        title = "Zero-moment point, from above"
+        if row is not None:
+            title += f":\nat least {at_text(row, row.nominal)} from the edge"
+    style.finish(ax, title, "y [m]", "x [m]")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.12)
+
+
+# --- parts of panels ----------------------------------------------------------------------------------------
+
+
+def _begin(curves: PlanCurves, what: str, count: int) -> tuple[Figure, Any, list[Any]]:
+    """A figure with room for sketches, and panels (count) over one time axis."""
+    figure = new_figure(_WIDTH, 0.9 + _SKETCHES + _PANEL * count)
+    style.head(figure, f"{curves.plan.task.name}: {what}", curves.headline)
+    parts: Any = figure.subfigures(2, 1, height_ratios=(_SKETCHES, _PANEL * count))
+    top, below = parts
+    return figure, top, list(below.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
+
+
+def _postures(
+    top: Any, curves: PlanCurves, moments: list[tuple[str, float]], more: int = 0, **what: Any
+) -> list[Any]:
+    """Sketches of the postures at times, s, with titles, and more panels beside them."""
+    panels = list(top.subplots(1, len(moments) + more, squeeze=False)[0])
+    motion = curves.plan.motion
+    angles = motion.states(np.array([time for _, time in moments]))[0]
+    postures = [(title, q) for (title, _), q in zip(moments, angles, strict=True)]
+    path = curves.tcp if curves.has_tcp else None
+    draw_postures(panels[: len(moments)], curves.plan.task.robot, postures, path=path, **what)
+    return panels
+
+
+def _end(figure: Figure, curves: PlanCurves, last: Any) -> Figure:
+    """Time axes that end with the motion, or with the reference where that is drawn and longer."""
+    gids = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
+    end = max(curves.plan.motion.end, curves.samples.times[-1])
+    if curves.reference is not None and any(gid.endswith("-reference") for gid in gids):
+        end = max(end, curves.plan.task.reference.end)
+    for ax in last:
+        ax.set_xlabel("time [s]")
+        ax.set_xlim(0.0, end or 1.0)
+    notes = [text for ending, text in _MARKS.items() if any(gid.endswith(ending) for gid in gids)]
+    style.note(figure, "; ".join([*notes, *([_EVENTS] if len(curves.events) else [])]))
     return figure
 
 
-def _figure(
-    curves: PlanCurves, size: tuple[float, float], rows: int, columns: int
-) -> tuple[Figure, np.ndarray]:
-    figure = new_figure(*size, layout="none")
-    figure.suptitle(curves.title, fontsize=13, fontweight="bold", y=1 - 0.09 / size[1])
-    if len(curves.events):
-        note = "grey lines: switching times"
-        figure.supxlabel(note, fontsize=9, color="#6f6f6f", y=0.06 / size[1])
-    axes = figure.subplots(rows, columns, squeeze=False)
-    return figure, axes
+def _finish(ax: Any, curves: PlanCurves, title: str, label: str) -> None:
+    style.mark_events(ax, curves.events)
+    style.mark_segments(ax, getattr(curves.plan, "segments", ()))
+    style.finish(ax, title, label)
 
 
-def _finish(
-    ax: Any, curves: PlanCurves, title: str, label: str, more: tuple[list[Any], list[str]] = ([], [])
+def _line(
+    ax: Any, curves: PlanCurves, quantity: Quantity, values: np.ndarray, label: str, gid: str, **more: Any
 ) -> None:
-    """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
-    from matplotlib.collections import LineCollection
-
-    events = [[(t, 0), (t, 1)] for t in curves.events]
-    style = {"color": EVENT, "lw": 0.8, "zorder": 0}
-    ax.add_collection(LineCollection(events, transform=ax.get_xaxis_transform(), **style), autolim=False)
-    mark_segments(ax, getattr(curves.plan, "segments", ()))
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel(label)
-    ax.grid(axis="y", color="#ececec", lw=0.8)
-    ax.set_axisbelow(True)
-    handles, labels = ax.get_legend_handles_labels()
-    handles, labels = handles + more[0], labels + more[1]
-    columns = legend_columns(ax, labels)
-    pad = 7 + 14 * -(-len(labels) // columns)
-    ax.set_title(title, loc="left", fontsize=11, pad=pad, y=1.0)  # given: nothing is measured to find it
-    ax.legend(
-        handles,
-        labels,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncol=columns,
-        frameon=False,
-        fontsize=LEGEND_SIZE,
-        handlelength=LEGEND_HANDLE,
-        columnspacing=LEGEND_GAP,
-        borderaxespad=0.2,
-        borderpad=0.2,
-    )
+    look = {"color": quantity.color, **style.NOMINAL, **more}
+    ax.plot(curves.times, quantity.scale * values, **look, label=label, gid=gid)
 
 
-def _all(what: str, values: np.ndarray) -> str:
-    """Title of a panel whose legend holds but numbers: "Angles of joints 1 to 6"."""
-    return f"{what} 1 to {values.shape[1]}" if values.shape[1] > 1 else f"{what} 1"
+def _reference(
+    ax: Any, curves: PlanCurves, quantity: Quantity, of: Callable[[MotionSamples], np.ndarray]
+) -> None:
+    if (other := curves.reference) is not None:
+        look = {"color": quantity.color, **style.REFERENCE, "alpha": 0.8, "zorder": 1.8}
+        gid = f"{quantity.name.split()[0]}-reference"
+        ax.plot(other.times, quantity.scale * of(other), **look, label="reference", gid=gid)
 
 
-def _style(number: int) -> dict[str, Any]:
-    """Colour and line style of a joint or contact."""
-    return {
-        "color": COLORS[number % len(COLORS)],
-        "ls": STYLES[number // len(COLORS) % len(STYLES)],
-    }
+def _marks(ax: Any, curves: PlanCurves, quantity: Quantity, row: MotionMargin, sign: float = 1.0) -> None:
+    """Rings at the worst instant, diamonds at that of the worst case."""
+    for at, look, word in (
+        (row.nominal, style.RING, "nominal"),
+        (row.worst_case, style.DIAMOND, "worst-instant"),
+    ):
+        if at is not None and at.time is not None:
+            place = [at.time], [sign * quantity.scale * at.value]
+            ax.plot(*place, **look, color=quantity.color, gid=f"{row.name}-{word}")
 
 
-def _reserve(samples: MotionSamples, name: str) -> np.ndarray:
-    return samples.tip.GN if name == "GN" else samples.slip.GT
+def _limit(ax: Any, curves: PlanCurves, quantity: Quantity, values: np.ndarray, label: str | None) -> None:
+    """A limit (N,), with its value in the legend; it may change from segment to segment."""
+    values = quantity.scale * values
+    low, high = values.min(), values.max()
+    if label is not None:
+        label = f"{label} {low:.3g}" + (f" to {high:.3g}" if high > low else "") + f" {quantity.unit}"
+    if low == high:
+        ax.axhline(low, **style.LIMIT, label=label, gid="limit")
+    else:
+        ax.plot(curves.times, values, **style.LIMIT, label=label, gid="limit")
 
 
-def _cumulated(samples: MotionSamples) -> np.ndarray:
-    """Energy since the start, (N,), J, by the trapezoidal rule."""
-    power = samples.total_power
-    return np.concatenate([[0.0], np.cumsum(0.5 * np.diff(samples.times) * (power[1:] + power[:-1]))])
+def _worst_limit(ax: Any, quantity: Quantity, row: MotionMargin) -> None:
+    """The limit of the worst case, where that is another."""
+    if row.limit_worst_case is not None and row.limit_worst_case != row.limit:
+        value = quantity.scale * row.limit_worst_case
+        look = {**style.LIMIT, "lw": 0.9}
+        ax.axhline(
+            value, **look, label=f"limit, worst case {value:.3g} {quantity.unit}", gid="limit-worst-case"
+        )
 
 
-_FIGURES: dict[str, Callable[[PlanCurves], Figure]] = {
-    "plan": _overview,
-    "angles": _angle_figure,
-    "speeds": _speed_figure,
-    "torques": _torque_figure,
-    "power": _power_figure,
-    "reserves": _reserve_figure,
-    "normal_forces": _normal_figure,
-    "friction": _friction_figure,
-    "clearance": _clearance_figure,
-}
+def _title(name: str, row: MotionMargin) -> str:
+    """Name, nominal value and worst case, as the summary of a plan has them."""
+    word = "smallest" if row.minimum else "largest"
+    parts = [name if row.nominal is None else f"{name}: {word} {at_text(row, row.nominal)}"]
+    if row.worst_case is not None:
+        parts.append(f"worst case {at_text(row, row.worst_case)}")
+    return ", ".join(parts)

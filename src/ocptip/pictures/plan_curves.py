@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.output import sample_motion
 from ocptip.motion.plan_files import samples_joined
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    pass
+_POINTS = 400  # of curves of the worst case
+_STEP = 1e-5  # s
 
 
 @dataclass(frozen=True)
@@ -59,11 +60,6 @@ class PlanCurves:
         names = self.plan.task.robot.names
         return [n if n == f"joint {j}" else f"{j}: {n}" for j, n in enumerate(names, 1)]
 
-    @property
-    def joint_limits(self) -> Any:
-        """Limits of joints, or of a platform's coordinates and motors."""
-        return self.plan.task.robot.limits
-
     def limit(self, name: str) -> np.ndarray:
         """(N,) a limit of the task, or of the segment, up to the end of the rest after it, at each time."""
         segments = getattr(self.plan, "segments", ())
@@ -95,12 +91,72 @@ class PlanCurves:
         return reported_normal_forces(self.samples.states)
 
     @property
-    def title(self) -> str:
-        """Case, verdict, energy and duration."""
+    def headline(self) -> str:
+        """Verdict with its scope, duration and energy."""
         checked = self.plan.check
-        word = "certified" if checked.certified else "verified" if checked.verified else "NOT verified"
-        verdict = word + checked.scope
-        return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"
+        return f"{checked.headline}; {checked.duration:.3f} s, {checked.energy:.1f} J"
+
+    @cached_property
+    def margins(self) -> dict[str, MotionMargin]:
+        """By name, see `motion.margins`."""
+        return {row.name: row for row in motion_margins(self.plan.task.robot, self.plan.check)}
+
+    def moments(self, samples: MotionSamples) -> np.ndarray:
+        """(N,), N m: least moment about a tipping axis; 0 where the base tips."""
+        return np.maximum(samples.tip.moments.min(axis=1), 0.0)
+
+    def friction(self, samples: MotionSamples) -> np.ndarray:
+        """(N,): largest share of a contact's friction in use."""
+        return np.max(samples.slip.usage, axis=1)
+
+    @cached_property
+    def worst_moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (K,), s, and the least moments there in the worst case, N m; none without uncertainty.
+
+        Of states at nearly one instant, such as those of delayed joints, the worst.
+        """
+        within = self.plan.check.within
+        times, moments = (np.empty(0), np.empty(0)) if within is None else within.course
+        if not len(times):
+            return times, moments
+        grid = np.linspace(times.min(), times.max(), _POINTS)
+        cell = np.clip(np.searchsorted(grid, times), 1, _POINTS - 1)
+        least = np.full(_POINTS, np.inf)
+        np.minimum.at(least, cell, moments)
+        known = np.isfinite(least)
+        return (grid[known] + grid[np.flatnonzero(known) - 1]) / 2, np.maximum(least[known], 0.0)
+
+    @property
+    def zero_moment_points(self) -> np.ndarray | None:
+        """(N, 2), m: where the resultant of the normal forces is; None if contacts are not on one plane."""
+        if not self.plan.task.robot.tip_over.on_polygon:
+            return None
+        normal = self.samples.states.contact_forces[:, :, 0]
+        places = np.array([c.position for c in self.plan.task.robot.support.contacts])[:, :2]
+        total = normal.sum(axis=1, keepdims=True)
+        return np.divide(normal @ places, total, out=np.full((len(total), 2), np.nan), where=total > 0)
+
+    @cached_property
+    def has_tcp(self) -> bool:
+        """There is a gripper whose place is known."""
+        return bool(self.samples.gripper.size)
+
+    @property
+    def tcp(self) -> np.ndarray:
+        """(N, 3), m, base frame."""
+        return self.samples.gripper[:, :3]
+
+    @property
+    def tcp_speed(self) -> np.ndarray:
+        """(N,), m/s: central differences of its place along the speeds of the joints."""
+        q, step = self.samples.angles, _STEP * self.samples.speeds
+        robot = self.plan.task.robot
+        return np.linalg.norm(robot.tool(q + step) - robot.tool(q - step), axis=1) / (2 * _STEP)
+
+    def energy(self, samples: MotionSamples) -> np.ndarray:
+        """Since the start, (N,), J, by the trapezoidal rule."""
+        power = samples.total_power
+        return np.concatenate([[0.0], np.cumsum(0.5 * np.diff(samples.times) * (power[1:] + power[:-1]))])
 
 
 def _with_rests(robot: StandingMechanism, motion: Trajectory, samples: MotionSamples) -> MotionSamples:

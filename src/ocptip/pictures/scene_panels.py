@@ -11,13 +11,14 @@ from matplotlib.patches import Patch, Polygon
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ocptip.basics.text import percent, quantity
+from ocptip.pictures import style
 from ocptip.pictures.frame import hull
 from ocptip.pictures.labels import Labels, on_screen
 from ocptip.pictures.scene_picture import ScenePicture, longest, nice
 
-CONTACT, FRICTION, LIMIT = "#1f5fa8", "#1a7f37", "#8fc79a"
-WEIGHT, LOAD, MOMENT = "#5f5f5f", "#b3261e", "#7b3fa0"
-AXIS, NEAREST, GROUND = "#9a9a9a", "#e07b00", "#d9e4f1"
+CONTACT, FRICTION, NEAREST = style.FOOT_FORCE.color, style.FRICTION.color, style.TIPPING.color
+LIMIT, WEIGHT, LOAD, MOMENT = "#f0b58a", "#5f5f5f", style.LOAD, style.LOAD_MOMENT
+AXIS, GROUND = "#9a9a9a", "#eceae4"
 _AXIS_NAMES = "xyz"
 _RING = {"marker": "o", "ls": "", "mfc": "none", "mec": NEAREST, "mew": 2.5}
 _HEAD = {"headwidth": 3.4, "headlength": 4.2, "headaxislength": 3.8, "minshaft": 1.2}
@@ -184,12 +185,12 @@ def draw_plane(ax: Any, picture: ScenePicture, labels: Labels) -> None:
 def draw_friction_bars(ax: Any, picture: ScenePicture) -> None:
     used = 100 * np.nan_to_num(picture.usage, nan=0.0, posinf=0.0)
     numbers = np.arange(1, len(used) + 1)
-    bars = ax.bar(numbers, used, width=0.5, color=[FRICTION if u < 99.95 else LOAD for u in used])
+    bars = ax.bar(numbers, used, width=0.5, color=FRICTION)
     ax.bar_label(bars, [percent(share) for share in picture.usage], padding=2)
-    ax.axhline(100.0, color=LOAD, lw=1.5, ls="--")
+    ax.axhline(100.0, **style.LIMIT)
     ax.set_xticks(numbers)
     ax.set(xlim=(0.4, len(used) + 0.6), ylim=(0, max(115.0, 1.12 * float(used.max()))))
-    ax.set(xlabel="contact", ylabel="friction used [%]")
+    ax.set(xlabel="contact [number]", ylabel=style.FRICTION.label)
     ax.set_title("friction used (slips at 100 %)", fontsize=12)
 
 

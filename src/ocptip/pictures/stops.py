@@ -8,9 +8,10 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from ocptip.motion.stops import Stops
-from ocptip.pictures.frame import COLORS, new_figure, save_figures
+from ocptip.pictures import style
+from ocptip.pictures.frame import new_figure, save_figures
 
-_LABELS = {"path": "along the path", "brakes": "by brakes", "cancel": "on cancel"}
+_LABELS = {"path": "path-maintaining", "brakes": "by brakes", "cancel": "on cancel"}
 
 
 def draw_stops(directory: str | os.PathLike[str], stops: Stops) -> list[Path]:
@@ -24,27 +25,22 @@ def draw_stops(directory: str | os.PathLike[str], stops: Stops) -> list[Path]:
 
 def stops_figure(stops: Stops) -> Figure:
     """The same as a matplotlib figure."""
-    figure = new_figure(9.5, 6.5)
+    figure = new_figure(10.5, 6.0)
     speed, time = figure.subplots(2, 1, sharex=True)
-    if stops.curve is not None:
-        speed.plot(*stops.curve, color=COLORS[0], lw=1.6, label="along the path", gid="path-speed")
-    for color, (kind, label) in zip(COLORS, _LABELS.items(), strict=False):
+    for number, (kind, label) in enumerate(_LABELS.items()):
         if kind not in stops.speeds:
             continue
-        speeds = None if kind == "path" else stops.speeds[kind]
-        for ax, values, what in ((speed, speeds, "speed"), (time, stops.durations[kind], "time")):
-            if values is not None:
-                style = {"color": color, "marker": "o", "ms": 4, "label": label}
-                ax.plot(stops.times, values, **style, gid=f"{label}-{what}")
-    speed.set_ylim(-0.03, 1.08)
-    speed.set_ylabel("safe share of the planned speed")
-    time.set_ylabel("a stop takes [s]")
+        marks = {**style.member(number), "marker": "o", "ms": 4, "label": label}
+        speed.plot(stops.times, 100 * stops.speeds[kind], **marks, gid=f"{label}-speed")
+        time.plot(stops.times, stops.durations[kind], **marks, gid=f"{label}-time")
+    if stops.curve is not None:
+        times, shares = stops.curve
+        finer = {**style.member(0), "lw": 0.9, "label": "path-maintaining, every place"}
+        speed.plot(times, 100 * shares, **finer, gid="path-speed")
+    speed.set_ylim(-3.0, 108.0)
     time.set_ylim(bottom=0.0)
-    time.set_xlabel("stopped at [s] of the motion")
-    for ax in (speed, time):
-        ax.grid(axis="y", color="#ececec", lw=0.8)
-        ax.set_axisbelow(True)
-        ax.legend(frameon=False, fontsize=8.5)
+    style.finish(speed, "Largest speed from which a stop is safe", "safe / planned speed [%]")
+    style.finish(time, "Duration of a stop", "duration [s]", "stopped at [s] of the motion")
     verdict = "every stop keeps the margins" if stops.verified else "NOT every stop keeps the margins"
-    figure.suptitle(f"Stopped at any instant: {verdict}", fontsize=13, fontweight="bold")
+    style.head(figure, f"Stopped at any instant: {verdict}")
     return figure

@@ -18,7 +18,8 @@ from matplotlib.patches import Patch
 
 from ocptip.indices.workspace_maps import IndexMaps
 from ocptip.parallel.analysis.workspace import LENGTHS, Workspace
-from ocptip.pictures.frame import COLORS, new_figure, save_figure
+from ocptip.pictures import style
+from ocptip.pictures.frame import new_figure, save_figure
 
 _PANELS, _SLICES = 9, 4
 _DPI = 120
@@ -228,10 +229,10 @@ def save_indices(
     for ax, (name, own) in zip(
         figure.subplots(len(values), 1, sharex=True, squeeze=False)[:, 0], values.items(), strict=True
     ):
-        ax.plot(times, own, color=COLORS[0])
+        ax.plot(times, own, color=style.MEMBERS[0])
         if np.isfinite(own).any():
             least = int(np.nanargmin(own))
-            ax.plot(times[least], own[least], "o", color=COLORS[1])
+            ax.plot(times[least], own[least], "o", color=style.MEMBERS[1])
         ax.set_ylim(bottom=0.0)
         ax.set_ylabel(name)
         ax.set_xlabel("time [s]" if ax.get_subplotspec().is_last_row() else "")

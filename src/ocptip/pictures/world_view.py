@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import ArrayLike
 
-from ocptip.pictures import frame
+from ocptip.pictures import frame, style
 from ocptip.placement.ground import HeightField
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import Placement
@@ -21,8 +21,15 @@ from ocptip.robots.collision.shapes import Shape
 from ocptip.robots.geometry import Obstacle, Solid, Wall
 from ocptip.robots.kinematics import link_frames
 
-COLORS = frame.COLORS[:6]  # of tasks
-BASE, OTHER, LOAD, SOLID, FORBIDDEN, GROUND = "#3a3a3a", "#9a9a9a", "#b3261e", "#8c8c8c", "#e07b00", "#6b4f2a"
+COLORS = style.MEMBERS  # of tasks
+BASE, OTHER, LOAD, SOLID, FORBIDDEN, GROUND = (
+    "#3a3a3a",
+    "#9a9a9a",
+    style.LOAD,
+    "#8c8c8c",
+    "#e07b00",
+    "#6b4f2a",
+)
 
 _PROFILE = 200  # points
 _ARROW = 0.16  # length of a process force, share of the picture

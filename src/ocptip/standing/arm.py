@@ -27,7 +27,7 @@ from ocptip.robots.collision.opened import opened
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import Floor, Obstacle
-from ocptip.robots.kinematics import chain, gripper_batch
+from ocptip.robots.kinematics import chain, gripper_batch, link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.payload import Payload
@@ -433,6 +433,10 @@ class Robot(StandingMechanism):
 
         position, rotation, _ = gripper_batch(self.arm)(q)
         return np.hstack([position, Rotation.from_matrix(rotation).as_quat()])
+
+    def sticks(self, q: np.ndarray) -> list[np.ndarray]:
+        """One line, from the mount over the joints to the gripper."""
+        return [np.vstack([self.arm.mount_position, link_frames(self.arm, q).origins])]
 
     def load_expressions(
         self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None

@@ -251,6 +251,10 @@ class StandingMechanism(MadeOf, ABC):
         """Poses (N, 7) of the gripper, as in `MotionSamples`; (N, 0) where there is none."""
         return np.empty((len(q), 0))
 
+    @abstractmethod
+    def sticks(self, q: np.ndarray) -> list[np.ndarray]:
+        """Lines through points (k, 3), m, base frame, that sketch the posture q (n,), from joint to joint."""
+
     @property
     def varying(self) -> ProcessWrench | None:
         """The process, if it varies."""

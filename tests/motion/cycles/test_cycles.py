@@ -142,7 +142,7 @@ def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     assert "0.3 s, " in table[0]
     assert "Times x 0.5" in out
     assert "executed by cubics between points; all numbers are of that motion" in " ".join(out.split())
-    assert (tmp_path / "out" / "plan.png").stat().st_size > 10_000
+    assert (tmp_path / "out" / "ground.png").stat().st_size > 10_000
     assert main(["check", str(tmp_path / "out")]) == 0
     assert table[1] in capsys.readouterr().out
     assert main(["check", str(tmp_path / "out" / "trajectory.json"), "--task", str(path), "--json"]) == 0

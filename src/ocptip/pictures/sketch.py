@@ -1,0 +1,120 @@
+"""Small sketches of a posture: the base on its feet, the arm or the legs, seen obliquely from above."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ocptip.pictures.frame import hull
+from ocptip.pictures.style import NOTE, TIPPING, member
+from ocptip.standing.mechanism import StandingMechanism
+
+ROBOT, BASE, GROUND, PATH = "#3a3a3a", "#8a8a8a", "#e8e3da", "#9a9a9a"
+SKETCH = "sketch"
+"""Begins the gid of these panels, which have a scale instead of axes."""
+
+_RISE = np.radians(22.0)
+_TURNS = np.radians([-60.0, -30.0, 30.0, 60.0, 120.0, 150.0])
+_LENGTHS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # m, of the scale
+
+
+def view_of(points: np.ndarray) -> np.ndarray:
+    """Axes (2, 3) to the right and up, of the oblique view in which points (k, 3) are spread most."""
+    views = []
+    for turn in _TURNS:
+        right = np.array([np.cos(turn), np.sin(turn), 0.0])
+        back = np.array([-np.sin(turn), np.cos(turn), 0.0])
+        views.append(np.array([right, np.sin(_RISE) * back + [0.0, 0.0, np.cos(_RISE)]]))
+    return max(views, key=lambda axes: float(np.prod(np.ptp(points @ axes.T, axis=0))))
+
+
+def draw_postures(
+    panels: Sequence[Any],
+    robot: StandingMechanism,
+    postures: Sequence[tuple[str, np.ndarray]],
+    *,
+    path: np.ndarray | None = None,
+    joints: bool = False,
+    feet: bool = False,
+    axis: tuple[int, ...] = (),
+) -> None:
+    """Draw postures, all in one view and scale.
+
+    Args:
+        panels: axes, one for each.
+        robot: that stands.
+        postures: title and coordinates (n,) of each.
+        path: (k, 3), m, of the TCP.
+        joints: number the joints of an arm.
+        feet: number the contacts.
+        axis: the contacts, from 1, of the tipping axis to mark.
+    """
+    contacts = np.array([c.position for c in robot.support.contacts])
+    bodies = [robot.sticks(q) for _, q in postures]
+    path = np.empty((0, 3)) if path is None else path
+    every = np.vstack([contacts, path, *(line for lines in bodies for line in lines)])
+    axes = view_of(path if len(path) else every)
+    low, high = (every @ axes.T).min(axis=0), (every @ axes.T).max(axis=0)
+    margin = 0.08 * float(np.max(high - low)) + 1e-3
+    for ax, (title, _), lines in zip(panels, postures, bodies, strict=True):
+        flat = contacts @ axes.T
+        outline = hull(contacts[:, :2])
+        ax.fill(*flat[outline].T, fc=GROUND, ec="none", zorder=0)
+        above = lines[0][0] if len(lines) == 1 else np.mean([line[0] for line in lines], axis=0)
+        for foot in contacts:
+            ax.plot(*(np.array([foot, above]) @ axes.T).T, color=BASE, lw=1.6, zorder=1)
+        for k, foot in enumerate(flat):
+            ax.plot(*foot, marker="s", ms=5, color=member(k)["color"], zorder=3, gid=f"foot-{k + 1}")
+        if len(axis) == 2:
+            ends = contacts[[k - 1 for k in axis]] @ axes.T
+            ax.plot(*ends.T, color=TIPPING.color, lw=2.4, zorder=2, gid="tipping-axis")
+        if len(path):
+            ax.plot(*(path @ axes.T).T, color=PATH, lw=1.0, ls=":", zorder=1, gid="path")
+        for number, line in enumerate(lines):
+            style = {"color": ROBOT, "lw": 2.6, "solid_capstyle": "round", "zorder": 4}
+            ax.plot(
+                *(line @ axes.T).T, marker="o", ms=4, mfc="white", mew=1.2, gid=f"body-{number + 1}", **style
+            )
+        if joints and len(lines) == 1:
+            _number_joints(ax, lines[0] @ axes.T)
+        if feet:
+            middle = float(flat[:, 0].mean())
+            for k, foot in enumerate(flat, 1):
+                _write(ax, f"{k}", foot, np.array([np.copysign(10.0, foot[0] - middle), -7.0]))
+        ax.set_xlim(low[0] - margin, high[0] + margin)
+        ax.set_ylim(low[1] - 3 * margin, high[1] + margin)
+        ax.set_aspect("equal")
+        ax.set_axis_off()
+        ax.set_gid(SKETCH)
+        ax.set_title(title, fontsize=9.5)
+    _scale(panels[0], low, high, margin)
+
+
+def _number_joints(ax: Any, line: np.ndarray) -> None:
+    """Numbers at the joints of an arm; joints at one place share a text."""
+    places: list[tuple[np.ndarray, list[str]]] = []
+    near = 0.02 * float(np.max(np.ptp(line, axis=0)))
+    for number, point in enumerate(line[1:-1], 1):
+        if places and np.linalg.norm(places[-1][0] - point) < near:
+            places[-1][1].append(f"{number}")
+        else:
+            places.append((point, [f"{number}"]))
+    for point, numbers in places:
+        _write(ax, ", ".join(numbers), point, np.array([9.0, 5.0]))
+    _write(ax, "TCP", line[-1], np.array([0.0, -10.0]))
+
+
+def _write(ax: Any, text: str, place: np.ndarray, points: np.ndarray) -> None:
+    style = {"fontsize": 8, "color": NOTE, "ha": "center", "va": "center", "zorder": 6}
+    ax.annotate(text, place, tuple(points), textcoords="offset points", annotation_clip=False, **style)
+
+
+def _scale(ax: Any, low: np.ndarray, high: np.ndarray, margin: float) -> None:
+    """A bar of a round length below the first sketch."""
+    wide = float(high[0] - low[0])
+    length = max((own for own in _LENGTHS if own <= 0.5 * wide), default=_LENGTHS[0])
+    y = low[1] - 2.4 * margin
+    ax.plot([low[0], low[0] + length], [y, y], color=NOTE, lw=1.4, gid="scale")
+    _write(ax, f"{length:g} m", np.array([low[0] + length, y]), np.array([16.0, 0.0]))
