@@ -88,13 +88,13 @@ class InWorlds(FreeForm):
         return [in_world(state, own) for own in self.slip_worlds]
 
     def _slip_support(self) -> Support:
-        return self.cases.robot.support
+        return self.cases.footing.support
 
 
 def moments_in(cases: WorstCase, worlds: Sequence[World], state: cs.SX) -> cs.SX:
     """Moment (N m) about its axis in each world, as an expression of angles, speeds, accelerations (3 n,)."""
     s, theta, wrench = cases.deviations._expressions
-    in_world, affine = cs.Function("world", [s, theta], [wrench]), cases.robot.tip_over.affine_moments
+    in_world, affine = cs.Function("world", [s, theta], [wrench]), cases.footing.tip_over.affine_moments
     assert affine is not None
     A, b = affine
     return cs.vertcat(*[cs.dot(cs.DM(A[k]), in_world(state, own)) + b[k] for k, own in worlds])

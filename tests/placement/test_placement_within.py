@@ -33,7 +33,7 @@ def test_wrenches_are_those_of_the_evaluator(placement):
         found = evaluator.task(t, placement.patch, placement.parameters[None], q[None])
         for c, case in enumerate(found.cases):
             own = rest_case(placement, case, Uncertainty())
-            nominal = own._wrenches([own._off(own.support.gravity)])[0]
+            nominal = own._wrenches([own._off(own.footing.support.gravity)])[0]
             np.testing.assert_allclose(nominal, found.wrenches[0, c], atol=1e-9)
 
 
@@ -53,9 +53,9 @@ def test_nothing_inside_is_worse(placement):
         own = rest_case(placement, case, tolerance)
         for _ in range(60):
             direction = rng.normal(size=6)
-            off = own._worst(direction, own.support.gravity)  # ends of everything in some direction
-            states = solve_many(own.support, own._wrenches([off]))
-            worst = max(worst, float(Slip(own.support).evaluate(states, derivatives=False).GT[0]))
+            off = own._worst(direction, own.footing.support.gravity)  # ends of everything in some direction
+            states = solve_many(own.footing.support, own._wrenches([off]))
+            worst = max(worst, float(Slip(own.footing.support).evaluate(states, derivatives=False).GT[0]))
     assert worst - 1e-9 <= found.GT
 
 
@@ -78,7 +78,7 @@ def test_what_needs_a_motion_is_left_out_and_the_rest_is_named(placement):
 def test_a_push_at_the_base_moves_with_its_centre(placement):
     tolerance = Uncertainty(center_of_mass=(0.02, 0.03, 0.05), base_push=60.0)
     own = rest_case(placement, placement.problem.cases[0], tolerance)
-    gravity, mass = own.support.gravity, own.support.mass
+    gravity, mass = own.footing.support.gravity, own.footing.support.mass
     nominal = own._wrenches([own._off(gravity)])[0]
     rng = np.random.default_rng(2)
     for _ in range(20):

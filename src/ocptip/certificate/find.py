@@ -235,8 +235,7 @@ class _Search:
         self, limits: Limits, worst: Mapping[str, Worst], whole: dict[str, Any]
     ) -> tuple[str, ...]:
         """Prove the contacts within the tolerance, else at least with all joints on time; what is missing."""
-        weakest = worst_case_of(self.robot, limits.tolerance).robot
-        assert isinstance(weakest, Robot)
+        weakest = worst_case_of(self.robot, limits.tolerance).footing
         goals = {name: _goal(limits, worst, name) for name in CLAIMS_WITHIN}
         on_time, self._short = {**whole, **_ON_TIME}, _hopeless(worst)
         worlds = () if self._short else (whole, on_time) if whole != on_time else (whole,)

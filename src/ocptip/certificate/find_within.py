@@ -17,7 +17,7 @@ from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.sharing import Rule, Sharing
 from ocptip.certificate.trusted.within import Terms
-from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
@@ -69,7 +69,7 @@ class SearchWithin:
     """Searches bounds of GN and GT within an uncertainty, and what proves them.
 
     Args:
-        robot: with the minimum friction.
+        footing: the base on contacts with the minimum friction.
         model, motion, tolerance: of a certificate.
         goals: bounds that are good enough; better ones are not searched.
         knots: s, at which what acts on the gripper bends.
@@ -77,15 +77,15 @@ class SearchWithin:
 
     def __init__(
         self,
-        robot: Robot,
+        footing: Footing,
         model: Mapping[str, Any],
         motion: Mapping[str, Any],
         tolerance: Mapping[str, Any],
         goals: Mapping[str, float],
         knots: np.ndarray,
     ) -> None:
-        self._robot, self._goals, self._knots = robot, goals, knots
-        self._interior = Interior(robot.support)
+        self._footing, self._goals, self._knots = footing, goals, knots
+        self._interior = Interior(footing.support)
         self._sharing = Sharing(model, motion, tolerance, goals)
         contacts = self._sharing.contacts
         self._several = contacts.count > 3 or not contacts.flat  # else the wrench says what feet bear
@@ -268,8 +268,8 @@ class SearchWithin:
             return np.zeros((2, 1, self._sharing.contacts.count, 3, count))
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
-        slip = self._robot.slip.evaluate(
-            self._robot.contact_states(every), derivatives=False, least=0.5 * self._goals[SLIP_WITHIN]
+        slip = self._footing.slip.evaluate(
+            self._footing.contact_states(every), derivatives=False, least=0.5 * self._goals[SLIP_WITHIN]
         )
         share = np.where(np.arange(len(every)) < len(wrenches), self._goals[SLIP_WITHIN], 1.0)
         forces = self._interior.between(slip.forces, every, share)

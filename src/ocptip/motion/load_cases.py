@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import finite_array
-from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.robots.kinematics import gripper_batch
@@ -181,7 +180,7 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
     gravities = tilted(gravity, downhill, np.full(len(downhill), tilt))
     pairs = list(product(range(len(downhill)), range(len(towards))))
     wrenches = np.vstack([loads.wrenches(gravities[i], payload, push * towards[k]) for i, k in pairs])
-    states = solve_resting(robot.support, wrenches)
+    states = robot.contact_states(wrenches)
     GN = robot.tip_over.evaluate(states).GN
     GT = _slips(robot, states)
     use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
@@ -198,7 +197,7 @@ def _judge(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
     held = robot.slip.half_spaces(1.0)
 
     def stands(wrenches: np.ndarray) -> np.ndarray:
-        states = solve_resting(robot.support, wrenches)
+        states = robot.contact_states(wrenches)
         good = robot.tip_over.evaluate(states).GN < 1
         left = np.flatnonzero(good if held is None else good & ~_inside(held, states))
         good[left] = robot.slip.evaluate(states.select(left), derivatives=False).GT < 1

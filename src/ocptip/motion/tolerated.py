@@ -16,19 +16,17 @@ from typing import Any
 import numpy as np
 
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
-from ocptip.contact.resting import solve_resting
-from ocptip.contact.support import Support
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.load_cases import RestLoads, around, everywhere, tilted
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip
-from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
+from ocptip.standing.footing import Footing
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -167,7 +165,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     robot.require_fit(motion.n)
     robot = robot.during(motion)
     parts = _Parts(robot, motion, np.union1d(motion.both_sides(SPACING), _knots(robot, motion)))
-    judge = _Judge(robot.support, robot.tip_over, robot.slip)
+    judge = _Judge(robot)
     free = robot.support.gravity
     size = float(np.linalg.norm(free))
 
@@ -260,8 +258,9 @@ class _Parts(RestLoads):
 class _Judge:
     """Says whether contacts hold; finds the largest level at which all do."""
 
-    def __init__(self, support: Support, tip_over: TipOver, slip: Slip) -> None:
-        self._support, self._tip_over, self._slip = support, tip_over, slip
+    def __init__(self, footing: Footing) -> None:
+        support, tip_over, slip = footing.support, footing.tip_over, footing.slip
+        self._footing = footing
         self._quick = Slip(support, "tangential")
         affine = not tip_over.free_rotation and len(tip_over.axes) > 0 and support.elastic is None
         self._moments = tip_over.affine_moments if affine else None
@@ -282,15 +281,15 @@ class _Judge:
         return None
 
     def _tips(self, axis: int) -> str:
-        axes = self._tip_over.axes
+        axes = self._footing.tip_over.axes
         if not 0 <= axis < len(axes):
             return "tips"
         return "tips about contacts {} and {}".format(*sorted(c + 1 for c in axes[axis].contacts))
 
     def _solved(self, wrenches: np.ndarray) -> tuple[int, str] | None:
         """The same by contact forces."""
-        states = solve_resting(self._support, wrenches)
-        tip = self._tip_over.evaluate(states)
+        states = self._footing.contact_states(wrenches)
+        tip = self._footing.tip_over.evaluate(states)
         falls = ~(tip.GN < 1)
         if falls.any():
             row = int(np.argmax(np.where(np.isnan(tip.GN), np.inf, tip.GN)))
@@ -298,7 +297,7 @@ class _Judge:
         rows = np.flatnonzero(~(self._quick.evaluate(states, derivatives=False).GT < 1))
         if not len(rows):
             return None
-        ratio = self._slip.evaluate(states.select(rows), derivatives=False).GT
+        ratio = self._footing.slip.evaluate(states.select(rows), derivatives=False).GT
         slides = np.flatnonzero(~(ratio < 1))
         return (int(rows[slides[np.argmax(ratio[slides])]]), "slips") if len(slides) else None
 
@@ -350,9 +349,7 @@ def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
             replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
             for c in robot.support.contacts
         ]
-        support = robot.support.varied(contacts)
-        tip_over = TipOver(support, robot.tip_over.reference_moment)
-        return _Judge(support, tip_over, Slip(support, robot.slip.redistribution)).lost(wrenches)
+        return _Judge(robot.on(robot.support.varied(contacts))).lost(wrenches)
 
     def near(low: float, high: float) -> bool:
         return high - low <= 0.5 * CLOSE or high <= 1e-3

@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.placement.least_slip import LeastSlip
 from ocptip.placement.limits.arm import Clearance
@@ -24,10 +23,11 @@ from ocptip.placement.limits.kinds import BASE_LIMITS, TASK_LIMITS
 from ocptip.placement.limits.limit import Limit
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.quick import ROUNDS, edge_moments, friction_shares
-from ocptip.placement.stand import Footing, Stand, Stood
+from ocptip.placement.stand import Stand, Stood
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import dynamics_batch
+from ocptip.standing.footing import Footing
 
 _PARALLEL = 1e-9
 
@@ -178,7 +178,7 @@ class Evaluator:
         shape, wrenches = cornered.shape[:3], cornered.reshape(len(nominal), -1, 6)
         if not stand.conforms:
             footing, flat = self.problem.footing, wrenches.reshape(-1, 6)
-            states = solve_resting(self.support, flat, warm_start=False)
+            states = footing.contact_states(flat, warm_start=False)
             moments = self.tip_over.moments(flat)[0]
             GN, GT = self._solved(footing, self.fast_slip if fast else footing.slip, states)
             standing = states.persistent
@@ -254,7 +254,7 @@ class Evaluator:
         moments, results = [], []
         for own, places, frames in zip(wrenches, stood.contacts, stood.frames, strict=True):
             footing = stand.feet.at(places, frames)
-            states = solve_resting(footing.support, own, warm_start=False)
+            states = footing.contact_states(own, warm_start=False)
             moments.append(TipMap(footing.tip_over)(own)[0])
             results.append((*self._solved(footing, footing.slip, states), states.persistent))
         most = max((m.shape[1] for m in moments), default=0)
@@ -268,7 +268,7 @@ class Evaluator:
         """Upper bounds (N, M) of the slip reserve under wrenches (N, M, 6); rounds: see `friction_shares`."""
         if stand.conforms:
             return friction_shares(wrenches, stood.contacts, stood.frames, self.support, rounds)
-        states = solve_resting(self.support, wrenches.reshape(-1, 6), warm_start=False)
+        states = self.problem.footing.contact_states(wrenches.reshape(-1, 6), warm_start=False)
         return self.fast_slip.evaluate(states, derivatives=False).GT.reshape(wrenches.shape[:2])
 
     @cached_property

@@ -22,12 +22,13 @@ from ocptip.basics.frozen import settle
 from ocptip.numerics.vectors import perpendicular
 from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
-from ocptip.placement.stand import Feet, Footing, Stand
+from ocptip.placement.stand import Feet, Stand
 from ocptip.placement.terrain import Patch
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.geometry import Obstacle
 from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
 from ocptip.standing.tolerance import Corner, Uncertainty
 
 CRITERIA = ("GN", "GT", "GK", "GE")

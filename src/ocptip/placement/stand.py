@@ -12,24 +12,19 @@ order about its point, from implicit differentiation, so that its derivatives ar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import factorial
 
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.support import Support
 from ocptip.numerics.batch import BatchFunction, PointFunction
 from ocptip.placement.ground import ORDERS
 from ocptip.placement.terrain import Patch
-from ocptip.reserves.slip import Redistribution, Slip
-from ocptip.reserves.tipping import TipOver
 from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
 from ocptip.standing.tolerance import Uncertainty
 
 GAP_TOLERANCE = 1e-7
@@ -42,54 +37,28 @@ _PARALLEL = 1e-9
 _THIN = 1e-4  # extents of feet on one line, relative
 
 
-@dataclass(frozen=True, eq=False)
-class Footing:
-    """The base on its contacts at one place, with what is evaluated there.
-
-    Attributes:
-        support: in base axes.
-        tip_over, slip: its reserves.
-    """
-
-    support: Support
-    tip_over: TipOver
-    slip: Slip
-
-
 class Feet:
     """The contacts of a robot with the least friction that its tolerance allows, wherever they are.
 
     Args:
         robot: the robot.
         tolerance: of its base.
+
+    Attributes:
+        usual: the contacts where the robot's description has them.
     """
 
     def __init__(self, robot: Robot, tolerance: Uncertainty) -> None:
-        self._robot, self._contacts = robot, robot.support.contacts
-        self._known = tolerance.friction == 0
-        if not self._known:
-            self._contacts = tolerance.contacts(self._contacts)
-
-    @cached_property
-    def usual(self) -> Footing:
-        """The contacts where the robot's description has them."""
-        robot = self._robot
-        if self._known:
-            return Footing(robot.support, robot.tip_over, robot.slip)
-        return self._on(self._contacts, robot.slip.redistribution)
+        self.usual = robot.weakest(tolerance)
 
     def at(self, places: np.ndarray, frames: np.ndarray) -> Footing:
         """Contacts at places (n, 3), m, with frames (n, 3, 3), columns n, t1, t2; base axes."""
+        support = self.usual.support
         moved = [
             replace(contact, position=place, normal=frame[:, 0], tangent=frame[:, 1])
-            for contact, place, frame in zip(self._contacts, places, frames, strict=True)
+            for contact, place, frame in zip(support.contacts, places, frames, strict=True)
         ]
-        return self._on(moved, None)
-
-    def _on(self, contacts: Sequence[Binding], redistribution: Redistribution | None) -> Footing:
-        support = self._robot.support.varied(contacts)
-        moment = self._robot.tip_over.reference_moment
-        return Footing(support, TipOver(support, moment), Slip(support, redistribution))
+        return Footing(support.varied(moved), self.usual.tip_over.reference_moment)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.made_of import MadeOf
-from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
-from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
+from ocptip.reserves.slip import Redistribution, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.robots.collision.gaps import CLEARANCE, Collisions
 from ocptip.robots.model import JointLimits, joint_states
@@ -28,6 +27,7 @@ from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain
+from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
 from ocptip.standing.sensor import WrenchSensor
@@ -85,7 +85,7 @@ class MotionSamples:
         return self.powers.sum(axis=1) + self.steady_power
 
 
-class StandingMechanism(MadeOf, ABC):
+class StandingMechanism(MadeOf, Footing, ABC):
     """A mechanism mounted on a base that stands on a support; what checks and programs know of it.
 
     Args:
@@ -131,15 +131,14 @@ class StandingMechanism(MadeOf, ABC):
     ) -> None:
         if support.dimension != 3:
             raise InputError("support: a mechanism needs a spatial support, got a planar one")
-        self.support, self.motors, self.limits, self.collision = support, motors, limits, collision
+        self.motors, self.limits, self.collision = motors, limits, collision
         self.mass, self.sensor = support.mass + mass, sensor
         if reference_moment is None:
             own = TipOver(support).reference_moment
             reference_moment = None if own is None else own * self.mass / support.mass
         else:
             reference_moment = positive_number("reference_moment", reference_moment)
-        self.tip_over = TipOver(support, reference_moment)
-        self.slip = Slip(support, redistribution)
+        super().__init__(support, reference_moment, redistribution)
 
     # --- what a mechanism provides --------------------------------------------------------------------
 
@@ -396,10 +395,6 @@ class StandingMechanism(MadeOf, ABC):
         """Raise InputError unless a motion has as many joints."""
         if joints != self.n:
             raise InputError(f"motion: has {joints} joints, the {self.kind} has {self.n}")
-
-    def contact_states(self, wrenches: np.ndarray) -> ContactStates:
-        """States of the contacts under total wrenches (N, 6) on the base."""
-        return solve_resting(self.support, wrenches)
 
     def energy(self, motion: Trajectory, *, order: int = 4) -> float:
         """Electric energy, J, clamps included: Gauss-Legendre quadrature between the events (5.25)."""

@@ -18,16 +18,14 @@ import numpy as np
 
 from ocptip.basics.text import quantity
 from ocptip.contact.bindings.binding import Binding
-from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
 from ocptip.numerics.threads import one_thread
-from ocptip.reserves.slip import Slip
-from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
 from ocptip.standing.mechanism import StandingMechanism
 
 KILOGRAM, MILLIMETRES, FRICTION, SPEED, GRIPPER = 1.0, 0.01, 0.1, 0.01, 0.1
@@ -98,22 +96,24 @@ class Sensitivity:
 
 @dataclass(frozen=True, eq=False)
 class _Stand:
-    """A support under N wrenches, (N, 6) or planar (N, 3)."""
+    """A base on its contacts under N wrenches, (N, 6) or planar (N, 3)."""
 
-    support: Support
+    footing: Footing
     wrenches: np.ndarray
-    tip_over: TipOver
-    slip: Slip
+
+    @property
+    def support(self) -> Support:
+        return self.footing.support
 
     @property
     def states(self) -> ContactStates:
-        return solve_resting(self.support, self.wrenches)
+        return self.footing.contact_states(self.wrenches)
 
     def values(self) -> np.ndarray:
         """(N, 3): GN, GT and minus the least normal reserve, so that the greatest are the worst."""
         states = self.states
-        tip = self.tip_over.evaluate(states)
-        GT = self.slip.evaluate(states, derivatives=False).GT
+        tip = self.footing.tip_over.evaluate(states)
+        GT = self.footing.slip.evaluate(states, derivatives=False).GT
         return np.column_stack([tip.GN, GT, -np.min(tip.normal_reserves, axis=1)])
 
     def at(self, rows: np.ndarray) -> _Stand:
@@ -122,9 +122,10 @@ class _Stand:
 
     def loaded(self, wrenches: np.ndarray, reference: float) -> _Stand:
         """With more on it, and a reference moment that is larger by this share."""
-        own = self.tip_over.reference_moment
-        tip_over = TipOver(self.support, own * (1 + reference)) if own and reference else self.tip_over
-        return _Stand(self.support, self.wrenches + wrenches, tip_over, self.slip)
+        footing = self.footing
+        if (moment := footing.tip_over.reference_moment) and reference:
+            footing = Footing(footing.support, moment * (1 + reference), footing.slip.redistribution)
+        return _Stand(footing, self.wrenches + wrenches)
 
     def slopes(self, rows: np.ndarray, per_unit: np.ndarray, reference: float) -> np.ndarray:
         """Derivatives (3,) of the worst values, at row k of the k-th.
@@ -135,7 +136,7 @@ class _Stand:
             reference: of the logarithm of the reference moment.
         """
         states = self.at(rows).states
-        tip, slip = self.tip_over.evaluate(states), self.slip.evaluate(states)
+        tip, slip = self.footing.tip_over.evaluate(states), self.footing.slip.evaluate(states)
         assert slip.gradient is not None  # it was asked for
         along = per_unit[rows]
         contact = int(np.argmin(tip.normal_reserves[2]))
@@ -319,7 +320,7 @@ def scene_sensitivities(
     """
 
     def stand(own: Support) -> _Stand:
-        return _Stand(own, own.wrench(loads)[None], TipOver(own, reference_moment), Slip(own))
+        return _Stand(Footing(own, reference_moment), own.wrench(loads)[None])
 
     nominal = stand(support)
     heavier = _base_mass(nominal, 0.0 if reference_moment else 1 / support.mass)
@@ -349,7 +350,7 @@ def motion_sensitivities(
     """What would help a robot at N states of a motion, (N, n) each."""
 
     def stand(own: StandingMechanism, speed: float = 1.0) -> _Stand:
-        return _Stand(own.support, own.loads(q, speed * qd, speed**2 * qdd)[1], own.tip_over, own.slip)
+        return _Stand(own, own.loads(q, speed * qd, speed**2 * qdd)[1])
 
     nominal, still = stand(robot), np.zeros_like(q)
     per_kilogram = 0.0 if robot.argument("reference_moment") else 1 / robot.mass

@@ -140,9 +140,9 @@ def test_no_sample_slips_more_than_the_worst_that_was_found(cases):
     worst = cases.slip(s, starts=5)
     for row in range(len(s)):
         many = own.wrench(np.repeat(s[row : row + 1], 200, axis=0), random_deviations(own, rng, 200))[0]
-        GT = cases.robot.slip.evaluate(solve_many(cases.robot.support, many), derivatives=False).GT
+        GT = cases.footing.slip.evaluate(solve_many(cases.footing.support, many), derivatives=False).GT
         assert np.all(worst.values[row] + 1e-9 >= GT)
-    again = cases.robot.slip.evaluate(solve_many(cases.robot.support, own.wrench(s, worst.theta)[0])).GT
+    again = cases.footing.slip.evaluate(solve_many(cases.footing.support, own.wrench(s, worst.theta)[0])).GT
     assert np.allclose(again, worst.values)
 
 

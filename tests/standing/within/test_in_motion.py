@@ -43,15 +43,15 @@ def test_no_sample_is_worse_than_the_worst_case(task, factor):
     checked = check_motion(robot, motion, dataclasses.replace(task.limits, tolerance=WORKSHOP))
     within, cases = checked.within, worst_case_of(robot, WORKSHOP)
     wrenches = sampled_wrenches(robot, motion, WORKSHOP, np.random.default_rng(0), 4000)
-    states = cases.robot.contact_states(wrenches)
-    moments = TipMap(cases.robot.tip_over)(wrenches)[0]
+    states = cases.footing.contact_states(wrenches)
+    moments = TipMap(cases.footing.tip_over)(wrenches)[0]
     least = float(cases.tip_ratio(moments.min()))
     assert least <= within.tip.bound + 1e-3  # of delays inside the window, up to their second order
     assert within.tip.value <= within.tip.bound
     assert within.tip.bound - within.tip.value < 0.01 * within.tip.value
     assert least > checked.worst["GN"].value  # samples find something
     if within.tip.bound < 1:
-        GT = cases.robot.slip.evaluate(states, derivatives=False).GT
+        GT = cases.footing.slip.evaluate(states, derivatives=False).GT
         assert GT.max() <= within.slip.value + 1e-3
         assert states.persistent.all()
 
@@ -195,7 +195,7 @@ def test_no_admissible_delays_are_worse_than_the_check_says(close_jumps, seed):
     cases = worst_case_of(robot, tolerance)
     found = worst_within(robot, motion, tolerance, motion.both_sides(0.005))
     wrenches = sampled_wrenches(robot, motion, tolerance, rng, 5000)
-    least = TipMap(cases.robot.tip_over)(wrenches)[0].min()
+    least = TipMap(cases.footing.tip_over)(wrenches)[0].min()
     assert float(cases.tip_ratio(least)) <= found.tip.bound * (1 + 1e-4)
 
 

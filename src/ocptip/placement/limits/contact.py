@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.contact.resting import solve_resting
 from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point, corner_maps
 from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
 from ocptip.placement.limits.placed import LeastMoments, PlacedMoments, addable, least
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
-from ocptip.placement.stand import Footing
 from ocptip.reserves.slip import known
-from ocptip.reserves.tipping import TipMap
+from ocptip.standing.footing import Footing
+from ocptip.standing.limit_kinds.quantities import TipOverQuantity
 
 _STEP = 1e-5  # of the largest wrench component, for the curvature of GT
 _MOST_CURVATURE = 1e3  # per squared largest wrench: beyond it a kink lies between, which has no curvature
@@ -24,9 +23,8 @@ class TipOver(Limit):
 
     Attributes:
         pairs: (axes, 2) contacts on the axes, which stay the same where feet conform to the ground.
-        moments: wrench (6,) -> moments about the axes, N m, of the contacts as described.
-        unit: N m: twice the reference moment of GN.
-        least: N m: the moment at which GN is at its limit.
+        quantity: as motions keep it, with the number asked for.
+        moments: wrench (6,) -> moments about the axes, N m, of the nominal contacts.
     """
 
     kind = "tip-over"
@@ -36,9 +34,8 @@ class TipOver(Limit):
         super().__init__(problem)
         tip = problem.footing.tip_over
         self.pairs = np.array([axis.contacts for axis in tip.axes], dtype=int).reshape(-1, 2)
-        self.moments, reference = TipMap(tip), tip.reference_moment
-        self.unit = 2 * (reference or 1.0)
-        self.least = 0.0 if reference is None else reference * (1 / (problem.limits.GN or 1.0) - 1)
+        self.quantity = TipOverQuantity(problem.footing, problem.limits.GN or 1.0)
+        self.moments = self.quantity.moments
 
     def ratio(self, moments: np.ndarray) -> np.ndarray:
         """GN from the moments (..., axes); exact on a plane as long as the base stands."""
@@ -54,7 +51,7 @@ class TipOver(Limit):
         if not self.moments.count:
             return []
         smallest = np.min(found.moments[:, found.constrained], axis=(2, 3))
-        return [self.row(found.names, smallest, self.least, False, "N m", self.unit)]
+        return [self.row(found.names, smallest, self.quantity.least_moment, False, "N m", self.quantity.unit)]
 
     def functions(self, at: Symbols) -> list[PlacedMoments]:
         """Moments as functions of the place, too, where contacts move."""
@@ -68,7 +65,7 @@ class TipOver(Limit):
         result = []
         for i, case in enumerate(layout.cases if self.moments.count else ()):
             slack = layout.slack.get("moment") if case.counts else None
-            least = self.least / self.unit if slack is None else 0.0
+            least = self.quantity.least_moment / self.quantity.unit if slack is None else 0.0
             labels = [RowLabel(self.kind, case.name)] * self.moments.count
             lower = least if case.constrained else -np.inf
             placed = functions[0] if functions else None
@@ -78,10 +75,10 @@ class TipOver(Limit):
     def start(self, at: Point, x: np.ndarray) -> None:
         if (slack := at.layout.slack.get("moment")) is not None:
             least = min(np.min(self._at(at)[i].moments) for i in at.layout.counting)
-            x[slack] = least / self.unit
+            x[slack] = least / self.quantity.unit
 
     def values(self, at: Point, block: Block) -> np.ndarray:
-        values = self._at(at)[block.of].moments / self.unit
+        values = self._at(at)[block.of].moments / self.quantity.unit
         return values if block.slack is None else values - at.x[block.slack]
 
     def jacobian(self, at: Point, block: Block) -> np.ndarray:
@@ -89,13 +86,13 @@ class TipOver(Limit):
         slope = worst.by_loads @ at.slopes[block.of][at.layout.n :]
         if block.function is not None:
             slope[:, : at.layout.k] += block.function.slope(at.x[at.layout.p], loads, worst)
-        slope = slope / self.unit
+        slope = slope / self.quantity.unit
         return slope if block.slack is None else np.column_stack([slope, np.full(len(slope), -1.0)])
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
         n, k = at.layout.n, at.layout.k
         for block in blocks:
-            worst, on = self._at(at)[block.of], multipliers[block.rows] / self.unit
+            worst, on = self._at(at)[block.of], multipliers[block.rows] / self.quantity.unit
             sums.on_loads[block.of][n:] += on @ worst.by_loads
             if block.function is not None:
                 y, loads = at.layout.y[at.layout.cases[block.of].task], at.loads[block.of][n:]
@@ -194,7 +191,7 @@ class Slip(Limit):
         """GT (N,) and its derivative (N, 6)."""
         if not len(wrenches):
             return np.empty(0), np.empty((0, 6))
-        reserve = footing.slip.evaluate(solve_resting(footing.support, wrenches), derivatives)
+        reserve = footing.slip.evaluate(footing.contact_states(wrenches), derivatives)
         return reserve.for_program() if derivatives else (known(reserve.GT), None)
 
 

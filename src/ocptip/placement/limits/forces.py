@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.placement.limits.twice import Twice
-from ocptip.placement.stand import Footing
 from ocptip.reserves.force_sets import ForceSets, force_scale
 from ocptip.reserves.slip import LARGEST_SQUEEZE
+from ocptip.standing.footing import Footing
 
 ROUNDING = 1e-7
 """Added to friction limits that are divided by, in units of the weight."""
@@ -45,7 +44,7 @@ class ContactForces:
 
     def start(self, wrenches: np.ndarray, footing: Footing) -> tuple[np.ndarray, list[Piece]]:
         """Forces (N, 3 n) of the redistributed states under wrenches (N, 6), and the pieces they lie in."""
-        states = solve_resting(footing.support, wrenches, warm_start=False)
+        states = footing.contact_states(wrenches, warm_start=False)
         forces = footing.slip.evaluate(states, derivatives=False).forces
         limits = self._sets.limits(np.nan_to_num(states.contact_forces[:, :, 0]), force_scale(states))
         squeeze = LARGEST_SQUEEZE

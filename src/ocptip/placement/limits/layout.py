@@ -18,7 +18,8 @@ from ocptip.placement.limits.forces import ContactForces, Piece
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import CRITERIA, PlacementProblem
-from ocptip.placement.stand import Footing, Stand
+from ocptip.placement.stand import Stand
+from ocptip.standing.footing import Footing
 
 
 def corner_maps(problem: PlacementProblem) -> np.ndarray:

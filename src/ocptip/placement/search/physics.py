@@ -16,8 +16,8 @@ from ocptip.placement.limits.limit import Symbols
 from ocptip.placement.limits.placed import wrench_of_forces
 from ocptip.placement.limits.twice import Local, Twice
 from ocptip.placement.power import HoldingPower
-from ocptip.placement.stand import Footing
 from ocptip.robots.dynamics import inverse_dynamics
+from ocptip.standing.footing import Footing
 
 
 def unique_normal_forces(footing: Footing) -> bool:

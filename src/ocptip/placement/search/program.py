@@ -43,7 +43,7 @@ class PlacementProgram(Layout):
         criteria: bool = True,
     ) -> None:
         tip = physics.evaluator.tip_over
-        least = tip.least / tip.unit if tip.moments.count else None
+        least = tip.quantity.least_moment / tip.quantity.unit if tip.moments.count else None
         problem, stand, forces = physics.problem, physics.stand, physics.forces
         super().__init__(problem, stand, near, held, criteria, least, forces, pieces)
         self.physics, self.objective = physics, Objective(self, physics.power)

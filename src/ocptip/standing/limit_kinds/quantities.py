@@ -14,9 +14,9 @@ import numpy as np
 from ocptip.reserves.friction_needed import friction_needed, needed_text
 from ocptip.reserves.slip import known
 from ocptip.reserves.tipping import TipMap
+from ocptip.standing.footing import Footing
 from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING
-from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, Closing
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations
 
@@ -28,10 +28,10 @@ FAR = 0.5  # use of the slip limit in stops by brakes where half spaces tell tha
 
 
 class ContactQuantity(ABC):
-    """One quantity of a robot with the number that a limit asks for.
+    """One quantity of a base on its contacts with the number that a limit asks for.
 
     Args:
-        robot: whose contacts.
+        footing: the base on its contacts.
         number: asked for.
 
     Attributes:
@@ -47,8 +47,8 @@ class ContactQuantity(ABC):
     name = symbol = at_steps = in_results = ""
     width, unit, affine, least = 1, 1.0, False, False
 
-    def __init__(self, robot: StandingMechanism, number: float) -> None:
-        self.robot, self.number = robot, number
+    def __init__(self, footing: Footing, number: float) -> None:
+        self.footing, self.number = footing, number
 
     # --- what happens -------------------------------------------------------------------------------------
 
@@ -170,18 +170,23 @@ class ContactQuantity(ABC):
 
 
 class TipOverQuantity(ContactQuantity):
-    """GN; in programs minus the moments about the tipping axes, N m, which are smooth."""
+    """GN; in programs minus the moments about the tipping axes, N m, which are smooth.
+
+    Attributes:
+        moments: of a wrench, N m, about the tipping axes.
+        least_moment: N m, at which GN is the number asked for.
+    """
 
     name, symbol, at_steps, in_results = "tip-over", "GN", "jump_tip_over", "tip"
     least = True
 
-    def __init__(self, robot: StandingMechanism, number: float) -> None:
-        super().__init__(robot, number)
-        self._map = TipMap(robot.tip_over)
-        self.width, self.affine = self._map.count, self._map.affine
-        reference = robot.tip_over.reference_moment or 0.0
+    def __init__(self, footing: Footing, number: float) -> None:
+        super().__init__(footing, number)
+        self.moments = TipMap(footing.tip_over)
+        self.width, self.affine = self.moments.count, self.moments.affine
+        reference = footing.tip_over.reference_moment or 0.0
         self.unit = 2 * (reference or 1.0)
-        self._least = reference * (1 / number - 1)  # N m
+        self.least_moment = reference * (1 / number - 1)  # N m
 
     def measure(self, at: Loaded) -> np.ndarray:
         return at.tip.GN
@@ -190,15 +195,15 @@ class TipOverQuantity(ContactQuantity):
         """On the scale of uncertainties: nothing moves yet when the load comes."""
         if not self.width:
             return self.measure(at)
-        return self.robot.tip_over.ratio(np.min(self._map(at.wrenches)[0], axis=1))
+        return self.footing.tip_over.ratio(np.min(self.moments(at.wrenches)[0], axis=1))
 
     def kept(self, at: Instants) -> bool:
         if self.affine:  # contact states are not needed
-            return not self.width or bool(np.min(self._map(at.wrenches)[0]) >= self._least)
+            return not self.width or bool(np.min(self.moments(at.wrenches)[0]) >= self.least_moment)
         return bool(np.all(self.measure(at) <= self.number))
 
     def refusals(self, at: Instants) -> list[str]:
-        tip, axes = at.tip, self.robot.tip_over.axes
+        tip, axes = at.tip, self.footing.tip_over.axes
         if tip.GN[0] <= self.number:
             return []
         index, where = int(tip.nearest_axis[0]), ""
@@ -211,41 +216,41 @@ class TipOverQuantity(ContactQuantity):
     def path_excess(self, at: Instants) -> float:
         if not self.width:
             return -np.inf
-        needed = self._least * (1 + PATH_MARGIN)
-        return (needed - np.min(self._map(at.wrenches)[0])) / self.robot.tip_over.reference_moment
+        needed = self.least_moment * (1 + PATH_MARGIN)
+        return (needed - np.min(self.moments(at.wrenches)[0])) / self.footing.tip_over.reference_moment
 
     def badness(self, at: Instants) -> np.ndarray:
         return self.exact(at)
 
     def exact(self, at: Loaded) -> np.ndarray:
-        return -self._map(at.wrenches)[0]
+        return -self.moments(at.wrenches)[0]
 
     def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
-        moments, slopes = self._map(at.wrenches)
+        moments, slopes = self.moments(at.wrenches)
         return -moments / self.unit, -slopes / self.unit
 
     def near(self, badness: np.ndarray, share: float) -> np.ndarray:
-        return -badness * share <= self._least
+        return -badness * share <= self.least_moment
 
     def near_by_difference(self, badness: np.ndarray, share: float) -> np.ndarray:
-        return -badness - self._least <= (1 - share) * self.unit
+        return -badness - self.least_moment <= (1 - share) * self.unit
 
     def use(self, badness: np.ndarray) -> np.ndarray:
-        return 1 + (self._least - np.min(-badness, axis=1, initial=np.inf)) / self.unit
+        return 1 + (self.least_moment - np.min(-badness, axis=1, initial=np.inf)) / self.unit
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
+        return np.full(self.width, self.least_moment / self.unit), np.full(self.width, np.inf)
 
     def worst(self) -> np.ndarray:
-        return np.full(self.width, -self._least / self.unit)
+        return np.full(self.width, -self.least_moment / self.unit)
 
     def rows(
         self, wrenches: np.ndarray, i: np.ndarray, k: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return *self._map.some(wrenches, i, k), np.empty(0)
+        return *self.moments.some(wrenches, i, k), np.empty(0)
 
     def smooth_within(self, cases: WorstCase) -> tuple[WorstCase, float]:
-        return cases, self._least
+        return cases, self.least_moment
 
     def within(
         self, cases: WorstCase, s: np.ndarray, k: np.ndarray, theta: np.ndarray | None = None
@@ -260,7 +265,7 @@ class TipOverQuantity(ContactQuantity):
         return bool(np.all(cases.estimated_moments(s) >= bound))
 
     def rests_within(self, cases: WorstCase, s: np.ndarray) -> bool:
-        return bool(np.all(cases.all_moments(s) >= self._least))
+        return bool(np.all(cases.all_moments(s) >= self.least_moment))
 
     def worst_at_rest(self, cases: WorstCase, s: np.ndarray) -> tuple[float, np.ndarray]:
         found = cases.moments(s, np.array([np.argmin(cases.all_moments(s)[0])]))
@@ -269,7 +274,7 @@ class TipOverQuantity(ContactQuantity):
     def path_excess_within(self, cases: WorstCase, s: np.ndarray) -> float:
         if not self.width:
             return -np.inf
-        missing = self._least - float(np.min(cases.estimated_moments(s)))
+        missing = self.least_moment - float(np.min(cases.estimated_moments(s)))
         return missing / cases.reference + PATH_MARGIN_WITHIN
 
     def brake_torques(self, check: BrakeCheck, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
@@ -286,25 +291,25 @@ class SlipQuantity(ContactQuantity):
 
     name, symbol, at_steps, in_results = "slip", "GT", "jump_slip", "slip"
 
-    def __init__(self, robot: StandingMechanism, number: float) -> None:
-        super().__init__(robot, number)
-        self._map = robot.slip.map(up_to=number)
+    def __init__(self, footing: Footing, number: float) -> None:
+        super().__init__(footing, number)
+        self._map = footing.slip.map(up_to=number)
 
     def measure(self, at: Loaded) -> np.ndarray:
         return at.largest_slip.GT
 
     def largest(self, at: Loaded) -> np.ndarray:
-        return self.robot.slip.greatest(at.wrenches)
+        return self.footing.slip.greatest(at.wrenches)
 
     def detail(self, at: Instants) -> str:
         """GT above 1 counts the acceleration of what slides: the friction needed is another number."""
         if not at.slip.GT[0] > 1:
             return ""
-        needed = friction_needed(self.robot.support, at.wrenches[0])
+        needed = friction_needed(self.footing.support, at.wrenches[0])
         return "" if np.isnan(needed) else needed_text(needed)
 
     def kept(self, at: Instants) -> bool:
-        return bool(np.all(self.robot.slip.above(at.wrenches, self.number) <= self.number))
+        return bool(np.all(self.footing.slip.above(at.wrenches, self.number) <= self.number))
 
     def refusals(self, at: Instants) -> list[str]:
         slip = at.slip
@@ -319,20 +324,20 @@ class SlipQuantity(ContactQuantity):
         ]
 
     def half_spaces(self) -> np.ndarray | None:
-        return self.robot.slip.half_spaces(self.number)
+        return self.footing.slip.half_spaces(self.number)
 
     def badness(self, at: Instants) -> np.ndarray:
         if self._map not in at.memo:
-            full = self.robot.slip.redistribution == "full"
+            full = self.footing.slip.redistribution == "full"
             values = self.exact(at) if full else self._map(at.wrenches, derivatives=False)[0][:, None]
             at.memo[self._map] = values
         return at.memo[self._map]
 
     def exact(self, at: Loaded) -> np.ndarray:
-        return known(self.robot.slip.above(at.wrenches, FAR_FROM_SLIPPING * self.number))[:, None]
+        return known(self.footing.slip.above(at.wrenches, FAR_FROM_SLIPPING * self.number))[:, None]
 
     def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
-        GT, slopes = self.robot.slip.evaluate(at.states).for_program()
+        GT, slopes = self.footing.slip.evaluate(at.states).for_program()
         return GT[:, None], slopes[:, None]
 
     def near(self, badness: np.ndarray, share: float) -> np.ndarray:
@@ -385,10 +390,10 @@ class SlipQuantity(ContactQuantity):
         self, check: BrakeCheck, closing: Closing, q: np.ndarray, qd: np.ndarray, share: float
     ) -> np.ndarray:
         wrenches = closing.wrenches(q, qd, self.brake_torques(check, q, qd)[:, 0])
-        rows, GT = self.robot.slip.half_spaces(share * self.number), np.full(len(q), min(FAR, share / 2))
+        rows, GT = self.footing.slip.half_spaces(share * self.number), np.full(len(q), min(FAR, share / 2))
         GT *= self.number
         todo = np.arange(len(q)) if rows is None else np.flatnonzero(np.max(wrenches @ rows.T, axis=1) > 0)
         if len(todo):
-            states = self.robot.contact_states(wrenches[todo])
-            GT[todo] = known(self.robot.slip.evaluate(states, derivatives=False).GT)
+            states = self.footing.contact_states(wrenches[todo])
+            GT[todo] = known(self.footing.slip.evaluate(states, derivatives=False).GT)
         return GT[:, None]

@@ -192,7 +192,7 @@ def worst_of_looked(cases: WorstCase, looked: Looked) -> tuple[WorstInstant | No
 
 def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
     """Minimum normal force of a foot if all gave alike, by slopes over the deviations."""
-    if (shares := equal_normal_map(cases.robot.support)) is None:
+    if (shares := equal_normal_map(cases.footing.support)) is None:
         return None
     wrenches, over = cases.deviations.wrench_and_slopes(at.s, np.zeros((len(at.s), cases.deviations.size)))
     forces = wrenches @ shares.T
@@ -344,7 +344,7 @@ def _worst_tip(cases: WorstCase, at: Looked) -> WorstInstant:
     theta, slopes = found.theta[k : k + 1], found.slopes[k : k + 1]
     missed = float(cases.deviations.missed(state, theta, slopes, room)[0])
     moment = float(found.values[k])
-    first, second = sorted(c + 1 for c in cases.robot.tip_over.axes[axes[k]].contacts)
+    first, second = sorted(c + 1 for c in cases.footing.tip_over.axes[axes[k]].contacts)
     left = f"{quantity(moment, 'N m', 3)} left about contacts {first} and {second}"
     left += _kept(cases, state, theta)
     value, bound = (float(cases.tip_ratio(np.array(m))) for m in (moment, moment - missed))
@@ -367,10 +367,10 @@ def _how(cases: WorstCase, found: WorstDeviations, k: int, words: str) -> str:
 
 def _kept(cases: WorstCase, s: np.ndarray, theta: np.ndarray) -> str:
     """Which contact keeps how much of its normal force; nothing where they share it in several ways."""
-    if cases.robot.slip.redistribution != "tangential":
+    if cases.footing.slip.redistribution != "tangential":
         return ""
-    states = cases.robot.contact_states(cases.deviations.wrench(s, theta)[0])
-    reserves = cases.robot.tip_over.evaluate(states).normal_reserves[0]
+    states = cases.footing.contact_states(cases.deviations.wrench(s, theta)[0])
+    reserves = cases.footing.tip_over.evaluate(states).normal_reserves[0]
     if not states.solved[0] or not np.isfinite(reserves).any():
         return ""
     k = int(np.nanargmin(reserves))

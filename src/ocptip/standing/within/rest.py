@@ -23,10 +23,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity
-from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Load, Support
-from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap, TipOver
+from ocptip.standing.footing import Footing
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import towards
 from ocptip.standing.within.tolerable import why_not
@@ -256,16 +255,14 @@ class RestCase:
         columns = ("mass", "less", "more", "center", "half")
         arrays = [np.array([getattr(w, column) for w in weights], dtype=float) for column in columns]
         self._masses, self._less, self._more, self._centers, self._half = arrays
-        contacts = tolerance.contacts(support.contacts) if tolerance.friction else support.contacts
-        self.support = support.varied(contacts)
-        self._tip_over = TipOver(self.support, moment)
-        self._map, self._slip = TipMap(self._tip_over), Slip(self.support)
+        self.footing = Footing(support.varied(tolerance.contacts(support.contacts)), moment)
+        self._map = TipMap(self.footing.tip_over)
 
     def tip(self) -> tuple[float, Off]:
         """GN at the worst, more than 1 where the base tips, and what is off there."""
         nominal = self._off(self._gravity)
         if not self._map.count:
-            ratio = 1.0 if self._tip_over.free_rotation else 0.0
+            ratio = 1.0 if self.footing.tip_over.free_rotation else 0.0
             return ratio, nominal
         offs = [nominal]
         for gravity in self._starts():
@@ -273,7 +270,7 @@ class RestCase:
             offs += [self._worst(slope, gravity) for slope in slopes]
         moments = self._map(self._wrenches(offs))[0].min(axis=1)
         k = int(np.argmin(moments))
-        return float(self._tip_over.ratio(moments[k])), offs[k]
+        return float(self.footing.tip_over.ratio(moments[k])), offs[k]
 
     def slip(self) -> tuple[float, Off]:
         """The greatest GT that is found, and what is off there."""
@@ -284,7 +281,8 @@ class RestCase:
             offs += [self._pushed(side, self._gravity) for side in sides]
         best, found = -np.inf, offs[0]
         for _ in range(ROUNDS + 1):
-            reserve = self._slip.evaluate(solve_resting(self.support, self._wrenches(offs), warm_start=False))
+            states = self.footing.contact_states(self._wrenches(offs), warm_start=False)
+            reserve = self.footing.slip.evaluate(states)
             GT = np.where(np.isnan(reserve.GT), np.inf, reserve.GT)
             k = int(np.argmax(GT))
             if GT[k] > best:

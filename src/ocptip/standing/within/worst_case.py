@@ -64,7 +64,7 @@ class WorstCase:
         tolerance: of it.
 
     Attributes:
-        robot: with the least friction.
+        footing: the base on contacts with the least friction.
         deviations: of it.
         reference: M0 of the tip-over reserve, N m; of the robot as described.
         axes: number of tipping axes.
@@ -77,9 +77,9 @@ class WorstCase:
         if not isinstance(robot, Robot):
             raise InputError("tolerance: parallel robots have only damping in [tolerance] (--tolerance none)")
         self.deviations: Deviations = deviations_of(robot, tolerance)
-        self.robot = _weakest(robot, tolerance)
+        self.footing = robot.weakest(tolerance)
         self.reference = robot.tip_over.reference_moment or 0.0
-        self._map = TipMap(self.robot.tip_over)
+        self._map = TipMap(self.footing.tip_over)
         self._slip_map: ConeMap | SlipMap | None = None
         self.axes = self._map.count
 
@@ -88,14 +88,14 @@ class WorstCase:
         other = copy(self)
         other.deviations = self.deviations.within(tolerance)
         if tolerance.friction != self.deviations.tolerance.friction:
-            other.robot = _weakest(self.deviations.robot, tolerance)
-            other._map = TipMap(other.robot.tip_over)
+            other.footing = self.deviations.robot.weakest(tolerance)
+            other._map = TipMap(other.footing.tip_over)
         return other
 
     def smooth(self, GT: float) -> tuple[WorstCase, float]:
         """The same with a slip reserve as programs want it, and a bound of that which keeps GT at most so."""
         other = copy(self)
-        other._slip_map, most = self.robot.slip.within(GT)
+        other._slip_map, most = self.footing.slip.within(GT)
         return other, most
 
     def moments(
@@ -179,7 +179,7 @@ class WorstCase:
 
         False, too, where there are none, or where only the round cones are wide enough.
         """
-        rows = self.robot.slip.half_spaces(GT)
+        rows = self.footing.slip.half_spaces(GT)
         if rows is None:
             return False
         states, a = np.repeat(s, len(rows), axis=0), np.tile(rows, (len(s), 1))
@@ -236,7 +236,7 @@ class WorstCase:
         The half spaces are those of a level just below the maximum: at a higher one the nearest may be that
         of tip-over.
         """
-        slip, found = self.robot.slip, np.zeros(len(s))
+        slip, found = self.footing.slip, np.zeros(len(s))
         wrenches, over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
         near, left = (
             WorstDeviations(found, np.zeros((len(s), over.shape[2])), np.zeros((len(s), 6))),
@@ -309,22 +309,13 @@ class WorstCase:
         if self._slip_map is not None:
             values, slopes, bends = self._slip_map(wrenches)
             return WorstDeviations(values, theta, slopes, bends)
-        reserve = self.robot.slip.evaluate(self.robot.contact_states(wrenches))
+        reserve = self.footing.slip.evaluate(self.footing.contact_states(wrenches))
         values, slopes = reserve.for_program()
         return WorstDeviations(values, theta, slopes)
 
     def tip_ratio(self, moments: np.ndarray) -> np.ndarray:
         """GN of least moments, N m, see `TipOver.ratio`."""
-        return self.robot.tip_over.ratio(moments)
-
-
-def _weakest(robot: Robot, tolerance: Uncertainty) -> Robot:
-    """The robot on contacts with the least friction."""
-    if not tolerance.friction:
-        return robot
-    support = robot.support.varied(tolerance.contacts(robot.support.contacts))
-    moment, redistribution = robot.tip_over.reference_moment, robot.slip.redistribution
-    return robot.varied(support=support, reference_moment=moment, redistribution=redistribution)
+        return self.footing.tip_over.ratio(moments)
 
 
 @lru_cache(maxsize=8)
