@@ -36,13 +36,14 @@ def measures(model: ArmModel, q: np.ndarray, length: float = 1.0) -> np.ndarray:
 def limited(limits: PlacementLimits) -> dict[str, float]:
     """Limited measures with the upper bounds of what `LogMeasures` evaluates."""
     bounds = {name: np.log(most) for name in MEASURES if (most := getattr(limits, name)) is not None}
-    if limits.index is not None:
+    if limits.index is not None and limits.index_min is not None:
         bounds[limits.index] = -np.log(limits.index_min)
     return bounds
 
 
 def index_of(model: ArmModel, q: np.ndarray, limits: PlacementLimits) -> np.ndarray:
     """The limited performance index (N,) at q (N, n), rad."""
+    assert limits.index is not None  # it is limited
     ellipsoid = OperationEllipsoid.sphere(limits.tool_radius)
     return index_values(model, q, ellipsoid=ellipsoid, names=[limits.index])[limits.index]
 
@@ -64,7 +65,6 @@ class LogMeasures:
         scaled = cs.vertcat(jacobian[:3, :] / limits.jacobian_length, jacobian[3:, :])
         flat = cs.vec(scaled)
         self._function = BatchFunction(cs.Function("J", [q], [flat, cs.jacobian(flat, q)]))
-        self._index = None
         if limits.index is not None:
             options = {}
             if limits.index in ("pi_oe", "inv_cdn_oe"):

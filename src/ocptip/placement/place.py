@@ -126,7 +126,7 @@ def _place(
     if found:
         best = [(p.patch, p.parameters, p.angles) for p in _distinct(found)[:_AROUND]]
         near = around(work.evaluator, best, _COPIES, _AFAR, rng)
-        solve_from(near.select(range(min(more, len(near)))))
+        solve_from(near.select(np.arange(min(more, len(near)))))
     if not found:
         nearest = work.nearest(chosen, tried)
         if not nearest.feasible:
@@ -283,6 +283,7 @@ class _Search:
                 best, least = placement, _violation(placement)
             if placement.feasible:
                 break
+        assert best is not None  # there is a start, and its violation is finite
         return best
 
     def _exact(self, patch: int, p: np.ndarray, q: np.ndarray) -> np.ndarray:

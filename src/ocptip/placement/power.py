@@ -25,6 +25,7 @@ class HoldingPower:
     """
 
     unit = "W"
+    cost = np.empty(0)  # it is no sum of torque amounts
 
     def __init__(self, motors: Motors, clamps: float = 0.0) -> None:
         self.motors, self.clamps = motors, clamps

@@ -122,7 +122,8 @@ class GripperTask:
             settle(self, **{key: finite_array(f"{self.name}: {key}", getattr(self, key), shape)})
         rotation_matrix(f"{self.name}: rotation", self.rotation, tolerance=_ROTATION_TOLERANCE)
         if abs(np.linalg.norm(self.tool_axis) - 1) > 1e-9:
-            raise InputError(f"{self.name}: tool_axis: must have length 1, got {self.tool_axis.tolist()}")
+            axis = np.asarray(self.tool_axis).tolist()
+            raise InputError(f"{self.name}: tool_axis: must have length 1, got {axis}")
         if self.orientation not in get_args(Orientation):
             raise InputError(
                 f"{self.name}: orientation: expected one of {', '.join(get_args(Orientation))}, got "
@@ -388,12 +389,13 @@ class PlacementProblem:
         several, none, result = len(self.tasks) > 1, np.zeros(3), []
         for t, task in enumerate(self.tasks):
             prefix = f"{task.name}: " if several else ""
-            loads = [(i, load) for i, load in enumerate(task.loads) if load.force.any() or load.moment.any()]
+            own = [(np.asarray(load.force), np.asarray(load.moment), load.name) for load in task.loads]
+            loads = [(i, *load) for i, load in enumerate(own) if load[0].any() or load[1].any()]
             counts = len(loads) < max(len(task.loads), 1)
             result.append(LoadCase(t, -1, none, none, counts, counts or self.unloaded, f"{prefix}unloaded"))
             result += [
-                LoadCase(t, i, load.force, load.moment, True, True, f"{prefix}{load.name}")
-                for i, load in loads
+                LoadCase(t, i, force, moment, True, True, f"{prefix}{name}")
+                for i, force, moment, name in loads
             ]
         return tuple(result)
 

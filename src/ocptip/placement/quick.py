@@ -53,7 +53,7 @@ def friction_shares(
         rounds: how often forces are weighted anew.
     """
     N, M = wrenches.shape[:2]
-    n, friction = contacts.shape[1], np.array([c.friction for c in support.contacts])
+    n, friction = contacts.shape[1], np.array([c.friction for c in support.contacts])  # pyright: ignore
     arms = contacts - support.center_of_mass
     moments = np.cross(arms[:, :, None], frames.transpose(0, 1, 3, 2)).transpose(0, 1, 3, 2)
     blocks = np.concatenate([frames, moments / support.length], axis=2)  # (N, n, 6, 3)

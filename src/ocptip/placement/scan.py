@@ -144,7 +144,7 @@ class _Scanner:
 
     def _states(
         self, t: int, numbers: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
+    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Angles (S, n), their placement (index into numbers), and margin, cause, criteria of a task."""
         evaluator = self.evaluator
         none = np.empty(0), np.empty(0, dtype=object), np.empty((0, 4))

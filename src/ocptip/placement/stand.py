@@ -103,8 +103,9 @@ class Stand:
         self.patch, self.feet, self._frame = patch, feet, ground_frame
         self.conforms, self.given = patch.conforming is not None, []
         self._support = feet.usual.support
-        if not self.conforms:
+        if patch.conforming is None:
             return
+        self._ground = patch.conforming
         position, rotation = ground_frame
         contacts = self._support.contacts
         self.n = len(contacts)
@@ -113,9 +114,8 @@ class Stand:
         k, n = self.patch.size, self.n
         p, U = cs.SX.sym("p", k), cs.SX.sym("U", 3 + n)
         near, field = cs.SX.sym("near", 2, n), cs.SX.sym("field", len(ORDERS), n)
-        feet = self._in_ground_axes(U[3:])
         ground, turn = self.patch.function(p, U[:3])
-        world = cs.repmat(ground, 1, n) + turn @ feet
+        world = cs.repmat(ground, 1, n) + turn @ self._in_ground_axes(U[3:])
         heights, slopes = _expanded(world[:2, :] - near, field)
         w = cs.vertcat(U, p)
         rows = cs.vertcat(world[2, :].T - heights, self._attitude(p, U))
@@ -134,9 +134,9 @@ class Stand:
 
     def _refuse(self, rotation: np.ndarray) -> None:
         """Raise InputError for feet that cannot conform."""
-        contacts, rigid = self._support.contacts, self.patch.conforming.stroke is None
+        contacts, rigid = self._support.contacts, self._ground.stroke is None
         ordinary = [isinstance(contact, UnilateralContact) for contact in contacts]
-        upright = [np.linalg.norm(c.normal - rotation[:, 2]) <= _PARALLEL for c in contacts]
+        upright = [bool(np.linalg.norm(c.normal - rotation[:, 2]) <= _PARALLEL) for c in contacts]
         reason = ""
         if not all(ordinary):
             number = ordinary.index(False)
@@ -163,9 +163,9 @@ class Stand:
 
     def _attitude(self, p: cs.SX, U: cs.SX) -> cs.SX:
         """Three rows that vanish where the base has its attitude and the legs their mean stroke."""
-        wanted = p[3] if self.patch.conforming.stroke is not None else 0.0
+        wanted = p[3] if self._ground.stroke is not None else 0.0
         mean = cs.sum1(U[3:]) / self.n - wanted
-        if self.patch.conforming.attitude == "level":
+        if self._ground.attitude == "level":
             return cs.vertcat(U[1:3], mean)
         across = self._places[:, :2] - self._places[:, :2].mean(axis=0)
         return cs.vertcat(cs.SX(across.T) @ U[3:], mean)
@@ -180,17 +180,18 @@ class Stand:
         frames = []
         for k, contact in enumerate(self._support.contacts):
             normal = cs.vertcat(-slopes[:, k], 1) / cs.sqrt(1 + cs.sumsqr(slopes[:, k]))
-            frames.append(cs.vec(_least_turn(contact.normal, base.T @ normal) @ cs.SX(contact.frame)))
+            tilt = _least_turn(np.asarray(contact.normal), base.T @ normal)
+            frames.append(cs.vec(tilt @ cs.SX(contact.frame)))
         return ground - base @ cs.SX(position), base, contacts, cs.horzcat(*frames), U[3:]
 
     def _solved(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """U (N, 3 + n), the ground's slopes (N, n, 2) under the feet, and how far feet are off it (N,), m."""
-        field, N, n = self.patch.conforming.field, len(parameters), self.n
+        field, N, n = self._ground.field, len(parameters), self.n
         U = np.zeros((N, 3 + n))
-        if self.patch.conforming.stroke is not None:
+        if self._ground.stroke is not None:
             U[:, 3:] = parameters[:, 3:]
         U[:, 0] = field.heights(parameters[:, :2]) + U[:, 3]
-        if self.patch.conforming.attitude == "ground":
+        if self._ground.attitude == "ground":
             places = self._at_feet(parameters, U)[0].transpose(0, 2, 1)
             heights = field.heights(places.reshape(-1, 2)).reshape(N, n)
             middle = places - places.mean(axis=1, keepdims=True)
@@ -237,7 +238,7 @@ class Stand:
         U, slopes, missed = self._solved(parameters)
         v = np.hstack([U, slopes.reshape(N, -1)])
         origin, base, contacts, frames = self._geometry(parameters, v)
-        strokes = U[:, 3:] if self.patch.conforming.stroke is not None else np.empty((N, 0))
+        strokes = U[:, 3:] if self._ground.stroke is not None else np.empty((N, 0))
         frames = frames.transpose(0, 2, 1).reshape(N, self.n, 3, 3).transpose(0, 1, 3, 2)
         return Stood(origin, base, contacts.transpose(0, 2, 1), frames, strokes, missed)
 
@@ -278,7 +279,7 @@ class Stand:
     def _expanded_at(self, p: np.ndarray) -> list[np.ndarray]:
         U = self._solved(p[None])[0][0]
         near = self._at_feet(p[None], U[None])[0][0]
-        field = self.patch.conforming.field.derivatives(near.T).T
+        field = self._ground.field.derivatives(near.T).T
         w, k, m = np.concatenate([U, p]), len(p), len(U)
         _, F1, F2, v, E1, E2 = self._derivatives(w, near, field)
         inverse = np.linalg.inv(F1[:, :m])

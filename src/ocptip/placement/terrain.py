@@ -120,7 +120,8 @@ class Patch:
 
     def poses(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origins (N, 3), m, and rotations (N, 3, 3) of the ground frame at parameters (N, k)."""
-        return tuple(self._batch(np.atleast_2d(parameters)))
+        origins, rotations = self._batch(np.atleast_2d(parameters))
+        return origins, rotations
 
     def constraint_values(self, parameters: np.ndarray) -> np.ndarray:
         """(N, m) values that must be >= 0."""
@@ -138,7 +139,7 @@ class Patch:
             result[..., i] = np.where(inside, turned, result[..., i])
         return result
 
-    def box(self, centre: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    def box(self, centre: Sequence[float] | np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Finite bounds (k,), (k,) for sampling: world coordinates within `reach` of `centre` (3,), m.
 
         Angles take part with one turn at most.
@@ -159,10 +160,7 @@ class Patch:
         rng = np.random.default_rng(0)
         low, high = (np.nan_to_num(b, posinf=1.0, neginf=-1.0) for b in (self.lower, self.upper))
         low, high = np.minimum(low, high), np.maximum(low, high)
-        try:
-            positions, rotations = self.poses(low + rng.random((_PROBES, self.size)) * (high - low))
-        except NotImplementedError as error:
-            raise InputError(f"terrain {self.name!r}: function: {error}") from None
+        positions, rotations = self.poses(low + rng.random((_PROBES, self.size)) * (high - low))
         finite = np.isfinite(positions).all() and np.isfinite(rotations).all()
         error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max() if finite else np.inf
         if not error <= _ROTATION_TOLERANCE or np.linalg.det(rotations).min() < 0:
@@ -256,11 +254,11 @@ def rough_ground(
     inside = np.array([bound[:2] for bound in area]) if contacts_inside else field.area
     inside = np.array([np.maximum(inside[0], field.area[0]), np.minimum(inside[1], field.area[1])])
     lower[:2], upper[:2] = np.maximum(lower[:2], field.area[0]), np.minimum(upper[:2], field.area[1])
-    parameters = ("x", "y", "angle")
+    parameters, ends = ("x", "y", "angle"), None
     if stroke is not None:
-        stroke = finite_array(f"terrain {name!r}: stroke", stroke, (2,))
+        ends = finite_array(f"terrain {name!r}: stroke", stroke, (2,))
         parameters += ("stroke",)
-        lower, upper = np.append(lower, stroke[0]), np.append(upper, stroke[1])
+        lower, upper = np.append(lower, ends[0]), np.append(upper, ends[1])
     p, u = cs.SX.sym("p", len(parameters)), cs.SX.sym("u", 3)
     pose = [cs.vertcat(p[0], p[1], u[0]), turned(u[1], u[2], p[2])]
     return Patch(
@@ -272,7 +270,7 @@ def rough_ground(
         angular=(False, False, True, False)[: len(parameters)],
         horizontal=(0, 1),
         contact_area=inside if np.isfinite(inside).any() else None,
-        conforming=Conforming(field, stroke, attitude),
+        conforming=Conforming(field, ends, attitude),
     )
 
 

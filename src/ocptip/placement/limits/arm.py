@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as cs
 import numpy as np
 
@@ -22,7 +24,7 @@ from ocptip.placement.limits.solids import WorldSolids, needs_solids
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.manipulability import MEASURES, LogMeasures, index_of, limited, measures
 from ocptip.placement.problem import GripperTask, PlacementProblem
-from ocptip.robots.geometry import Floor, Pillar, Wall, sphere_centres
+from ocptip.robots.geometry import CollisionModel, Floor, Obstacle, sphere_centres
 from ocptip.robots.kinematics import gripper_kinematics, gripper_pose
 
 POSE_TOLERANCE = 1e-6
@@ -164,7 +166,7 @@ class Clearance(Limit):
             self._spheres = BatchFunction(sphere_centres(self.arm))
             self._against = [(obstacle, *self._checked(obstacle)) for obstacle in problem.obstacles]
 
-    def _checked(self, obstacle: Wall | Pillar) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    def _checked(self, obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Numbers and radii of the arm's spheres that are checked against an obstacle, names of the gaps."""
         names = self.arm.floor_sets if isinstance(obstacle, Floor) else self.arm.obstacle_sets
         index, radii, labels, at = [], [], [], 0
@@ -194,12 +196,13 @@ class Clearance(Limit):
                 add(labels, obstacle.gaps(world[:, index], radii))
         return rows
 
-    def functions(self, at: Symbols) -> list[Twice]:
+    def functions(self, at: Symbols) -> list[Any]:
         """One of all gaps, for all tasks."""
         if self._solids:
             return self._solids.functions(at, self.kind)
         gaps, names = [], [f"{x.first} and {x.second}" for x in self._collision.labels]
         if names:
+            assert isinstance(self._collision, CollisionModel)  # all else is a matter of `WorldSolids`
             gaps.append(self._collision.function(at.q))
         if self._against:
             centres = sphere_centres(self.arm)(at.q)
@@ -239,13 +242,13 @@ class Manipulability(Limit):
         def add(name: str, values: np.ndarray, bound: float, sign: float) -> None:
             margins = sign * (np.log(values) - np.log(bound)) / LOG_UNIT
             unit = _INDEX_UNITS.get(name, "")
-            label, bound = (name.replace("_", " "),), np.array([bound])
-            rows.append(ConstraintRows(self.kind, label, values, bound, sign < 0, unit, margins))
+            label = (name.replace("_", " "),)
+            rows.append(ConstraintRows(self.kind, label, values, np.array([bound]), sign < 0, unit, margins))
 
         for k, name in enumerate(MEASURES):
             if (most := getattr(limits, name)) is not None:
                 add(name, measures(arm, found.q, limits.jacobian_length)[:, [k]], most, -1.0)
-        if limits.index is not None:
+        if limits.index is not None and limits.index_min is not None:
             values = np.maximum(index_of(arm, found.q, limits), _SMALLEST_INDEX)[:, None]
             add(limits.index, values, limits.index_min, 1.0)
         return rows
@@ -265,10 +268,12 @@ class Manipulability(Limit):
 
     def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray]:
         """Values (tasks, m) and gradients (tasks, m, n)."""
-        return at.once(self, lambda: self._logs.gradient(at.x[np.array(at.layout.q)]))
+        logs = self._logs
+        assert logs is not None  # else there are no rows
+        return at.once(self, lambda: logs.gradient(at.x[np.array(at.layout.q)]))
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
-        if not blocks:
+        if not blocks or self._logs is None:
             return
         on = np.array([multipliers[block.rows] for block in blocks]) / LOG_UNIT
         bends = self._logs.hessian(at.x[np.array([block.columns for block in blocks])], on)

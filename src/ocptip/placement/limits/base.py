@@ -64,7 +64,9 @@ class ContactArea(BaseLimit):
 
     def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
         area, rows = at.terrain.contact_area, []
-        for k in range(at.contacts.size2() if area is not None else 0):
+        if area is None:
+            return rows
+        for k in range(at.contacts.size2()):
             point = at.world(at.contacts[:, k])
             for axis, name in enumerate("xy"):
                 for limit, sign in zip(area[:, axis], (1.0, -1.0), strict=True):
@@ -126,10 +128,11 @@ class Strokes(BaseLimit):
     kind = "stroke"
 
     def margins(self, found: Standing) -> list[ConstraintRows]:
-        if not found.strokes.shape[1]:
+        conforming = found.terrain.conforming
+        if conforming is None or conforming.stroke is None:
             return []
         labels = [f"leg {k + 1}" for k in range(found.strokes.shape[1])]
-        ends = zip(found.terrain.conforming.stroke, (False, True), strict=True)
+        ends = zip(conforming.stroke, (False, True), strict=True)
         return [self.row(labels, found.strokes, limit, upper, "m", LENGTH_UNIT) for limit, upper in ends]
 
     def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:

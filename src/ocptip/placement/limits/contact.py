@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.placement.limits.forces import ContactForces
 from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point, corner_maps
 from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
@@ -181,18 +182,19 @@ class Slip(Limit):
         def evaluate() -> tuple[dict, dict]:
             held = at.layout.held
             GT, slope = self._evaluate(at.footing, at.wrenches[held])
-            return dict(zip(held, GT, strict=True)), dict(zip(held, slope, strict=True))
+            return {j: float(GT[k]) for k, j in enumerate(held)}, {j: slope[k] for k, j in enumerate(held)}
 
         return at.once(self, evaluate)
 
+    @staticmethod
     def _evaluate(
-        self, footing: Footing, wrenches: np.ndarray, derivatives: bool = True
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+        footing: Footing, wrenches: np.ndarray, derivatives: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
         """GT (N,) and its derivative (N, 6)."""
         if not len(wrenches):
             return np.empty(0), np.empty((0, 6))
         reserve = footing.slip.evaluate(footing.contact_states(wrenches), derivatives)
-        return reserve.for_program() if derivatives else (known(reserve.GT), None)
+        return reserve.for_program() if derivatives else (known(reserve.GT), np.empty((0, 6)))
 
 
 class HeldForces(Limit):
@@ -202,7 +204,7 @@ class HeldForces(Limit):
     on_loads = True
 
     def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
-        if layout.forces is None:
+        if layout.forces is None or layout.pieces is None:
             return []
         n, result = self.problem.robot.support.n_contacts, []
         lower, upper = np.r_[np.zeros(6), np.full(n, -np.inf)], np.zeros(6 + n)
@@ -220,17 +222,16 @@ class HeldForces(Limit):
             x[np.concatenate(at.layout.held_forces)] = forces.start(at.wrenches[held], at.footing)[0].ravel()
 
     def values(self, at: Point, block: Block) -> np.ndarray:
-        F, bound, _ = self._parts(at, block)
-        balance = at.layout.forces.balance(at.x[at.layout.p], F, at.wrenches[block.of])
+        forces, F, bound, _ = self._parts(at, block)
+        balance = forces.balance(at.x[at.layout.p], F, at.wrenches[block.of])
         return np.concatenate([balance, block.function.rows(F, bound)[0]])
 
     def jacobian(self, at: Point, block: Block) -> np.ndarray:
-        F, bound, inside = self._parts(at, block)
-        forces, y = at.layout.forces, slice(0, inside.start)
+        forces, F, bound, inside = self._parts(at, block)
         _, by_force, by_bound = block.function.rows(F, bound)
         result = np.zeros((len(block.labels), len(block.columns)))
         by_place, held = forces.slopes(at.x[at.layout.p], F)
-        result[:6, y] = forces.per_wrench @ at.wrench_slope(block.of)
+        result[:6, : inside.start] = forces.per_wrench @ at.wrench_slope(block.of)
         result[:6, : at.layout.k] += by_place
         result[:6, inside], result[6:, inside] = held, by_force
         if block.slack is not None:
@@ -239,10 +240,10 @@ class HeldForces(Limit):
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
         for block in blocks:
-            on, (F, bound, inside) = multipliers[block.rows], self._parts(at, block)
-            sums.add_on_wrench(block.of, on[:6] @ at.layout.forces.per_wrench)
+            on, (forces, F, bound, inside) = multipliers[block.rows], self._parts(at, block)
+            sums.add_on_wrench(block.of, on[:6] @ forces.per_wrench)
             p = at.layout.p
-            if (moved := at.layout.forces.hessian(at.x[p], F, on[:6])) is not None:
+            if (moved := forces.hessian(at.x[p], F, on[:6])) is not None:
                 sums.add(np.r_[p, block.columns[inside]], moved)
             own, mixed, twice = block.function.hessian(F, bound, on[6:])
             sums.add(block.columns[inside], own)
@@ -250,12 +251,13 @@ class HeldForces(Limit):
                 sums.add_mixed(block.slack, block.columns[inside], mixed)
                 sums.matrix[block.slack, block.slack] += twice
 
-    def _parts(self, at: Point, block: Block) -> tuple[np.ndarray, float, slice]:
-        """Contact forces (3 n,), the largest usage of friction allowed, and the forces' place in columns."""
-        first = at.layout.k + at.layout.n
-        inside = slice(first, first + at.layout.forces.size)
-        limit = self.problem.limits.GT or 1.0
-        return at.x[block.columns[inside]], limit if block.slack is None else at.x[block.slack], inside
+    def _parts(self, at: Point, block: Block) -> tuple[ContactForces, np.ndarray, float, slice]:
+        """Contact forces, their values (3 n,), the maximum use of friction, and their place in columns."""
+        forces, first = at.layout.forces, at.layout.k + at.layout.n
+        assert forces is not None  # else there is no such block
+        inside = slice(first, first + forces.size)
+        bound = (self.problem.limits.GT or 1.0) if block.slack is None else float(at.x[block.slack])
+        return forces, at.x[block.columns[inside]], bound, inside
 
 
 class TipOverReserve(Limit):

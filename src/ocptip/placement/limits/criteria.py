@@ -65,6 +65,7 @@ class ForceSpace(Limit):
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
         for block in blocks:
+            assert block.slack is not None  # it is that of the force space
             own, t = at.layout.unloaded(block.of), at.x[block.slack]
             for sign, on in zip(_SIGNS, multipliers[block.rows].reshape(2, -1), strict=True):
                 on = sign * on / self.most

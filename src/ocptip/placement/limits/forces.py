@@ -92,7 +92,7 @@ class Piece:
             np.array_equal(getattr(self, name), getattr(other, name)) for name in names
         )
 
-    __hash__ = None
+    __hash__ = None  # pyright: ignore[reportAssignmentType] # arrays have none
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Of the forces (3 n,); tangential ones of contacts without friction are zero, no cone is asked."""

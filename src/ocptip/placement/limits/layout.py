@@ -8,11 +8,12 @@ amounts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.placement.limits.forces import ContactForces, Piece
 from ocptip.placement.limits.twice import Twice
@@ -89,7 +90,7 @@ class Layout:
         loaded = any(self.cases[i].load >= 0 for i in self.counting) and len(problem.limited_joints) > 0
         self.slack: dict[str, int] = {}
         for name, wanted, low, high in (
-            ("moment", self.weights[0] > 0 and least is not None, least, np.inf),
+            ("moment", self.weights[0] > 0 and least is not None, least or 0.0, np.inf),
             ("slip", self.weights[1] > 0, 0.0, problem.limits.GT or 1.0),
             ("force", self.weights[2] > 0 and loaded, 0.0, np.inf),
         ):
@@ -103,7 +104,7 @@ class Layout:
         self.grip = self.size
         self.held_forces = [self._add(*piece.bounds()) for piece in pieces or ()]
 
-    def _add(self, lower: Sequence[float], upper: Sequence[float]) -> np.ndarray:
+    def _add(self, lower: ArrayLike, upper: ArrayLike) -> np.ndarray:
         """Places of further variables with these bounds."""
         self.x_bounds = np.append(self.x_bounds[0], lower), np.append(self.x_bounds[1], upper)
         first, self.size = self.size, len(self.x_bounds[0])

@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import EllipsisType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as cs
 import numpy as np
 
-from ocptip.placement.limits.forces import Piece
 from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point
-from ocptip.placement.limits.twice import Local, Twice
+from ocptip.placement.limits.twice import Local
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.terrain import Patch
 
@@ -44,8 +43,8 @@ class Block:
         lower, upper: bounds, one for all rows or one each.
         slack: the variable of the objective that bounds these rows, then the last of the columns; None: a
             number bounds them.
-        function: of x[columns], for limits that are smooth functions of poses; or the piece of the force sets
-            that contact forces keep to.
+        function: of x[columns], a `Twice`, for limits that are smooth functions of poses; of others what the
+            limit needs for its rows.
         chosen: which of its values take part; default all.
         rows: place among the rows of the program, which fills it in.
     """
@@ -56,7 +55,7 @@ class Block:
     lower: float | np.ndarray
     upper: float | np.ndarray
     slack: int | None = None
-    function: Twice | Piece | None = None
+    function: Any = None
     chosen: np.ndarray | EllipsisType = ...
     rows: slice = field(init=False)
 
@@ -95,7 +94,7 @@ class Symbols:
     moving: bool
     local: Local
 
-    def world(self, point: Sequence[float] | cs.SX) -> cs.SX:
+    def world(self, point: np.ndarray | cs.SX) -> cs.SX:
         """(3,), m, of a point in base axes."""
         return self.origin + self.base @ cs.SX(point)
 
@@ -147,11 +146,11 @@ class Limit:
         """How far it is kept at N candidates; none: it is a matter of the program alone."""
         return []
 
-    def functions(self, at: Symbols) -> list[Twice]:
-        """Rows that are smooth functions of y, per task, or one for all tasks."""
+    def functions(self, at: Symbols) -> list[Any]:
+        """Rows that are smooth functions of y, such as `Twice`, per task, or one for all tasks."""
         return []
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Layout, functions: list[Any]) -> list[Block]:
         """Rows with their bounds; none: variables' bounds keep it, or only the judge looks at it."""
         return []
 

@@ -59,6 +59,7 @@ class LeastMoments:
     @property
     def numbers(self) -> tuple[np.ndarray, ...]:
         """Arguments of the function of `PlacedMoments` behind the variables."""
+        assert self.forces is not None  # contacts move only on ground that they conform to
         affine = np.isnan(self.forces[:, 0]).astype(float)
         corners = np.concatenate(list(self.corners), axis=1)
         return self.multipliers.T, np.nan_to_num(self.forces).T, self.moments, affine, corners

@@ -33,6 +33,7 @@ class Objective:
     def _power(self, at: Point) -> dict[int, list[np.ndarray]]:
         """Per counting case power, its gradient (n,) and the diagonal of its Hessian (n,) by the torques."""
         power, n = self._function, self._layout.n
+        assert power is not None  # else no case is powered
         return at.once(
             self, lambda: {i: [part[0] for part in power(at.loads[i][None, :n])] for i in self._powered}
         )
@@ -45,7 +46,7 @@ class Objective:
         for column, weight in self._linear:
             value += weight * x[column]
         if len(self._amounts):
-            value += self._cost @ x[self._amounts]
+            value += float(self._cost @ x[self._amounts])
         for i in self._powered:
             value += self._share * float(self._power(at)[i][0][0])
         return value

@@ -156,7 +156,7 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
             own = best.select(np.flatnonzero(best.patches == patch))
             look_at(patch, _beside(evaluator, own, rng, max(share // _BESIDE, 32), away))
     if not reached():
-        kept += [best_branches(evaluator, *those, rng) for those in blocked]
+        kept += [best_branches(evaluator, patch, p, ground, rng) for patch, p, ground in blocked]
     found = _best_of(kept)
     found = ranked(evaluator, found) if len(found) else _nearest_misses(evaluator, rng, count, sampled)
     return replace(found, sampled=sampled, reached=reached(), clear=clear)
@@ -177,7 +177,7 @@ def best_branches(
     alive, found = np.arange(len(parameters)), []
     for t in tasks if len(alive) else ():
         q = solutions(evaluator, t, patch, parameters[alive], rng)
-        reached = np.isfinite(q).all(axis=2).any(axis=1)
+        reached = np.any(np.isfinite(q).all(axis=2), axis=1)
         alive = alive[reached]
         found = [own[reached] for own in [*found, q]]
         if not len(alive):
