@@ -11,25 +11,25 @@ Readers (:class:`ocptip.basics.toml.Table`), the reference page and the JSON Sch
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import (
-    InputError,
-    finite_array,
-    number_from,
-    refuse_huge,
-    rotation_matrix,
-    whole_number,
-)
+from ocptip.basics.errors import InputError, finite_array, whole_number
 from ocptip.basics.frozen import settle
 from ocptip.basics.text import did_you_mean
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
+from ocptip.basics.values import (
+    ROTATIONS,
+    direction_of,
+    flag_of,
+    folders_of,
+    number_of,
+    numbers_of,
+    text_of,
+    vector_of,
+)
 
 REQUIRED: Any = object()
 """Default of keys that have to be there."""
@@ -202,7 +202,7 @@ def vector(
         meaning=meaning,
         words=f"list of {f'{size} ' if size else ''}numbers",
         schema=_list(_NUMBER, size),
-        convert=lambda value, n: scale * _vector(value, size or n, bound),
+        convert=lambda value, n: scale * vector_of(value, size or n, bound),
         unit=unit,
         default=default,
         otherwise=otherwise,
@@ -217,7 +217,7 @@ def per_joint(
     scale = _SCALES.get(unit, 1.0)
 
     def convert(value: Any, n: int | None) -> np.ndarray:
-        return scale * _vector(value if isinstance(value, list) else [value] * (n or 1), n, bound)
+        return scale * vector_of(value if isinstance(value, list) else [value] * (n or 1), n, bound)
 
     return Key(
         meaning=meaning,
@@ -264,7 +264,7 @@ def numbers(
         meaning=meaning,
         words=words or "number, or lists of numbers",
         schema={"type": ["number", "array"]},
-        convert=lambda value, _: _numbers(value),
+        convert=lambda value, _: numbers_of(value),
         unit=unit,
         default=default,
         otherwise=otherwise,
@@ -279,7 +279,7 @@ def array(
         meaning=meaning,
         words=f"list of lists of {shape[-1] or ''} numbers".replace("  ", " "),
         schema=_list(_list(_NUMBER, shape[-1])),
-        convert=lambda value, n: finite_array("value", _numbers(value), (n or shape[0], *shape[1:])),
+        convert=lambda value, n: finite_array("value", numbers_of(value), (n or shape[0], *shape[1:])),
         unit=unit,
         default=default,
         otherwise=otherwise,
@@ -293,7 +293,7 @@ def direction(meaning: str, *, default: Any = REQUIRED, otherwise: str = "") -> 
         meaning=meaning,
         words="list of 3 numbers",
         schema=_list(_NUMBER, 3),
-        convert=lambda value, _: _direction(value),
+        convert=lambda value, _: direction_of(value),
         default=default,
         otherwise=otherwise,
         standin=lambda _: np.full(3, np.nan),
@@ -340,7 +340,7 @@ def text(meaning: str, *, default: Any = REQUIRED, otherwise: str = "") -> Key:
         meaning=meaning,
         words="text",
         schema={"type": "string", "pattern": r"\S"},
-        convert=lambda value, _: _text(value),
+        convert=lambda value, _: text_of(value),
         default=default,
         otherwise=otherwise,
         standin=lambda _: "",
@@ -349,15 +349,8 @@ def text(meaning: str, *, default: Any = REQUIRED, otherwise: str = "") -> Key:
 
 def file(meaning: str, *, default: Any = REQUIRED, otherwise: str = "") -> Key:
     """The name of a file, relative to the folder of the one that names it."""
-    return Key(
-        meaning=meaning,
-        words="file",
-        schema={"type": "string", "pattern": r"\S"},
-        convert=lambda value, _: _text(value),
-        default=default,
-        otherwise=otherwise,
-        names_file=True,
-    )
+    key = text(meaning, default=default, otherwise=otherwise)
+    return replace(key, words="file", standin=lambda _: None, names_file=True)
 
 
 def folders(meaning: str) -> Key:
@@ -367,7 +360,7 @@ def folders(meaning: str) -> Key:
         meaning=meaning,
         words="folder, or list of folders",
         schema={"anyOf": [schema, _list(schema)]},
-        convert=_folders,
+        convert=folders_of,
         default=[],
         names_folders=True,
     )
@@ -379,7 +372,7 @@ def flag(meaning: str, *, default: Any = REQUIRED) -> Key:
         meaning=meaning,
         words="true or false",
         schema={"type": "boolean"},
-        convert=lambda value, _: _flag(value),
+        convert=lambda value, _: flag_of(value),
         default=default,
         standin=lambda _: False,
     )
@@ -438,21 +431,6 @@ def rotation(meaning: str, prefix: str = "", *, default: str = "none") -> dict[s
     }
 
 
-def number_of(value: Any, bound: str = "") -> float:
-    """A number as TOML has it, finite and not huge (true and "1" are none), or an InputError without path."""
-    if isinstance(value, list):
-        raise InputError(f"expected a single number, got {value!r}", "")
-    if isinstance(value, bool):
-        raise InputError(f"expected a number, got {str(value).lower()}", "")
-    if isinstance(value, int) and abs(value) > 10**300:
-        raise InputError("number too large", "")
-    number = number_from("value", value)
-    refuse_huge("value", number)
-    if (bound == "> 0" and number <= 0) or (bound == ">= 0" and number < 0):
-        raise InputError(f"must be {bound}, got {value!r}", "")
-    return number
-
-
 def either(keys: Iterable[str]) -> str:
     """Names of alternatives: "a, b or c"."""
     *others, last = keys
@@ -467,70 +445,3 @@ def _bounded(bound: str) -> dict[str, Any]:
 def _list(items: Mapping[str, Any], size: int | None = None) -> dict[str, Any]:
     sizes = {} if size is None else {"minItems": size, "maxItems": size}
     return {"type": "array", "items": items, **sizes}
-
-
-def _numbers(value: Any) -> Any:
-    """The value, if it is a number or lists of numbers, those side by side of one length."""
-    if not isinstance(value, list):
-        number_of(value)
-    elif len({np.shape(_numbers(item)) for item in value}) > 1:
-        raise InputError(f"expected lists of the same length, got {value!r}", "")
-    return value
-
-
-def _vector(value: Any, size: int | None, bound: str = "") -> np.ndarray:
-    if not isinstance(value, list):
-        raise InputError(f"expected a list of {f'{size} ' if size else ''}numbers, got {value!r}", "")
-    if size is not None and len(value) != size:
-        raise InputError(f"expected {size} numbers, got {len(value)}", "")
-    return np.array([number_of(item, bound) for item in value])
-
-
-def _direction(value: Any) -> np.ndarray:
-    vector = _vector(value, 3)
-    if not (length := np.linalg.norm(vector)) > 0:
-        raise InputError("must not be zero", "")
-    return vector / length
-
-
-def _quaternion(value: Any) -> np.ndarray:
-    quaternion = _vector(value, 4)
-    if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:  # people round
-        raise InputError(f"must have length 1 (x, y, z, w), got {value!r}", "")
-    return _rotations().from_quat(quaternion).as_matrix()
-
-
-def _rotations() -> type[Rotation]:
-    from scipy.spatial.transform import Rotation  # loads for 0.3 s, and most files hold none
-
-    return Rotation
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(f"expected a text, got {value!r}", "")
-    return value
-
-
-def _flag(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise InputError(f"expected true or false, got {value!r}", "")
-    return value
-
-
-def _folders(value: Any, _: int | None) -> list[str]:
-    names = value if isinstance(value, list) else [value]
-    if not all(isinstance(item, str) for item in names):
-        raise InputError(f"expected folders, got {value!r}", "")
-    return names
-
-
-ROTATIONS: dict[str, Callable[[Any, int | None], np.ndarray]] = {
-    "rpy_deg": lambda value, _: _rotations().from_euler("xyz", _vector(value, 3), degrees=True).as_matrix(),
-    "quaternion": lambda value, _: _quaternion(value),
-    "rotation_vector_deg": lambda value, _: (
-        _rotations().from_rotvec(np.radians(_vector(value, 3))).as_matrix()
-    ),
-    "rotation": lambda value, _: rotation_matrix("value", _numbers(value), tolerance=1e-8),
-}
-"""Forms of an orientation in files, by key. Roll, pitch, yaw turn about fixed axes."""

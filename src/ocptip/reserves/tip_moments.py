@@ -28,6 +28,7 @@ import numpy as np
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceLimits, ForceSets
 from ocptip.reserves.minimax import ConeBatch
+from ocptip.reserves.tipping_axes import TippingAxis
 
 LARGEST_FORCE = 1e3
 """Bound of normal forces and added moments in a program, relative to the wrench (moments: times length)."""
@@ -35,26 +36,6 @@ LARGEST_FORCE = 1e3
 _TOLERANCE = 1e-10
 _PARALLEL = 1e-9
 _ROOM = 1e-12  # relative: intervals of the force along the axis that miss each other by less meet
-
-
-@dataclass(frozen=True, eq=False)
-class TippingAxis:
-    """A line about which the base can start to tip.
-
-    Attributes:
-        contacts: the two contacts (i, j) on the line, the outermost if there are more; in the plane, where
-            the axis is a point, the contact twice.
-        point: (3,) contact i in base axes, m; (2,) in the plane.
-        direction: (3,) unit vector of the angular velocity in base axes, from i to j; (1,) the sign of the
-            rotation (from x to y) in the plane.
-        lift: (n,) normal speed of each contact per angular velocity, m: zero on the axis, positive where
-            the contact separates, negative where a two-sided clamp yields downwards.
-    """
-
-    contacts: tuple[int, int]
-    point: np.ndarray
-    direction: np.ndarray
-    lift: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import clarabel
 import numpy as np
@@ -22,10 +21,8 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
 from ocptip.reserves.force_sets import ForceSets
-from ocptip.reserves.tip_moments import AddableMoments, TippingAxis
-
-GEOMETRY_TOLERANCE = 1e-9
-"""Lengths below this, relative to the extent of the contacts, are zero."""
+from ocptip.reserves.tip_moments import AddableMoments
+from ocptip.reserves.tipping_axes import GEOMETRY_TOLERANCE, find_axes
 
 _ROUNDING = 1e-11
 REFERENCE_SHARE = 0.1
@@ -62,7 +59,7 @@ class TipOver:
     def __init__(self, support: Support, reference_moment: float | None = None) -> None:
         self.support = support
         self._sets = ForceSets(support)
-        self.free_rotation, self.axes = _find_axes(support, self._sets)
+        self.free_rotation, self.axes = find_axes(support, self._sets)
         n, needed = support.n_contacts, bool(self.axes) and not self.free_rotation
         self.lifts = np.array([axis.lift for axis in self.axes]).reshape(-1, n)
         if reference_moment is not None:
@@ -375,78 +372,3 @@ def _product(reserves: np.ndarray, lifts: np.ndarray, axis: int = -1) -> np.ndar
     axis = axis % reserves.ndim
     kept = np.compress(used, reserves, axis=axis)
     return np.moveaxis(np.tensordot(kept, lifts[:, used], axes=(axis, 1)), -1, 1)
-
-
-def _find_axes(support: Support, sets: ForceSets) -> tuple[bool, tuple[TippingAxis, ...]]:
-    """Whether the base can rotate freely, and the potential tipping axes."""
-    positions, normals = support.arms + support.center_of_mass, support.frames[:, :, 0]
-    centred = positions - positions.mean(axis=0)
-    stretches = np.linalg.svd(centred, compute_uv=False)
-    extent = stretches[0]
-    if extent <= GEOMETRY_TOLERANCE * support.length:
-        return True, ()
-    tolerance = GEOMETRY_TOLERANCE * extent
-    if support.dimension == 2:
-        return False, _planar_axes(positions, normals, sets, tolerance)
-    if len(stretches) < 2 or stretches[1] <= tolerance:
-        return True, _free_axes(positions, centred)
-    return False, _spatial_axes(positions, normals, sets, tolerance)
-
-
-def _can_tip(lift: np.ndarray, sets: ForceSets, tolerance: float) -> bool:
-    """Whether contacts with these normal speeds all may move so, and one of them does."""
-    up, down = lift > tolerance, lift < -tolerance
-    blocked = (up & np.isinf(sets.lower)) | (down & np.isinf(sets.upper))
-    return not np.any(blocked) and bool(np.any(up | down))
-
-
-def _spatial_axes(
-    positions: np.ndarray, normals: np.ndarray, sets: ForceSets, tolerance: float
-) -> tuple[TippingAxis, ...]:
-    found = {}
-    for i, j in combinations(range(len(positions)), 2):
-        span = positions[j] - positions[i]
-        if np.linalg.norm(span) <= tolerance:
-            continue
-        e = span / np.linalg.norm(span)
-        arms = positions - positions[i]
-        along = arms @ e
-        on_line = np.linalg.norm(arms - np.outer(along, e), axis=1) <= tolerance
-        lift = np.einsum("kd,kd->k", normals, np.cross(e, arms))
-        lift[on_line | (np.abs(lift) <= tolerance)] = 0.0
-        along = np.where(on_line, along, np.nan)
-        first = int(np.flatnonzero(along <= np.nanmin(along) + tolerance)[0])
-        last = int(np.flatnonzero(along >= np.nanmax(along) - tolerance)[0])
-        for contacts, sign in (((first, last), 1.0), ((last, first), -1.0)):
-            if contacts not in found and _can_tip(sign * lift, sets, tolerance):
-                found[contacts] = TippingAxis(contacts, positions[contacts[0]], sign * e, sign * lift)
-    return tuple(found.values())
-
-
-def _planar_axes(
-    positions: np.ndarray, normals: np.ndarray, sets: ForceSets, tolerance: float
-) -> tuple[TippingAxis, ...]:
-    found = []
-    for i, point in enumerate(positions):
-        arms = positions - point
-        if np.any(np.linalg.norm(arms[:i], axis=1) <= tolerance):
-            continue
-        lift = normals[:, 1] * arms[:, 0] - normals[:, 0] * arms[:, 1]
-        lift[np.abs(lift) <= tolerance] = 0.0
-        found += [
-            TippingAxis((i, i), point, np.array([sign]), sign * lift)
-            for sign in (1.0, -1.0)
-            if _can_tip(sign * lift, sets, tolerance)
-        ]
-    return tuple(found)
-
-
-def _free_axes(positions: np.ndarray, centred: np.ndarray) -> tuple[TippingAxis, ...]:
-    """Both directions of the line through all contacts."""
-    e = np.linalg.svd(centred)[2][0]
-    first, last = int(np.argmin(centred @ e)), int(np.argmax(centred @ e))
-    none = np.zeros(len(positions))
-    return (
-        TippingAxis((first, last), positions[first], e, none),
-        TippingAxis((last, first), positions[last], -e, none),
-    )

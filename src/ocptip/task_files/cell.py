@@ -17,8 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics import schema
 from ocptip.basics.errors import InputError
-from ocptip.basics.schema import ROTATIONS, Keys
+from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
+from ocptip.basics.values import ROTATIONS
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.placement.problem import PlacementLimits, PlacementProblem
 from ocptip.placement.result import Placement

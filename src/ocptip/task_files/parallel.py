@@ -17,9 +17,10 @@ import numpy as np
 
 from ocptip.basics import schema
 from ocptip.basics.errors import InputError
-from ocptip.basics.schema import REQUIRED, Key, Keys, number_of
+from ocptip.basics.schema import REQUIRED, Key, Keys
 from ocptip.basics.text import of_known
 from ocptip.basics.toml import Source, Table
+from ocptip.basics.values import number_of
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of, value_of
