@@ -90,6 +90,6 @@ def lost(
     robot: Robot, motion: Trajectory, tolerance: Uncertainty, rng: np.random.Generator, count: int
 ) -> int:
     """How many of so many random instants lose a contact, by the exact contact solver with least friction."""
-    weakest = worst_case_of(robot, tolerance).robot
+    weakest = worst_case_of(robot, tolerance).footing
     states = weakest.contact_states(sampled_wrenches(robot, motion, tolerance, rng, count))
     return int(np.sum(~(states.solved & states.persistent)))

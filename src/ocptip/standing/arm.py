@@ -147,7 +147,7 @@ class Robot(StandingMechanism):
             package_dirs=package_dirs,
         )
         if base_mass is None or base_com is None:
-            mass, centre = resting_base(source, arm)
+            mass, centre, _ = resting_base(source, arm)
             if not mass:
                 name = "base_mass" if base_mass is None else "base_com"
                 raise InputError(f"{name}: missing; the links of the arm's file that rest have no mass")

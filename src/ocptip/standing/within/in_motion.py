@@ -209,7 +209,7 @@ def _least_foot_force(cases: WorstCase, motion: Trajectory, acting: Robot, looke
     Every axis of three contacts on a plane passes through two of them. So the moment about it is the force on
     the third times its distance, and the worst deviations of that moment are those of the force.
     """
-    tip_over = cases.robot.tip_over
+    tip_over = cases.footing.tip_over
     lifted = tip_over.lifts != 0
     if (
         tip_over.affine_moments is None
