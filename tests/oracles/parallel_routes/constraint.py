@@ -16,7 +16,6 @@ import scipy.linalg
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.batch import PointFunction
-from ocptip.parallel.description.robot_description import SerialLeg
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import DynamicTerms
 from ocptip.parallel.kinematics.chain import Topology, about_origin, frames
@@ -144,7 +143,7 @@ def _closure_function(
     for a, b in leg.loop_rows:
         h.append(origins[a] - origins[b])
     closure = cs.vertcat(*h)
-    if not complete and isinstance(leg.leg, SerialLeg):
+    if not complete and leg.leg.serial:
         closure = closure[list(kinematics.description.position_rows)]
     A, B = cs.jacobian(closure, z), cs.jacobian(closure, q)
     rate = A @ zd + B @ qd

@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import moved_inertia, row_frame
-from ocptip.parallel.description.robot_description import REVOLUTE, SerialLeg
+from ocptip.parallel.description.robot_description import REVOLUTE
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
@@ -46,7 +46,7 @@ def tree_forces(
         InputError: the robot is not of this kind.
     """
     description, legs = kinematics.description, kinematics.legs
-    if not isinstance(legs[0].leg, SerialLeg):
+    if not legs[0].leg.serial:
         raise InputError("tree: leg 1 branches or has loops")
     if len(description.actuated) != description.m:
         raise InputError("tree: needs as many motors as coordinates")

@@ -11,13 +11,17 @@ from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.description.entries import Parameter, elementary_rotation
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, MDHRow, SerialLeg
-from ocptip.parallel.kinematics.chain import leg_dynamics, leg_kinematics, serial_topology
+from ocptip.parallel.kinematics.chain import Topology, leg_dynamics, leg_kinematics
 from ocptip.parallel.kinematics.closed_form import SIGNS, closed_form, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
 from tests.oracles.parallel_routes.constraint import lagrange_leg
 from tests.oracles.parallel_routes.tree import leg_newton_euler
 from tests.parallel.parallel_cases import KIND_NAMES, chain_end, random_body, random_state
 from tests.parallel.parallel_twin import Twin, random_robot, rod_delta
+
+
+def serial_topology(rows: tuple[MDHRow, ...], bodies: int) -> Topology:
+    return Topology(rows, tuple(range(-1, len(rows) - 1)), (len(rows) - 1,), bodies)
 
 
 def general_rows(rng: np.random.Generator) -> tuple[MDHRow, ...]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.robot_description import REVOLUTE, MDHRow, SerialLeg
+from ocptip.parallel.description.robot_description import REVOLUTE, MDHRow
 from ocptip.parallel.kinematics.leg_solver import LegSolver
 
 _SAME = 1e-9
@@ -163,7 +163,7 @@ def held_leg(leg: LegSolver, locked: dict[int, float]) -> LegSurface:
 
 def _assembled(leg: LegSolver, locked: dict[int, float]) -> tuple[tuple[MDHRow, ...], np.ndarray]:
     """Joint rows, and joint positions with those of the motors."""
-    if not isinstance(leg.leg, SerialLeg) or leg.locked:
+    if not leg.leg.serial or leg.locked:
         raise InputError(f"leg {leg.number + 1}: assembly modes need serial legs without redundant joints")
     q = np.array(leg.home)
     for joint, value in locked.items():

@@ -14,7 +14,6 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import Record
 from ocptip.parallel.analysis.singularity import singular_everywhere
-from ocptip.parallel.description.robot_description import SerialLeg
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.leg_solver import LegSolver
 from ocptip.parallel.kinematics.platform import Kinematics
@@ -156,7 +155,7 @@ def _driven_idlers(kinematics: Kinematics) -> list[str]:
 def _at_home(solver: LegSolver) -> str:
     """Another possible cause: angles of coupling joints that nobody gave."""
     leg = solver.leg
-    given = not isinstance(leg, SerialLeg) or leg.end_rotation is not None or len(leg.guess) == solver.n
+    given = not leg.serial or leg.couplings[0][1] is not None or len(leg.guess) == solver.n
     if given or not 1 <= solver.n - solver.point <= 2:
         return ""
     return (

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from ocptip.basics.errors import InputError, OcptipError, SolverError
-from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription, SerialLeg
+from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
 SINGULAR = 1e-3
@@ -333,7 +333,7 @@ def _leg_measure(kinematics: Kinematics, i: int, q: np.ndarray, length: float, c
     if complete:
         J = leg.jacobian(q)[0].copy()
         columns = leg.free
-        if isinstance(leg.leg, SerialLeg):
+        if leg.leg.serial:
             J[3:] *= length
     else:
         J = leg.point_jacobian(q, kinematics.description.position_rows)

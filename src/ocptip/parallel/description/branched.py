@@ -95,6 +95,18 @@ class BranchedLeg(LegBase):
         self._check_base(self.n_joints, (self.n_joints,))
 
     @property
+    def tree(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return self.parents, (*(end.row for end in self.ends), *(row for pair in self.loops for row in pair))
+
+    @property
+    def couplings(self) -> list[tuple[np.ndarray, np.ndarray | None]]:
+        return [(end.coupling_point, end.end_rotation) for end in self.ends]
+
+    @property
+    def point_joints(self) -> int:
+        return self.n_joints
+
+    @property
     def entries(self) -> tuple[Entry, ...]:
         """All entries of the leg's geometry."""
         table = [entry for row in self.rows for entry in row.entries]

@@ -9,6 +9,7 @@ Legs, joints and bodies are counted from 0 in the code, and from 1 in messages a
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -75,15 +76,41 @@ class MDHRow:
         return (self.gamma, self.b, self.alpha, self.d, self.theta, self.r)
 
 
-class LegBase:
-    """What all legs have: joints, and a base frame. A leg gives `rows`, `base_rotation`, `base_position`."""
+class LegBase(ABC):
+    """What all legs have: joints, a base frame, and ends at the platform.
 
-    n: int
+    Attributes:
+        serial: one chain, whose first joints alone place its coupling point.
+        branch: signs that choose among closed-form solutions.
+    """
+
+    serial = False
+    branch: tuple[int, ...] = ()
     rows: tuple[MDHRow, ...]
+    bodies: tuple[BodyInertia, ...]
+    loops: tuple[tuple[int, int], ...] = ()
+    drive_inertia: tuple[float, ...]
+    viscous: tuple[float, ...]
+    coulomb: tuple[float, ...]
     base_rotation: tuple[tuple[str, Entry], ...]
     base_position: tuple[Entry, ...]
     guess: tuple[float, ...]
     idle: int
+
+    @property
+    @abstractmethod
+    def tree(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The row from which each row starts, -1 for the base frame; the rows at the platform, then loops."""
+
+    @property
+    @abstractmethod
+    def couplings(self) -> list[tuple[np.ndarray, np.ndarray | None]]:
+        """Per end its coupling point (3,), m, and its rotation (3, 3), see `SerialLeg`."""
+
+    @property
+    @abstractmethod
+    def point_joints(self) -> int:
+        """Number of joints up to the coupling point."""
 
     @property
     def joint_rows(self) -> tuple[MDHRow, ...]:
@@ -151,6 +178,7 @@ class SerialLeg(LegBase):
         idle: freedoms that neither platform nor motors notice: the spin of a leg between two ball joints.
     """
 
+    serial = True
     rows: tuple[MDHRow, ...]
     n: int
     bodies: tuple[BodyInertia, ...]
@@ -199,6 +227,18 @@ class SerialLeg(LegBase):
                     f"rows[{number}]: the joints behind the coupling point must turn about it; give n = "
                     f"{number - 1} or more if this joint moves the point"
                 )
+
+    @property
+    def tree(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return tuple(range(-1, len(self.rows) - 1)), (len(self.rows) - 1,)
+
+    @property
+    def couplings(self) -> list[tuple[np.ndarray, np.ndarray | None]]:
+        return [(self.coupling_point, self.end_rotation)]
+
+    @property
+    def point_joints(self) -> int:
+        return self.n
 
     @property
     def coupling_point(self) -> np.ndarray:
@@ -402,7 +442,7 @@ class RobotDescription:
         if along := self.platform.dependent_coordinates:
             return f"the platform has dependent coordinates ({', '.join(along)})"
         for number, leg in enumerate(self.legs, start=1):
-            if not isinstance(leg, SerialLeg):
+            if not leg.serial:
                 return f"leg {number} is branched or has closed loops"
             if leg.n != rows:
                 return f"leg {number} has {leg.n} joints up to its coupling point, not {rows}"

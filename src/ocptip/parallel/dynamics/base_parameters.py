@@ -18,7 +18,7 @@ from ocptip.basics.errors import InputError, SolverError, finite_array, positive
 from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.analysis.singularity import characteristic_length, require_regular
 from ocptip.parallel.code.complete import complete_joints, newton_function
-from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription, SerialLeg
+from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.terms import regressor
 from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE
 from ocptip.parallel.kinematics.platform import Kinematics
@@ -64,7 +64,7 @@ def numeric_base_parameters(
 
 def has_complete_regressor(description: RobotDescription) -> bool:
     """True if bodies behind the coupling points take part."""
-    tails = [body for leg in description.legs if isinstance(leg, SerialLeg) for body in leg.bodies[leg.n :]]
+    tails = [body for leg in description.legs if leg.serial for body in leg.bodies[leg.n :]]
     return not description.coupling_form or not all(body.massless for body in tails)
 
 

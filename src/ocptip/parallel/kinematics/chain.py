@@ -6,7 +6,6 @@ A leg is a tree of bodies over MDH rows; a serial leg is an unbranched tree. Dyn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -221,11 +220,6 @@ def spatial_inertia(p: cs.SX, R: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
 def about_origin(p: cs.SX) -> cs.SX:
     """(3, 3) inertia tensor from DynPar 2."""
     return cs.vertcat(p[:3].T, p[[1, 3, 4]].T, p[[2, 4, 5]].T)
-
-
-def serial_topology(rows: Sequence[MDHRow], bodies: int) -> Topology:
-    """Topology of a serial leg whose last frame is at the platform."""
-    return Topology(tuple(rows), tuple(range(-1, len(rows) - 1)), (len(rows) - 1,), bodies)
 
 
 def _turn(axis: str, entry: Entry) -> cs.SX:

@@ -31,7 +31,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.parallel.description.entries import Entry, Parameter, right_angles, value_of
-from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, LegBase, MDHRow, SerialLeg
+from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, LegBase, MDHRow
 
 Scalar = Any
 
@@ -45,9 +45,9 @@ SIGNS = {"RRR": 1, "RPR": 1, "PRRR": 1, "RUU": 2, "UPS": 2}
 
 def leg_type(leg: LegBase) -> str | None:
     """Name of the leg's type, or None if its table has no closed form here."""
-    if not isinstance(leg, SerialLeg):
+    if not leg.serial:
         return None
-    shape = tuple(_row_shape(row) for row in leg.rows[: leg.n + 1])
+    shape = tuple(_row_shape(row) for row in leg.rows[: leg.point_joints + 1])
     return _TYPES.get(shape)
 
 
@@ -69,7 +69,7 @@ class LegSolution:
 
 
 def leg_solution(
-    leg: SerialLeg,
+    leg: LegBase,
     target: Sequence[Scalar],
     branch: Sequence[int] = (),
     length_of: Callable[[Entry], Scalar] = value_of,
@@ -101,7 +101,7 @@ def closed_form(leg: LegBase, target: np.ndarray, branch: Sequence[int] = ()) ->
     Raises:
         InputError: wrong number of signs.
     """
-    if not isinstance(leg, SerialLeg) or leg_type(leg) is None:
+    if leg_type(leg) is None:
         return None
     try:
         return np.array(leg_solution(leg, target.tolist(), branch).q)
@@ -109,7 +109,7 @@ def closed_form(leg: LegBase, target: np.ndarray, branch: Sequence[int] = ()) ->
         return None
 
 
-def nearest_branch(leg: SerialLeg, target: np.ndarray, q: np.ndarray) -> tuple[int, ...]:
+def nearest_branch(leg: LegBase, target: np.ndarray, q: np.ndarray) -> tuple[int, ...]:
     """Signs of the closed-form solution nearest to given joint values (n,); angles modulo 2 pi.
 
     Raises:
@@ -120,7 +120,7 @@ def nearest_branch(leg: SerialLeg, target: np.ndarray, q: np.ndarray) -> tuple[i
     for signs in itertools.product((1, -1), repeat=SIGNS.get(kind or "", 0)):
         solution = closed_form(leg, target, signs)
         if solution is not None:
-            turns = [row.sigma == REVOLUTE for row in leg.rows[: leg.n]]
+            turns = [row.sigma == REVOLUTE for row in leg.rows[: leg.point_joints]]
             error = np.where(turns, nearest_turn(solution - q), solution - q)
             found.append((float(np.abs(error).max()), signs))
     if not found:

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.numerics.vectors import cross, skew
-from ocptip.parallel.description.branched import BranchedLeg
-from ocptip.parallel.description.robot_description import SerialLeg
+from ocptip.parallel.description.robot_description import LegBase
 from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.kinematics.chain import (
     Topology,
     leg_dynamics,
     leg_kinematics,
     leg_loads,
-    serial_topology,
 )
 
 
@@ -54,20 +52,13 @@ class LegClosure:
         idle: number of freedoms that neither platform nor motors notice.
     """
 
-    def __init__(self, number: int, leg: SerialLeg | BranchedLeg, locked: Sequence[int] = ()) -> None:
+    def __init__(self, number: int, leg: LegBase, locked: Sequence[int] = ()) -> None:
         self.number, self.leg = number, leg
         self.base, self.origin = leg.base_matrix, leg.origin
-        if isinstance(leg, SerialLeg):
-            self.topology = serial_topology(leg.rows, len(leg.bodies))
-            self.couplings = [leg.coupling_point]
-            self.end_rotations: list[np.ndarray | None] = [leg.end_rotation]
-            self.loops, self.point = 0, leg.n
-        else:
-            ends = [*(e.row for e in leg.ends), *(row for pair in leg.loops for row in pair)]
-            self.topology = Topology(leg.rows, leg.parents, tuple(ends), len(leg.bodies))
-            self.couplings = [e.coupling_point for e in leg.ends]
-            self.end_rotations = [e.end_rotation for e in leg.ends]
-            self.loops, self.point = len(leg.loops), self.topology.n_joints
+        self.topology = Topology(leg.rows, *leg.tree, len(leg.bodies))
+        self.couplings = [point for point, _ in leg.couplings]
+        self.end_rotations = [turn for _, turn in leg.couplings]
+        self.loops, self.point = len(leg.loops), leg.point_joints
         self.n, self.idle = self.topology.n_joints, leg.idle
         self.locked = list(locked)
         self.free = [j for j in range(self.n) if j not in self.locked]
@@ -253,7 +244,7 @@ class LegClosure:
     @property
     def whole_rows(self) -> np.ndarray:
         """Closure rows that hold before the leg is assembled: positions, orientations that are given."""
-        serial = isinstance(self.leg, SerialLeg) and self.end_rotations[0] is None
+        serial = self.leg.serial and self.end_rotations[0] is None
         return np.arange(3 if serial else len(self.row_scale(1.0)))
 
     @property

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.branched import BranchedLeg
-from ocptip.parallel.description.robot_description import REVOLUTE, SerialLeg
+from ocptip.parallel.description.robot_description import REVOLUTE, LegBase
 from ocptip.parallel.kinematics.closed_form import closed_form, leg_type, nearest_branch
 from ocptip.parallel.kinematics.closures import LegClosure
 
@@ -41,10 +40,10 @@ class LegSolver(LegClosure):
         home: (n,) joint positions in the home pose, once assembled.
     """
 
-    def __init__(self, number: int, leg: SerialLeg | BranchedLeg, locked: Sequence[int] = ()) -> None:
+    def __init__(self, number: int, leg: LegBase, locked: Sequence[int] = ()) -> None:
         super().__init__(number, leg, locked)
         self._home: np.ndarray | None = None
-        self._branch = getattr(leg, "branch", ())
+        self._branch = leg.branch
 
     @property
     def home(self) -> np.ndarray:
@@ -63,10 +62,10 @@ class LegSolver(LegClosure):
             InputError: the leg does not reach the pose.
         """
         given = np.array(self.leg.guess)
-        if isinstance(self.leg, SerialLeg) and len(given) and not self.locked and leg_type(self.leg):
+        if self.leg.serial and len(given) and not self.locked and leg_type(self.leg):
             start = self.solve_point(r, R, given[: self.point])[0]
             self._branch = nearest_branch(self.leg, self._local_target(r, R), start)
-        if not isinstance(self.leg, SerialLeg) or self.end_rotations[0] is not None:
+        if not self.leg.serial or self.end_rotations[0] is not None:
             self.home = self.solve(r, R, given if len(given) == self.n else None, locked)[0]
             return
         q = np.zeros(self.n)
@@ -126,7 +125,7 @@ class LegSolver(LegClosure):
     def nearest(self, r: np.ndarray, R: np.ndarray) -> Attempt:
         """Joint positions (n,) whose coupling point comes nearest, coupling joints as guessed or at zero, and
         the distance, m; the guess of a branched leg and its closure error."""
-        if not isinstance(self.leg, SerialLeg):
+        if not self.leg.serial:
             q = self.padded(np.array(self.leg.guess))
             return q, float(np.abs(self.residual(q, r, R)).max()), 0
         target = r + R @ self.couplings[0]
@@ -152,7 +151,7 @@ class LegSolver(LegClosure):
         Raises:
             InputError: the leg does not reach the pose.
         """
-        staged = isinstance(self.leg, SerialLeg) and not self.locked
+        staged = self.leg.serial and not self.locked
 
         def attempts():
             for number, start in enumerate(self._starts(r, R, guess)):
@@ -234,13 +233,13 @@ class LegSolver(LegClosure):
         if len(self.leg.guess) == self.n and self._home is None:
             tail = np.array(self.leg.guess)
         first = tail[: self.point]
-        if isinstance(self.leg, SerialLeg) and not self.locked:
+        if self.leg.serial and not self.locked:
             first = self.solve_point(r, R)[0]
         yield np.concatenate([first, tail[self.point :]])
         rng = np.random.default_rng(_SEED)
         for _ in range(_RESTARTS):
             start = rng.uniform(-np.pi, np.pi, self.n)
-            if isinstance(self.leg, SerialLeg) and not self.locked:
+            if self.leg.serial and not self.locked:
                 start[: self.point] = first
             yield start
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.write import Record
 from ocptip.numerics.vectors import nearest_turn
-from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription, SerialLeg
+from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.kinematics.closed_form import leg_type
 from ocptip.parallel.kinematics.closures import LegMotion
@@ -217,7 +217,7 @@ class Kinematics:
         r, R = self.pose(z)
         way, found, origins = self._ways(z), [], []
         for i, leg in enumerate(self.legs):
-            if not isinstance(leg.leg, SerialLeg) or leg.locked:
+            if not leg.leg.serial or leg.locked:
                 raise InputError(f"leg {i + 1}: is branched or has redundant joints; use the complete leg")
             start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.point,))
             if start is None and not leg_type(leg.leg):

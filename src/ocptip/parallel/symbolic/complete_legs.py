@@ -48,7 +48,7 @@ def complete_obstacle(description: RobotDescription) -> str:
     if description.redundant:
         return "joints are redundant"
     for number, leg in enumerate(description.legs, start=1):
-        if not isinstance(leg, SerialLeg):
+        if not leg.serial:
             return f"leg {number} is branched or has closed loops"
         if leg.idle > 1:
             return f"leg {number} has {leg.idle} idle freedoms, code knows one"
