@@ -28,7 +28,7 @@ MOST_LEVELS = 100
 MOST_VALUES = 10_000_000
 """Values of the largest YAML document, each alias counted as what it stands for."""
 
-NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC, errno.EDQUOT)
+NO_SPACE = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC, errno.EDQUOT)
 """Errors of the system that the file does not cause."""
 
 _ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*(["'])([A-Za-z][\w.-]*)\1""")
@@ -245,7 +245,7 @@ def _inside(path: Path, folder: Path) -> tuple[str, ...]:
 def _refusal(path: Path, error: OSError | ValueError) -> Exception:
     """The error for a file that cannot be opened."""
     code = getattr(error, "errno", None)
-    if code in NO_ROOM:
+    if code in NO_SPACE:
         return OSError(code, os.strerror(code), str(path))
     if isinstance(error, FileNotFoundError):
         problem = "no such file"

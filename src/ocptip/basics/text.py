@@ -43,8 +43,8 @@ def with_error(value: float, half: float, unit: str = "") -> str:
     if not (math.isfinite(half) and half > 0):
         return f"{value:.4g}{unit}"
     digits = 1 - math.floor(math.log10(half))
-    told = (f"{round(number, digits) + 0.0:.{max(digits, 0)}f}" for number in (value, half))
-    return " +- ".join(told) + unit
+    texts = (f"{round(number, digits) + 0.0:.{max(digits, 0)}f}" for number in (value, half))
+    return " +- ".join(texts) + unit
 
 
 def some(names: Sequence[str], most: int = 5) -> str:

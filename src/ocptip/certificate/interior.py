@@ -39,14 +39,14 @@ class Interior:
         best, chosen = np.full(len(forces), -np.inf), forces
         for part in _SHARES:
             mixed = (1 - part) * forces + part * other
-            room = self._room(mixed, share)
-            better = room > best + 1e-12
+            margin = self._margin(mixed, share)
+            better = margin > best + 1e-12
             chosen = np.where(better[:, None, None], mixed, chosen)
-            best = np.where(better, room, best)
+            best = np.where(better, margin, best)
         size = np.max(np.abs(forces), axis=(1, 2))
         for row in np.flatnonzero(best < _SMALL * size):
             found = self._deepest(chosen[row], wrenches[row], float(share[row, 0]))
-            if found is not None and self._room(found[None], share[row : row + 1])[0] > best[row]:
+            if found is not None and self._margin(found[None], share[row : row + 1])[0] > best[row]:
                 chosen[row] = found
         return chosen
 
@@ -93,7 +93,7 @@ class Interior:
         kept = np.where(loaded, forces, 0.0)
         return self._balanced(kept, wrenches, np.broadcast_to(loaded, forces.shape).astype(float))
 
-    def _room(self, forces: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _margin(self, forces: np.ndarray, share: np.ndarray) -> np.ndarray:
         normal, size = forces[:, :, 0], np.max(np.abs(forces), axis=(1, 2)) + 1e-300
         limits = self._sets.limits(normal, size)
         ends = np.minimum(normal - limits.normal_min, limits.normal_max - normal)

@@ -177,9 +177,9 @@ class Command:
             from ocptip.numerics.threads import one_thread  # of the libraries that are loaded by now
 
             lines = lines_while(sys.stderr, f"ocptip {self.name}") if own_process else nullcontext()
-            with suspicions() as said, one_thread, lines:
+            with suspicions() as messages, one_thread, lines:
                 report: Report = module.run(options)
-            report.warnings, report.verbose = said, options.verbose
+            report.warnings, report.verbose = messages, options.verbose
             answer = report.to_text() if report.early and not options.json and not options.quiet else ""
             if answer:
                 _print(answer)
@@ -226,21 +226,21 @@ def suspicions() -> Iterator[list[str]]:
     """Say what is suspicious about the input on stderr, and collect it; other warnings pass unchanged."""
     from ocptip.basics.errors import InputWarning
 
-    said: list[str] = []
+    messages: list[str] = []
     with warnings.catch_warnings():
         others = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
             if not issubclass(category, InputWarning):
                 return others(message, category, *rest, **named)
-            said.append(f"{message}")
+            messages.append(f"{message}")
             with suppress(OSError):  # stderr may be full
                 print(f"warning: {message}", file=sys.stderr)
             return None
 
         warnings.showwarning = show
         warnings.simplefilter("always", InputWarning)
-        yield said
+        yield messages
 
 
 def written(report: Report) -> OSError | None:
@@ -279,9 +279,9 @@ def explained(error: Exception) -> tuple[int, str]:
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
     """The error and those behind it."""
-    told: list[BaseException] = []
-    while error is not None and error not in told:
-        told.append(error)
+    seen: list[BaseException] = []
+    while error is not None and error not in seen:
+        seen.append(error)
         yield error
         error = error.__cause__ or error.__context__
 

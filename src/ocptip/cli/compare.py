@@ -77,7 +77,7 @@ class CompareReport(Report):
         verdict = f"{count} finding{'s' if count > 1 else ''}" if count else "AGREES with what was described"
         chance = f"by chance: {percent(found.level) if found.level >= 0.01 else f'{100 * found.level:g} %'}"
         head = f"{self.compared.name}: {verdict} (any finding {chance})."
-        rows = under("found", map(_told, found.findings))
+        rows = under("found", map(_finding_text, found.findings))
         rows += self._about()
         return "\n".join([head, "", *self._table(), "", *named(rows)])
 
@@ -144,7 +144,7 @@ def _share(share: float) -> str:
     return "-" if not math.isfinite(share) or share > 10 else f"{100 * share:.2g} %"
 
 
-def _told(finding: Finding) -> str:
+def _finding_text(finding: Finding) -> str:
     """A finding in words."""
     text = finding.name
     if math.isfinite(finding.value):

@@ -66,7 +66,7 @@ def _lines(found: Identification) -> Rows:
 
 def _of_power(found: Identification) -> Rows:
     """Maps of all drives; with a plan, whether its motion goes beyond what was measured."""
-    lines = [row for j, own in enumerate(found.source, 1) for row in under(f"joint {j}", _told_map(own))]
+    lines = [row for j, own in enumerate(found.source, 1) for row in under(f"joint {j}", _map_lines(own))]
     if found.predictor is not None:
         shares = enumerate(beyond_samples(found.source, found.predictor), 1)
         beyond = [
@@ -76,7 +76,7 @@ def _of_power(found: Identification) -> Rows:
     return lines
 
 
-def _told_map(own: PowerMap) -> list[str]:
+def _map_lines(own: PowerMap) -> list[str]:
     (low, high), (slow, fast) = own.torque, np.degrees(own.speed)
     inside = own.error(own.hull[:, 0], own.hull[:, 1])
     return [
@@ -89,7 +89,7 @@ def _told_map(own: PowerMap) -> list[str]:
 
 def _of_bodies(identified: Identification) -> Rows:
     found = identified.source
-    lines = [row for body in found.bodies for row in under(body.name, _told(body))]
+    lines = [row for body in found.bodies for row in under(body.name, _body_lines(body))]
     what = "normal forces of the contacts" if found.source == FOOT else "force-torque sensor"
     late = 1e3 * found.estimate.delays[found.source]
     left = found.estimate.residuals[found.source]
@@ -151,14 +151,14 @@ def _unit(parameter: str) -> str:
     return "kg m^2" if parameter.startswith(("I", "rotor")) else "kg m" if parameter[1] in "xyz" else "kg"
 
 
-def _told(body: Body) -> list[str]:
+def _body_lines(body: Body) -> list[str]:
     half = body.quantile * body.errors
     lines = [f"mass {with_error(body.mass, half[0], 'kg')} (95 %)"]
-    told = [
+    coordinates = [
         f"{axis} {with_error(1e3 * x, 1e3 * h, 'mm') if math.isfinite(h) else 'not seen, nominal'}"
         for axis, x, h in zip("xyz", body.center, half[1:], strict=True)
     ]
-    return [*lines, f"centre {', '.join(told)}"]
+    return [*lines, f"centre {', '.join(coordinates)}"]
 
 
 @dataclass

@@ -94,16 +94,16 @@ def answer_many(options: Namespace, read: Callable[[Namespace], Asked], work: Wo
         if (row := _kept(one, options)) is not None:
             rows[k] = row
             del asked[k]
-    said = _Saying(len(options.task), options.json)
+    show = _Saying(len(options.task), options.json)
     for k in sorted(rows):
-        said(rows[k])
+        show(rows[k])
     try:
         with worker_pool(None, options.jobs, max(len(asked), 1), options.scheduler) as pool:
             futures = {pool.submit(_answered, work, one, _alone(options)): k for k, one in asked.items()}
             for future in as_completed(futures):
                 k = futures[future]
                 rows[k] = _finished(asked[k], future, options)
-                said(rows[k])
+                show(rows[k])
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"after {len(rows)} of {len(options.task)} tasks; the same call keeps them and goes on"
@@ -127,8 +127,8 @@ def _alone(options: Namespace) -> Namespace:
 def _answered(work: Work, one: Asked, options: Namespace) -> tuple[Report | None, list[str], int, str]:
     """In a worker: the report and the warnings, or else exit code and text of the error."""
     try:
-        with redirect_stderr(io.StringIO()), suspicions() as said:
-            return work(one, options, None), said, 0, ""
+        with redirect_stderr(io.StringIO()), suspicions() as messages:
+            return work(one, options, None), messages, 0, ""
     except Exception as error:
         return None, [], *explained(error)
 
@@ -136,14 +136,14 @@ def _answered(work: Work, one: Asked, options: Namespace) -> tuple[Report | None
 def _finished(one: Asked, future: Any, options: Namespace) -> _Row:
     """Take the result of a worker, and write its files."""
     try:
-        report, said, code, text = future.result()
+        report, messages, code, text = future.result()
     except Exception as error:  # the worker, not the task
-        report, said, (code, text) = None, [], explained(error)
+        report, messages, (code, text) = None, [], explained(error)
     if report is None:
         return _Row(one.name, code, text)
-    for warning in said:
+    for warning in messages:
         print(f"warning: {one.name}: {warning}", file=sys.stderr)
-    report.warnings = said
+    report.warnings = messages
     failure = written(report)
     code, text = report.exit_code, report.to_text().splitlines()[0]
     if failure is not None:

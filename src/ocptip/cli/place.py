@@ -231,6 +231,6 @@ def _margin(margin: Margin) -> str:
         unit, scale = "deg", 180 / np.pi
     value, limit, unit = scale * margin.value, scale * margin.limit, f" {unit}" if unit else ""
     sign = "<=" if margin.upper else ">="
-    room = abs(limit - value)
-    compared = f"{value:.4g} {sign} {limit:.4g}{unit}, margin {room:.3g}{unit}"
+    distance = abs(limit - value)
+    compared = f"{value:.4g} {sign} {limit:.4g}{unit}, margin {distance:.3g}{unit}"
     return f"{margin.kind + ':':<15} {compared}: {margin.full_name}"

@@ -150,14 +150,14 @@ def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> 
             explanation + _cone_remark(pyramid, cone),
         )
 
-    judged = support.conditioned
+    scaled = support.conditioned
     ordinary = support.dimension == 3 and all(type(c) is UnilateralContact for c in support.contacts)
     if not cone.stands:
         return verdict("none", "No admissible contact forces balance the load: the base moves.")
     if ordinary:
-        found = _motion_on_cones(judged, wrench, state, max_nodes)
+        found = _motion_on_cones(scaled, wrench, state, max_nodes)
     else:
-        found = _motion_on_pyramids(judged, wrench, state, max_nodes)
+        found = _motion_on_pyramids(scaled, wrench, state, max_nodes)
     if found.status == mode_search.EXHAUSTED:
         return verdict("strong", "Every solution of the contact laws stands.", nodes=found.programs)
     if found.status == mode_search.LIMIT:

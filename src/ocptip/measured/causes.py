@@ -149,8 +149,8 @@ def columns_of_loads(
         slopes = predictor.power_slopes(state)[:, drives]
         found[:, mass_columns(predictor)] = np.einsum("nj,njk->nk", slopes, state.slopes[:, drives])
         found[:, first + 2 * n + drives] = slopes * turning[:, drives]
-        told = np.array([s.index for s in signals if s.kind == TORQUE], dtype=int)
-        rubs = np.isin(drives, told)  # what torques show is what drives deliver
+        measured = np.array([s.index for s in signals if s.kind == TORQUE], dtype=int)
+        rubs = np.isin(drives, measured)  # what torques show is what drives deliver
         found[:, first + drives[rubs]] = (slopes * turning[:, drives])[:, rubs]
         found[:, first + n + drives[rubs]] = (slopes * state.drives[:, drives])[:, rubs]
     found[:, CLOCK] = found[:, lag_column(predictor, one.kind)] = later

@@ -13,7 +13,7 @@ from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, TORQUE, WREN
 
 _FINER = 4  # instants per sample
 _ROUNDS = 8
-_TOLD = 0.25  # squared correlation below which no signal follows a motion
+_FOLLOWS = 0.25  # squared correlation below which no signal follows a motion
 AROUND = 1.5
 """Samples around a switching time in which loads are not checked: they have steps there."""
 
@@ -47,7 +47,7 @@ def find_clock(recording: Recording, predictor: Predictor) -> tuple[float, Mappi
             measured = np.interp(grid, recording.times[good], one.values[good])
             scores += correlations(measured, fine[::_FINER])
             seen[one.name] = (one.values, fine)
-    if not seen or scores.max() < _TOLD:
+    if not seen or scores.max() < _FOLLOWS:
         raise InputError("recording: no signal follows the motion of the plan, or none that moves is there")
     # the sequence begins N samples before the motion: at place m its begin is at sample N - m
     begin = recording.times[0] + dt * (N - 0.5 / _FINER - _top(scores))

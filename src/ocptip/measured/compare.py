@@ -81,14 +81,14 @@ class _Comparing:
             np.zeros(2 + 4 * links + 3 * n + 3), np.zeros(0), np.zeros(0),
         )  # fmt: skip
         self.nominal = self._nominal()
-        self._judge_signals()
+        self._check_signals()
 
     def _nominal(self) -> State:
         n, links = self.predictor.robot.n, self.predictor.robot.arm.links
         times = self.recording.times - self.found.clock
         return self.predictor.state(times, np.zeros(n), np.zeros(4 * links + 1))
 
-    def _judge_signals(self) -> None:
+    def _check_signals(self) -> None:
         """Leave out samples that say nothing, and name them."""
         following = [one for one in self.recording.signals if one.kind in FOLLOWING]
         for one in self.recording.signals:

@@ -138,15 +138,15 @@ def beside(
     """
     away = one.values - predicted
     good = np.isfinite(away)
-    looked = good & still
-    good = looked if looked.any() else good
+    steady = good & still
+    good = steady if steady.any() else good
     size = np.where(good, np.abs(away), -1.0)
     own = away if left is None else left
     return Compared(
         one.name, one.kind, one.index, one.values, predicted, lag,
         float(size.max()) if good.any() else float("nan"), float(times[np.argmax(size)]),
         float(np.sqrt(np.mean(away[good] ** 2))) if good.any() else float("nan"),
-        float(np.ptp(predicted)), noise_of(np.nan_to_num(own), looked & np.isfinite(own)),
+        float(np.ptp(predicted)), noise_of(np.nan_to_num(own), steady & np.isfinite(own)),
         float("nan") if left is None else float(np.sqrt(np.nanmean(left**2))),
     )  # fmt: skip
 

@@ -116,11 +116,11 @@ class Ran:
                     noise = float(np.std(away + later[k] * slope))
                     weights[k] = square / max(noise, _QUIET) ** 2
             self.begins[joints] += later
-        told = weights > 0
+        seen = weights > 0
         found = self.begins[joints]
         order = np.argsort(found)  # the median by weights: a joint that is late does not turn it
         common = float(found[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())]])
-        late = told & ((found - common) ** 2 * weights > _LATE**2)
+        late = seen & ((found - common) ** 2 * weights > _LATE**2)
         self.begin = self.begins[:] = common
         self.begins[joints] = np.where(late, found, common)
 
@@ -288,9 +288,9 @@ def _solved(
         white = [whitened(block) for block in blocks]
     products = np.sum([one.products for one in white], axis=0) + np.diag(prior)
     projections = np.sum([one.projections for one in white], axis=0)
-    inverse, told, axes = _inverse(products)
-    unseen = np.sum(axes[:, ~told] ** 2, axis=1) > 1e-6
-    freedom = max(sum(one.count for one in white) - int(told.sum()), 1)
+    inverse, seen, axes = _inverse(products)
+    unseen = np.sum(axes[:, ~seen] ** 2, axis=1) > 1e-6
+    freedom = max(sum(one.count for one in white) - int(seen.sum()), 1)
     return inverse @ projections, inverse, unseen, freedom
 
 
@@ -299,8 +299,8 @@ def _inverse(products: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     size = np.sqrt(np.diag(products))
     scale = np.where(size > 0, size, 1.0)
     roots, axes = np.linalg.eigh(products / np.outer(scale, scale))
-    told = roots > _UNSEEN * roots[-1]
-    return (axes[:, told] / roots[told]) @ axes[:, told].T / np.outer(scale, scale), told, axes
+    seen = roots > _UNSEEN * roots[-1]
+    return (axes[:, seen] / roots[seen]) @ axes[:, seen].T / np.outer(scale, scale), seen, axes
 
 
 def _left_over(blocks: Sequence[Block], prior: np.ndarray) -> list[np.ndarray]:

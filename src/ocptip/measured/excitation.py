@@ -28,7 +28,7 @@ from ocptip.trajectories.trajectory import Trajectory
 
 _WAVES = 4
 _RANDOM, _HALVINGS = 40, 5
-_ROOM = 0.9  # of all limits in the search
+_SHARE = 0.9  # of all limits in the search
 _FARTHEST = np.pi / 2  # rad, m: swing of a joint without near limits
 _FULL = 0.5  # s to full speed, of joints without limit of acceleration
 _INSTANTS, _RATE = 100, 20.0  # of the search; 1/s, of the samples
@@ -158,7 +158,7 @@ class _Search:
         """The series as large as joints allow, or halved until all limits are kept, and its value."""
         largest = (np.abs(x).max(axis=0) for x in _curves(series, self.times, self.T))
         ratios = [most / np.maximum(x, 1e-300) for most, x in zip(self.most, largest, strict=True)]
-        series = series * (_ROOM * np.min(ratios, axis=0))[:, None]
+        series = series * (_SHARE * np.min(ratios, axis=0))[:, None]
         value = self(series)
         for _ in range(_HALVINGS):
             if value < _BROKEN:
@@ -174,7 +174,7 @@ class _Search:
         q, qd, qdd = _curves(series, self.times, self.T)
         use = [np.max(np.abs(x) / most) for x, most in zip((qd, qdd), self.most[1:], strict=True)]
         outside = np.max(np.abs(q) / self.way)
-        excess = max([*use, outside]) / _ROOM - 1
+        excess = max([*use, outside]) / _SHARE - 1
         if excess > 0:
             return _BROKEN * (100 + excess)
         q = self.start + q
@@ -188,11 +188,11 @@ class _Search:
     def _shares(self, at: Instants) -> Iterator[tuple[int, float]]:
         """How much of each limit is used, cheap ones first; before each how many are left."""
         gap = np.min(self.robot.collision.least(at.angles))
-        yield 3, 1 + (self.limits.clearance - gap) / _ROOM
+        yield 3, 1 + (self.limits.clearance - gap) / _SHARE
         torques = np.max(np.abs(at.torques) / self.robot.limits.torque)
-        yield 2, torques / (_ROOM * self.limits.torque_ratio)
-        yield 1, np.max(at.tip.GN) / (_ROOM * self.limits.GN)
-        yield 0, np.max(at.slip.GT) / (_ROOM * self.limits.GT)
+        yield 2, torques / (_SHARE * self.limits.torque_ratio)
+        yield 1, np.max(at.tip.GN) / (_SHARE * self.limits.GN)
+        yield 0, np.max(at.slip.GT) / (_SHARE * self.limits.GT)
 
     def condition(self, motion: Trajectory) -> float:
         """Of a motion."""

@@ -294,13 +294,15 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     rotors = np.zeros((*columns.shape[:2], robot.n if bare.armature.any() else 0))
     columns = np.concatenate([columns, rotors], axis=2)[:, :, found.basis.independent]
     p, links = len(found.names), bare.links
-    ways = axes(wrenches)[1] @ columns  # (N, axes, p)
+    about_axes = axes(wrenches)[1] @ columns  # (N, axes, p)
     covariance = found.estimate.covariance[:p, :p]
     away = found.basis.combinations @ all_parameters(bare) - found.estimate.values[:p]
-    unsure = sigmas * np.sqrt(np.einsum("nap,pq,naq->na", ways, covariance, ways)) + np.abs(ways @ away)
+    unsure = sigmas * np.sqrt(np.einsum("nap,pq,naq->na", about_axes, covariance, about_axes)) + np.abs(
+        about_axes @ away
+    )
     given = *states, support.gravity, support.center_of_mass
     slopes = mass_sensitivities(bare.without_process)(*given, np.zeros(4 * links + 1))[1].reshape(
-        len(ways), robot.n + 6, -1
+        len(about_axes), robot.n + 6, -1
     )
     moved = axes(wrenches)[1] @ slopes[:, robot.n :, :links]
     share = float(np.max(unsure / np.maximum(np.abs(moved).sum(axis=2), 1e-300)))

@@ -18,7 +18,7 @@ from ocptip.motion.task import MotionTask, end_refusals, refusals
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.trajectories.trajectory import Trajectory
 
-LOOKED_AT = 24  # pairs, those with the shortest ways
+COMPARED = 24  # pairs, those with the shortest ways
 APART = 0.5  # rad (sliding joints: m): least difference of two pairs in a continuum
 PLANNED, WORSE = 4, 1.25  # at most so many, whose plainest motions cost at most so much more than the best
 PROMISING = 1.03  # after one start each, the others go to pairs that cost at most so much more than the best
@@ -46,7 +46,7 @@ def likely_choices(task: MotionTask) -> list[MotionTask]:
             continue
         if stays(0, start) and stays(1, goal):
             tasks.append(one)
-        if len(tasks) == LOOKED_AT:
+        if len(tasks) == COMPARED:
             break
     ranked = sorted(((plainest_cost(one), k) for k, one in enumerate(tasks)))
     least = ranked[0][0] if ranked else np.inf

@@ -215,7 +215,7 @@ def _brake_refusals(task: MotionTask) -> list[str]:
     chosen = bool(task.choices) or any(target is not None for target in task.targets)
     if chosen or brakes.delay[1] > 0 or robot.n > MOST_JOINTS:
         return []
-    GN, GT, ways = BrakeCheck(robot, brakes).gentlest(task.start, must)
+    GN, GT, directions = BrakeCheck(robot, brakes).gentlest(task.start, must)
     broken = [
         f"{name} is {value:.4g}, must be <= {most:.4g}"
         for name, value, most in (("GN", GN, brakes.GN), ("GT", GT, brakes.GT))
@@ -223,7 +223,7 @@ def _brake_refusals(task: MotionTask) -> list[str]:
     ]
     if not broken:
         return []
-    turns = ", ".join(f"{'+' if way > 0 else '-'}{j + 1}" for j, way in enumerate(ways) if way)
+    turns = ", ".join(f"{'+' if way > 0 else '-'}{j + 1}" for j, way in enumerate(directions) if way)
     left = "what is left are weaker brakes or a heavier base"
     if task.stops.guessed:
         left = "brake torques are a guess, give brake_torque_min_Nm, _max_Nm in [stops]; else " + left

@@ -22,7 +22,7 @@ _SIDES = 24  # of a cone
 
 def arm(scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int, int] | None) -> list[Any]:
     """Frames of the links with the solids, spheres or sticks on them; in the order of the link frames."""
-    arm, look = robot.arm, {} if ghost is None else {"opacity": SHEER}
+    arm, style = robot.arm, {} if ghost is None else {"opacity": SHEER}
     links = [scene.add_frame(f"{root}/{k + 1}", show_axes=False) for k in range(arm.links)]
     mount = scene.add_frame(
         f"{root}/0", show_axes=False, position=tuple(arm.mount_position), wxyz=wxyz(arm.mount_rotation)
@@ -31,12 +31,12 @@ def arm(scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int,
     if arm.geometry is not None:
         for number, part in enumerate(arm.geometry.shapes):
             if not part.carried:
-                solid(scene, f"{names[part.body]}/{number}", part.shape, color, size, **look)
+                solid(scene, f"{names[part.body]}/{number}", part.shape, color, size, **style)
     elif arm.sphere_sets:
         for spheres in arm.sphere_sets:
             for number, (centre, radius) in enumerate(zip(spheres.centres, spheres.radii, strict=True)):
                 own, at = f"{names[spheres.link]}/{spheres.name} {number}", tuple(centre)
-                scene.add_icosphere(own, float(radius), subdivisions=2, color=color, position=at, **look)
+                scene.add_icosphere(own, float(radius), subdivisions=2, color=color, position=at, **style)
     if arm.geometry is None:
         for k, offset in enumerate(arm.offsets):
             if np.linalg.norm(offset) > 1e-6:
@@ -49,18 +49,18 @@ def held(
     scene: Any, root: str, robot: Robot, part: int, size: float, ghost: tuple[int, int, int] | None
 ) -> list[Any]:
     """What an arm holds in a part of what it does: its solids, and a ball of a light metal for its mass."""
-    arm, look = robot.arm, {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})}
+    arm, style = robot.arm, {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})}
     found = []
     for number, one in enumerate(arm.geometry.shapes if arm.geometry is not None else ()):
         if one.carried:
             found.append(
-                solid(scene, f"{root}/{one.body}/held {part}.{number}", one.shape, size=size, **look)
+                solid(scene, f"{root}/{one.body}/held {part}.{number}", one.shape, size=size, **style)
             )
     if arm.payload is not None:
         _, centre, _ = arm.payload.seen_from(arm.tool_rotation, arm.offsets[-1])
         radius = max(0.02 * size, 0.5 * (arm.payload.mass / 2000) ** (1 / 3))
         name = f"{root}/{arm.links}/payload {part + 1}"
-        found.append(scene.add_icosphere(name, float(radius), position=tuple(centre), **look))
+        found.append(scene.add_icosphere(name, float(radius), position=tuple(centre), **style))
     return [node for node in found if node is not None]
 
 
@@ -68,9 +68,9 @@ def base_of(
     scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int, int] | None = None
 ) -> None:
     """The solids of an arm's base, or else what is known of its form."""
-    look = {} if ghost is None else {"opacity": SHEER}
+    style = {} if ghost is None else {"opacity": SHEER}
     for number, part in enumerate(robot.shapes):
-        solid(scene, f"{root}/{number}", part.shape, ghost or BASE, size, **look)
+        solid(scene, f"{root}/{number}", part.shape, ghost or BASE, size, **style)
     if not robot.shapes:
         base(scene, root, robot.support, robot.arm.mount_position, ghost or BASE)
 
@@ -108,11 +108,11 @@ def grid(scene: Any, support: Support, centre: np.ndarray, size: float) -> None:
     )  # fmt: skip
 
 
-def solid(scene: Any, name: str, shape: Shape, color: tuple[int, int, int], size: float, **look: Any) -> Any:
+def solid(scene: Any, name: str, shape: Shape, color: tuple[int, int, int], size: float, **style: Any) -> Any:
     """A solid's node; None of what has no end."""
     if isinstance(shape, HalfSpace):
         return None
-    at = {"position": tuple(shape.position), "wxyz": wxyz(shape.rotation), "color": color, **look}
+    at = {"position": tuple(shape.position), "wxyz": wxyz(shape.rotation), "color": color, **style}
     corners, radius = shape.corners(), shape.thickness
     if type(shape) is Ball:
         return scene.add_icosphere(name, radius, subdivisions=2, **at)

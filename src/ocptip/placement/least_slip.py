@@ -85,7 +85,7 @@ class LeastSlip:
         heading = np.arctan2(pull[:, 1], pull[:, 0])
         best, at = np.zeros(len(pull)), np.zeros((2, len(pull)))
 
-        def look(angles: np.ndarray) -> None:
+        def evaluate(angles: np.ndarray) -> None:
             ahead, turned = heading + angles[0], angles[1]
             v, w = np.array([np.cos(ahead), np.sin(ahead)]) * np.cos(turned), np.sin(turned) / self.radius
             x, y = self.places[:, :, None]
@@ -101,11 +101,11 @@ class LeastSlip:
         turns = np.linspace(-np.pi / 2, np.pi / 2, _DIRECTIONS, endpoint=False)
         for a in turns:
             for b in turns:
-                look(np.tile([[a], [b]], len(pull)))
+                evaluate(np.tile([[a], [b]], len(pull)))
         step = turns[1] - turns[0]
         for _ in range(_ROUNDS):
             step /= 2
             middle = at.copy()
             for side in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-                look(middle + step * np.array(side)[:, None])
+                evaluate(middle + step * np.array(side)[:, None])
         return best

@@ -268,12 +268,12 @@ def _program(
     b[:, :, 1:] = q
     ends = np.zeros((count, 2 * n, columns))
     ends[:, :n, 1:], ends[:, n:, 1:] = -forces.per_z, forces.per_z
-    room = np.maximum(np.hstack([forces.normal - forces.lower, forces.upper - forces.normal]), 0.0)
-    room[np.all(ends == 0, axis=2)] = 1.0  # a fixed normal force stays where it is, at an end or not
+    to_ends = np.maximum(np.hstack([forces.normal - forces.lower, forces.upper - forces.normal]), 0.0)
+    to_ends[np.all(ends == 0, axis=2)] = 1.0  # a fixed normal force stays where it is, at an end or not
     rough = forces.rough[0]
     rows = np.count_nonzero(rough) * (k + 1)
     A = np.concatenate([A[:, rough].reshape(count, rows, columns), ends], axis=1)
-    return A, np.hstack([b[:, rough].reshape(count, rows), room])
+    return A, np.hstack([b[:, rough].reshape(count, rows), to_ends])
 
 
 def _improve(

@@ -189,8 +189,8 @@ def enough(path: JointPath, count: int) -> int:
     ends = path.breakpoints
     shares = np.linspace(0.0, 1.0, _PER_PIECE, endpoint=False)
     s = np.append((ends[:-1, None] + shares * np.diff(ends)[:, None]).ravel(), 1.0)
-    ways = path.at(s)[1]
-    signs = np.sign(np.where(np.abs(ways) > _TURNING * np.abs(ways).max(), ways, 0.0))
+    slopes = path.at(s)[1]
+    signs = np.sign(np.where(np.abs(slopes) > _TURNING * np.abs(slopes).max(), slopes, 0.0))
     turns = max(int(np.sum(np.diff(own[own != 0]) != 0)) for own in signs.T)
     return round(count * min(max(1.0, turns / _TURNS), _MOST_TIMES))
 
@@ -241,10 +241,12 @@ def _deciding(grid: Grid, extra: ExtraRows, polygons: Polygons, x: np.ndarray) -
     names: list[str] = []
     for i, count in enumerate(polygons.counts):
         numbers, (a, b, c) = polygons.numbers[i, :count], polygons.rows[i, :count].T
-        room = (c - a * x[i] - b * x[i + 1]) / np.hypot(a, b)  # distances of x at both ends
-        room = np.where(np.isin(numbers, (-1, -2)), np.inf, room)  # no limits: the speed is not negative
-        near = np.flatnonzero(room <= room.min() + _SAME * max(x[i], x[i + 1]))
-        own = [grid.name(int(numbers[k]), extra, i) for k in near[np.argsort(room[near])]]
+        margins = (c - a * x[i] - b * x[i + 1]) / np.hypot(a, b)  # distances of x at both ends
+        margins = np.where(
+            np.isin(numbers, (-1, -2)), np.inf, margins
+        )  # no limits: the speed is not negative
+        near = np.flatnonzero(margins <= margins.min() + _SAME * max(x[i], x[i + 1]))
+        own = [grid.name(int(numbers[k]), extra, i) for k in near[np.argsort(margins[near])]]
         names.append(names[-1] if names and names[-1] in own else own[0])
     return tuple(names)
 

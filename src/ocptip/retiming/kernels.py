@@ -161,12 +161,12 @@ def greatest(counts, rows, numbers, found, x, active):
         active[i] = -5
         for k in range(counts[i]):
             a, b, c = rows[i, k, 0], rows[i, k, 1], rows[i, k, 2]
-            room = c - a * x[i]
+            rest = c - a * x[i]
             if b > _ZERO * abs(a):
-                if room < b * most:
-                    most, active[i] = room / b, numbers[i, k]
+                if rest < b * most:
+                    most, active[i] = rest / b, numbers[i, k]
             elif b < -_ZERO * abs(a):
-                least = max(least, room / b)
+                least = max(least, rest / b)
         if most < least - 1e3 * size - 1e-9 * abs(least):
             return i
         x[i + 1] = min(max(most, found[i + 1, 0]), found[i + 1, 1])

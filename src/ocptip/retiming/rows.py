@@ -70,8 +70,10 @@ class Places:
         if own.count:  # affine in the speeds
             rest = robot.further(self.q, np.zeros_like(self.dq))
             rates = robot.further(self.q, self.dq) - rest
-            for rate, room in ((rates, own.upper - rest), (-rates, rest - own.lower)):
-                share = np.divide(room, rate, out=np.full_like(rate, np.inf), where=rate > _FLAT * own.units)
+            for rate, margin in ((rates, own.upper - rest), (-rates, rest - own.lower)):
+                share = np.divide(
+                    margin, rate, out=np.full_like(rate, np.inf), where=rate > _FLAT * own.units
+                )
                 pace = np.minimum(pace, np.maximum(np.min(share, axis=1), 0.0))
         return pace**2
 

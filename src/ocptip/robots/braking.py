@@ -151,10 +151,10 @@ def brake(
         acting = None if process is None else process[going]
         own = terms(model, q[going] + 0.5 * step * old, ahead, gravity, about, acting)
         new = old.copy()
-        ways = np.empty_like(new)
-        _slow_down(own.inertia, own.bias, closed[going] * torque[going], step, new, ways)
+        moved = np.empty_like(new)
+        _slow_down(own.inertia, own.bias, closed[going] * torque[going], step, new, moved)
         before, q, qd = qd.copy(), q.copy(), qd.copy()
-        q[going] += ways
+        q[going] += moved
         qd[going] = new
         done = going[np.all(new == 0, axis=1) & holding[going, 0]]
         rests[done] = now = now + step
@@ -199,7 +199,7 @@ def gravity_torques(model: ArmModel, gravity: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _slow_down(inertia, bias, torque, step, speeds, ways):
+def _slow_down(inertia, bias, torque, step, speeds, moved):
     """Speeds after a step, and displacements; brakes stop each joint that they can hold (projected
     Gauss-Seidel).
     """
@@ -244,12 +244,12 @@ def _slow_down(inertia, bias, torque, step, speeds, ways):
         for j in range(n):
             old = speeds[i, j]
             if abs(brakes[j]) < torque[i, j]:
-                ways[i, j] = 0.5 * step * old
+                moved[i, j] = 0.5 * step * old
                 if old * full[j] < 0.0:
-                    ways[i, j] *= old / (old - full[j])  # it rests before the step's end
+                    moved[i, j] *= old / (old - full[j])  # it rests before the step's end
                 speeds[i, j] = 0.0
             else:
-                ways[i, j] = 0.5 * step * (old + speed[j])
+                moved[i, j] = 0.5 * step * (old + speed[j])
                 speeds[i, j] = speed[j]
 
 

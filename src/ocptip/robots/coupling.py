@@ -122,9 +122,9 @@ class Coupling:
     def text(self) -> str:
         """In words: "elbow_2 follows elbow at -1 times its value + 0.1"."""
         leads = self.leading
-        said = []
+        texts = []
         for name, c, ratio, offset in zip(self.names, self.leaders, self.ratios, self.offsets, strict=True):
             if name != leads[c]:
                 more = f" {'+' if offset > 0 else '-'} {abs(offset):.4g}" if offset else ""
-                said.append(f"{name} follows {leads[c]} at {ratio:.4g} times its value{more}")
-        return "; ".join(said)
+                texts.append(f"{name} follows {leads[c]} at {ratio:.4g} times its value{more}")
+        return "; ".join(texts)

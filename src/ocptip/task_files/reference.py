@@ -99,25 +99,25 @@ def _flat(keys: Keys) -> Iterator[tuple[Keys, dict[str, Any]]]:
     if keys.usual not in variants:
         yield keys, {}
     for value, chosen in variants.items():
-        for variant, told in _flat(chosen):
+        for variant, described in _flat(chosen):
             which = (
                 {keys.by: value} if isinstance(keys.by, str) else {value: None} if value in keys.by else {}
             )
-            yield keys.joined(variant), {**which, **told}
+            yield keys.joined(variant), {**which, **described}
 
 
 def _table_schema(keys: Keys) -> dict[str, Any]:
     head = {"title": keys.name, "description": keys.meaning}
-    forms = [_variant_schema(variant, told, keys.usual) for variant, told in _flat(keys)]
+    forms = [_variant_schema(variant, described, keys.usual) for variant, described in _flat(keys)]
     if len(forms) > 1 and isinstance(keys.by, str) and keys.usual not in keys.known_variants:
         forms = forms[1:]  # the key that tells the variant is required
     return {**head, **forms[0]} if len(forms) == 1 else {**head, "anyOf": forms}
 
 
-def _variant_schema(keys: Keys, told: dict[str, Any], usual: str) -> dict[str, Any]:
+def _variant_schema(keys: Keys, described: dict[str, Any], usual: str) -> dict[str, Any]:
     properties = {name: _key_schema(key) for name, key in keys.keys.items()}
     required = [name for name, key in keys.keys.items() if key.default is REQUIRED]
-    for name, value in told.items():
+    for name, value in described.items():
         if value is not None:
             properties[name] = {**properties[name], "const": value}
         if value != usual and name not in required:
@@ -155,11 +155,11 @@ def _section(keys: Keys) -> str:
     shared = {name: key for name, key in variants[0][0].keys.items() if name in common}
     if shared or len(variants) == 1:
         lines += _rows(keys if len(variants) == 1 else variants[0][0], shared)
-    for variant, told in variants if len(variants) > 1 else ():
+    for variant, described in variants if len(variants) > 1 else ():
         if own := {name: key for name, key in variant.keys.items() if name not in shared}:
             which = [
                 f"`{key}`" if value is None else f"`{key} = {toml_value(value)}`"
-                for key, value in told.items()
+                for key, value in described.items()
             ]
             lines += [f"With {' and '.join(which)}:\n" if which else "Else:\n", *_rows(variant, own)]
     return "\n".join(lines)

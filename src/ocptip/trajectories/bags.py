@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.read import NO_ROOM, only_inside, parse_yaml, read_text, require_readable
+from ocptip.basics.read import NO_SPACE, only_inside, parse_yaml, read_text, require_readable
 from ocptip.basics.text import did_you_mean, some
 from ocptip.trajectories.csv_text import TextTable
 
@@ -276,7 +276,7 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[_Bag]:
     except MemoryError:
         raise
     except Exception as error:  # whatever a decoder makes of a file that is damaged, or made to harm
-        if isinstance(error, OSError) and error.errno in NO_ROOM:
+        if isinstance(error, OSError) and error.errno in NO_SPACE:
             raise
         raise InputError(f"broken bag: {type(error).__name__}: {error}", "", path.name) from None
 

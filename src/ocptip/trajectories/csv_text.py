@@ -259,7 +259,7 @@ def plain_names(table: TextTable, names: Sequence[str] | None, *, measured: bool
 
 def _by_name_columns(table: TextTable) -> list[str]:
     """The header with the names that columns such as `field.name0` give to `field.position0`."""
-    said: dict[tuple[str, str], str] = {}
+    named: dict[tuple[str, str], str] = {}
     for k, title in enumerate(table.header):
         match = _NAME_OF.fullmatch(title)
         texts = list(dict.fromkeys(filter(None, table.texts(k)))) if match else []
@@ -267,10 +267,10 @@ def _by_name_columns(table: TextTable) -> list[str]:
             continue
         if len(texts) > 1:
             raise InputError(f"header: {title} is {texts[0]} and {texts[1]}; expected one order of joints")
-        said[match["before"], match["index"] or match["number"]] = texts[0]
+        named[match["before"], match["index"] or match["number"]] = texts[0]
     header = list(table.header)
     for k, title in enumerate(header):
         if match := _VALUE_OF.fullmatch(title):
-            name = said.get((match["before"], match["index"] or match["number"]))
+            name = named.get((match["before"], match["index"] or match["number"]))
             header[k] = f"{match['before']}{match['word']}.{name}" if name else title
     return header

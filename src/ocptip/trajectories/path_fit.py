@@ -171,21 +171,21 @@ def blended_lines(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> Fi
 def _line_legs(points: np.ndarray, tolerance: np.ndarray) -> list[Leg]:
     """Lines and blends between corners that stay."""
     lengths = polygon_lengths(points)
-    ways = np.diff(points, axis=0) / np.diff(lengths)[:, None]
-    room = 0.5 * np.diff(lengths)
+    directions = np.diff(points, axis=0) / np.diff(lengths)[:, None]
+    halves = 0.5 * np.diff(lengths)
     legs, knots, rows, first = [], [0.0], [], 0
     for k in range(1, len(points)):
         knots.append(lengths[k])
-        rows.append(_line(points[k - 1], ways[k - 1], knots[-2] - lengths[k - 1]))
+        rows.append(_line(points[k - 1], directions[k - 1], knots[-2] - lengths[k - 1]))
         if k == len(points) - 1:
             continue
-        bend = ways[k] - ways[k - 1]
-        reach = min(blend_reach(np.abs(bend), tolerance), room[k - 1], room[k])
+        bend = directions[k] - directions[k - 1]
+        reach = min(blend_reach(np.abs(bend), tolerance), halves[k - 1], halves[k])
         if not np.any(np.abs(bend) > LEAST):
             continue  # straight on
-        if reach > 0 and np.linalg.norm(ways[k] + ways[k - 1]) >= BACK:
+        if reach > 0 and np.linalg.norm(directions[k] + directions[k - 1]) >= BACK:
             knots[-1:] = [lengths[k] - reach, lengths[k] + reach]
-            rows.append(blend_rows(points[k] - reach * ways[k - 1], ways[k - 1], bend, reach))
+            rows.append(blend_rows(points[k] - reach * directions[k - 1], directions[k - 1], bend, reach))
             continue
         legs.append(Leg.of_rows(rows, knots, lengths, points, slice(first, k + 1)))
         knots, rows, first = [lengths[k]], [], k

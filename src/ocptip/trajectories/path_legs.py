@@ -163,8 +163,10 @@ def _supported(at: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> np.ndarr
     for knot in knots:
         last = kept[-1] if kept else 0.0
         after = fixed[np.searchsorted(fixed, knot, side="right")]
-        room = min(np.count_nonzero((at > low) & (at <= high)) for low, high in ((last, knot), (knot, after)))
-        if room >= _FEWEST // 2 or knot in jumps:
+        inside = min(
+            np.count_nonzero((at > low) & (at <= high)) for low, high in ((last, knot), (knot, after))
+        )
+        if inside >= _FEWEST // 2 or knot in jumps:
             kept.append(float(knot))
     return np.array(kept)
 

@@ -99,7 +99,7 @@ class _Lines:
         points: (K, 3), m.
         turns: (K, 3, 3).
         lengths: (K,), m: up to each pose, turns included.
-        ways: (K - 1, 6): how position (base axes) and orientation (gripper axes) change per length.
+        directions: (K - 1, 6): how position (base axes) and orientation (gripper axes) change per length.
         reaches: (K,), m: half lengths of the blends, 0 without one.
         how: what of the orientation counts, and the tool axis, see `PoseTarget.how`.
     """
@@ -107,7 +107,7 @@ class _Lines:
     points: np.ndarray
     turns: np.ndarray
     lengths: np.ndarray
-    ways: np.ndarray
+    directions: np.ndarray
     reaches: np.ndarray
     how: tuple[Orientation, np.ndarray]
 
@@ -125,28 +125,28 @@ class _Lines:
         if np.any(sizes <= REACHED):
             k = int(np.argmax(sizes <= REACHED))
             raise InputError(f"poses: {k + 1} and {k + 2} are the same")
-        ways, reaches = change / sizes[:, None], np.zeros(len(poses))
-        for k, (before, after) in enumerate(pairwise(ways), 1):
+        directions, reaches = change / sizes[:, None], np.zeros(len(poses))
+        for k, (before, after) in enumerate(pairwise(directions), 1):
             bend = (after - before) * ([1.0] * 3 + [ARM_LENGTH] * 3)
             if tolerance > 0 and np.linalg.norm(after + before) >= BACK:
                 reaches[k] = min(
                     blend_reach(float(np.linalg.norm(bend)), tolerance), 0.5 * sizes[k - 1], 0.5 * sizes[k]
                 )
-        return cls(points, turns, np.append(0.0, np.cumsum(sizes)), ways, reaches, poses[0].how)
+        return cls(points, turns, np.append(0.0, np.cumsum(sizes)), directions, reaches, poses[0].how)
 
     @property
     def corners(self) -> list[int]:
         """Poses at which a leg begins or ends: the first, the last, and those without a blend."""
         inner = range(1, len(self.points) - 1)
-        bent = (np.linalg.norm(self.ways[k] - self.ways[k - 1]) > 1e-9 for k in inner)
+        bent = (np.linalg.norm(self.directions[k] - self.directions[k - 1]) > 1e-9 for k in inner)
         stops = [k for k, bend in zip(inner, bent, strict=True) if bend and not self.reaches[k]]
         return [0, *stops, len(self.points) - 1]
 
     def at(self, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N, 3), m, and rotations (N, 3, 3)."""
         k = np.argmin(np.abs(self.lengths - lengths[:, None]), axis=1)
-        y, last = lengths - self.lengths[k], len(self.ways) - 1
-        before, after = self.ways[np.maximum(k - 1, 0)], self.ways[np.minimum(k, last)]
+        y, last = lengths - self.lengths[k], len(self.directions) - 1
+        before, after = self.directions[np.maximum(k - 1, 0)], self.directions[np.minimum(k, last)]
         ahead = (k == 0) | ((y > 0) & (k <= last))
         moved = y[:, None] * np.where(ahead[:, None], after, before)
         for i in np.flatnonzero(np.abs(y) < self.reaches[k]):
@@ -160,13 +160,14 @@ class _Lines:
         """Largest distance of blends from their corners, m."""
         inner = [k for k in range(1, len(self.points) - 1) if self.reaches[k]]
         miss = [
-            3 / 16 * self.reaches[k] * np.linalg.norm((self.ways[k] - self.ways[k - 1])[:3]) for k in inner
+            3 / 16 * self.reaches[k] * np.linalg.norm((self.directions[k] - self.directions[k - 1])[:3])
+            for k in inner
         ]
         return float(max(miss, default=0.0))
 
     def where(self, length: float) -> str:
         """A place in words."""
-        k = int(np.clip(np.searchsorted(self.lengths, length, side="right") - 1, 0, len(self.ways) - 1))
+        k = int(np.clip(np.searchsorted(self.lengths, length, side="right") - 1, 0, len(self.directions) - 1))
         share = (length - self.lengths[k]) / (self.lengths[k + 1] - self.lengths[k])
         point = ", ".join(f"{1e3 * x:.1f}" for x in self.at(np.array([length]))[0][0])
         return f"line from pose {k + 1} to {k + 2}, at {100 * share:.0f} % of it ({point} mm)"
@@ -261,5 +262,5 @@ def _refusal(arm: ArmModel, lines: _Lines, lengths: np.ndarray, q: np.ndarray) -
 
 def tool_distance(arm: ArmModel, fit: FittedPath) -> float:
     """Largest distance, m, of the TCP on a path from where it is at the samples."""
-    ours, given = (gripper_pose(arm, q)[0] for q in (fit.path.at(fit.places)[0], fit.samples))
-    return float(np.linalg.norm(ours - given, axis=1).max())
+    on_path, given = (gripper_pose(arm, q)[0] for q in (fit.path.at(fit.places)[0], fit.samples))
+    return float(np.linalg.norm(on_path - given, axis=1).max())

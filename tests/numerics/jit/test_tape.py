@@ -9,7 +9,7 @@ import pytest
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.jit import native
 from ocptip.numerics.jit.native import LANES
-from ocptip.numerics.jit.tape import BLOCK, LOOK, WORTH, Tape
+from ocptip.numerics.jit.tape import BLOCK, SEARCHED, WORTH, Tape
 
 UNARY = {
     "neg": lambda x: -x,
@@ -131,7 +131,7 @@ def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
     [file] = tmp_path.rglob("*.tape")
     other = Tape(cs.Function("f", [x], [cs.sin(x) * 4]))  # another constant: the same code
     assert other.native(compile_it=False) is not None
-    np.testing.assert_array_equal([other(inputs) for _ in range(LOOK + 1)][-1], np.sin(inputs) * 4)
+    np.testing.assert_array_equal([other(inputs) for _ in range(SEARCHED + 1)][-1], np.sin(inputs) * 4)
     file.write_bytes(file.read_bytes()[:-1])
     assert other.native(compile_it=False) is None  # a torn file is no code
     assert other.native(compile_it=True) is not None

@@ -20,7 +20,7 @@ from ocptip.trajectories.sequence import parted, standstills
 from ocptip.trajectories.trajectory import Trajectory
 
 NEAR = 1e-3  # rad, m: a standstill so near to a segment's goal is that of the segment
-_MOST_WAYS = 10_000
+_MOST_ASSIGNMENTS = 10_000
 
 
 @dataclass(frozen=True)
@@ -139,14 +139,14 @@ def parts_of(task: CycleTask, motion: Trajectory) -> Trajectory:
             f"rests {len(inner)} times between its ends; {wanted} segments of {task.name} need {wanted - 1}"
         )
     if len(inner) > wanted - 1:
-        ways = _assignments(task, [points.angles[begin] for begin, _ in inner])
-        if len(ways) != 1:
-            which = "none fits their goals" if not ways else "several fit their goals"
+        assignments = _assignments(task, [points.angles[begin] for begin, _ in inner])
+        if len(assignments) != 1:
+            which = "none fits their goals" if not assignments else "several fit their goals"
             raise InputError(
                 f"rests {len(inner)} times between its ends; which {wanted - 1} of them part the segments "
                 f"of {task.name} is not clear ({which}); check the plan.json, which says it"
             )
-        inner = [inner[k] for k in ways[0]]
+        inner = [inner[k] for k in assignments[0]]
     return parted(motion, [*inner, *tail])
 
 
@@ -183,11 +183,13 @@ def _assignments(task: CycleTask, postures: list[np.ndarray]) -> list[list[int]]
     """Standstills at the goals of all segments but the last, in their order: the first two assignments, if
     any.
     """
-    ways: list[list[int]] = [[]]
+    assignments: list[list[int]] = [[]]
     for end in range(1, len(task.segments)):
         fitting = [k for k, q in enumerate(postures) if task.offset(end, q, NEAR).max() <= NEAR]
-        ways = [[*way, k] for way in ways for k in fitting if not way or k > way[-1]][:_MOST_WAYS]
-    return ways[:2]
+        assignments = [[*way, k] for way in assignments for k in fitting if not way or k > way[-1]][
+            :_MOST_ASSIGNMENTS
+        ]
+    return assignments[:2]
 
 
 def _whole(
@@ -277,7 +279,7 @@ def _within(
 
 def _collision(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """What was checked in all segments; that of the smallest distance."""
-    looked = [own for own in found if own["checked"]]
-    if len(looked) < len(found):
+    checked_ones = [own for own in found if own["checked"]]
+    if len(checked_ones) < len(found):
         return next(own for own in found if not own["checked"])
-    return min(looked, key=lambda own: own["least"]["distance_m"])
+    return min(checked_ones, key=lambda own: own["least"]["distance_m"])

@@ -40,7 +40,9 @@ LOST = 1.0  # largest violation from which, with rows of stops, no other pace le
 TIGHTENINGS = 5
 PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
 AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
-DEAR = 1.0005  # times what a motion costs: what an exact program may have, to replace it once it is checked
+WORSE_EXACT = (
+    1.0005  # times what a motion costs: what an exact program may have, to replace it once it is checked
+)
 ROUGHLY = 1.01  # times what a motion costs: what smooth programs may promise with another rise time,
 HOPEFUL = 1.03, 1.005  # and after a random change: the coarse one, the fine one
 PROMISING = 1.02  # times the cost of an S-curve motion, what its path may cost as ramps
@@ -195,7 +197,7 @@ class Search:
             start = begun(clock)
             clock.stage("fine")
             if start is not None:
-                found, _, _ = self._refined(start, clock, DEAR * self._cost(checked))
+                found, _, _ = self._refined(start, clock, WORSE_EXACT * self._cost(checked))
                 if found is not None and self._better(found[1], checked):
                     motion, checked = found
         except NUMERICAL:

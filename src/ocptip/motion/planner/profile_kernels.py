@@ -128,20 +128,20 @@ def put_corners(x, joints, K, ramps, steps, times, d_steps):
 
 @compiled
 def put_passive_corners(
-    end, joints, ways, cruises, rounding, trapezoid, steps, times, d_steps, d_times, second
+    end, joints, distances, cruises, rounding, trapezoid, steps, times, d_steps, d_times, second
 ):
     """The same of non-optimised joints, whose one variable is the end time, with two derivatives.
 
     Args:
         end: s.
-        joints, ways, cruises: of each that moves; rad, and s at the speed at which it cruises.
+        joints, distances, cruises: of each that moves; rad, and s at the speed at which it cruises.
         rounding: s, of the transition between both forms of profiles; 0: `trapezoid` says which.
         trapezoid: of each.
         steps, times, d_steps, d_times: of `Corners`, zero as they come.
         second: (n, 2) of acceleration and of t'.
     """
     for k in range(len(joints)):
-        joint, way = joints[k], ways[k]
+        joint, way = joints[k], distances[k]
         if rounding == 0.0:  # (5.16), (5.17)
             p, p1, p2 = (end - cruises[k], 1.0, 0.0) if trapezoid[k] else (end / 2, 0.5, 0.0)
         else:

@@ -204,7 +204,7 @@ class MotionProgram:
         self._used = [limit for limit in limits if self.rows[limit.name].any()]
         self._last: Evaluation | None = None
         self._sloped: tuple[Evaluation, np.ndarray] | None = None
-        self._looked: tuple[np.ndarray, Instants] | None = None
+        self._latest: tuple[np.ndarray, Instants] | None = None
 
     def with_rows(
         self, rows: RowSet, pull: Pull | None = None, near: np.ndarray | None = None
@@ -337,14 +337,14 @@ class MotionProgram:
 
     def _instants(self, x: np.ndarray) -> Instants:
         """The nodes as limits evaluate them."""
-        if self._looked is None or not np.array_equal(self._looked[0], x):
+        if self._latest is None or not np.array_equal(self._latest[0], x):
             s, columns = self.nodes.values(x), self.physics.columns
             y = self.physics.values(s, self._directions)
             parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
             n = self.physics.n
             q, qd, qdd, process = np.split(np.ascontiguousarray(s.T), [n, 2 * n, 3 * n], axis=1)
-            self._looked = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd, process)
-        return self._looked[1]
+            self._latest = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd, process)
+        return self._latest[1]
 
     def _evaluate(self, x: np.ndarray) -> Evaluation:
         key = x.tobytes()

@@ -29,7 +29,7 @@ _Op = IntEnum(
     SIGN FMIN FMAX INV POW CONSTPOW LT LE EQ NE NOT AND OR IF_ELSE_ZERO
     """,
 )
-LOOK, WORTH = 3, 400
+SEARCHED, WORTH = 3, 400
 """Runs after which machine code is searched on disk, and after which it is worth its compilation."""
 
 _CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
@@ -100,7 +100,7 @@ class Tape:
         """One more run; machine code if it is time for it."""
         with self._lock:
             self._runs += 1
-            if self._native is None and self._runs in (LOOK, WORTH):
+            if self._native is None and self._runs in (SEARCHED, WORTH):
                 self._native = self.native(compile_it=self._runs == WORTH)
 
     def native(self, compile_it: bool, lanes: int = LANES) -> Native | None:

@@ -25,7 +25,7 @@ from ocptip.parallel.robot import ParallelRobot
 
 OUT_OF_REACH = "out of reach"
 LENGTHS = ("x", "y", "z")  # coordinates in m; the others are angles
-_BLOCK, _SAID = 20_000, 16
+_BLOCK, _REPORTED = 20_000, 16
 
 Watcher = Callable[[int, int, None], None]
 
@@ -207,7 +207,7 @@ def _one_by_one(
     home = 0.0 if only is not None else motor_volume(robot, robot.description.home, None)
     nearby = _Nearby(robot)
     for k, z in enumerate(poses):
-        if progress is not None and k % _SAID == 0:
+        if progress is not None and k % _REPORTED == 0:
             progress(k, len(poses), None)
         if (q := nearby.joints(z)) is None:
             cause[k] = 0

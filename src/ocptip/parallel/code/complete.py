@@ -222,7 +222,7 @@ def _check(robot: NumericRobot, found: LeanFunction, outputs: Sequence[str]) -> 
     q = robot.ik(z).q
     expected = robot.inverse_dynamics(z, rates, rates[::-1], q).motors
     all_joints = complete_joints(robot.kinematics, z, q)
-    ours = np.array(found.fast()(z, rates, rates[::-1], all_joints)[list(outputs).index("tau")]).ravel()
-    off = np.abs(ours - expected).max() / max(np.abs(expected).max(), 1e-300)
+    generated = np.array(found.fast()(z, rates, rates[::-1], all_joints)[list(outputs).index("tau")]).ravel()
+    off = np.abs(generated - expected).max() / max(np.abs(expected).max(), 1e-300)
     if not off < _AGREES:
         raise InputError(f"{robot.description.name}: generated code is not regular near home ({off:.1g} off)")

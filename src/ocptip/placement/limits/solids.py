@@ -55,7 +55,7 @@ class WorldSolids:
         self.names = [f"{names[a]} and {names[b]}" for a, b in pairs]
         of_base = [a in resting and b >= len(own.solids) for a, b in pairs]
         self.least = np.where(of_base, limits.base_clearance, limits.clearance)
-        self._judge = Distances(_placed_frames(self.arm), self._solids, pairs)
+        self._checked_distances = Distances(_placed_frames(self.arm), self._solids, pairs)
 
     def gaps(self, found: TaskEvaluation) -> tuple[list[str], np.ndarray, np.ndarray]:
         """Names, distances (N, names), m, and their required minima (names,); solids of one name are one."""
@@ -63,7 +63,7 @@ class WorldSolids:
         below = float(self.least.max(initial=0.0)) + _FAR
         names = list(dict.fromkeys(self.names))
         groups = np.array([names.index(name) for name in self.names], dtype=int)
-        smallest = self._judge.smallest(np.concatenate([found.q, poses], axis=1), groups, below)
+        smallest = self._checked_distances.smallest(np.concatenate([found.q, poses], axis=1), groups, below)
         return names, smallest, self.least[np.unique(groups, return_index=True)[1]]
 
     def functions(self, at: Symbols, kind: str) -> list[SolidGaps]:

@@ -150,17 +150,17 @@ def _improved_on(
         first = np.repeat(best_q, _DRAWS, axis=0)
         first = first + rng.normal(size=first.shape) * np.repeat(radius, _DRAWS)[:, None, None]
         q, exact = followed(evaluator, patch, p, first)
-        value, goal, room = (np.full(len(p), np.inf) for _ in range(3))
+        value, goal, smallest = (np.full(len(p), np.inf) for _ in range(3))
         if exact.any():
             at, below = np.flatnonzero(exact), np.repeat(score, _DRAWS)[exact]
             kept = at[_score(*rough_scores(evaluator, patch, p[at], q[at])) < below]
             if len(kept):
-                value[kept], goal[kept], room[kept] = _scores(evaluator, patch, p[kept], q[kept])
+                value[kept], goal[kept], smallest[kept] = _scores(evaluator, patch, p[kept], q[kept])
         leader = np.argmin(value.reshape(N, _DRAWS), axis=1) + _DRAWS * np.arange(N)
         better = value[leader] < score
         at = leader[better]
         best_p[better], best_q[better] = p[at], q[at]
-        score[better], total[better], margin[better] = value[at], goal[at], room[at]
+        score[better], total[better], margin[better] = value[at], goal[at], smallest[at]
         radius *= np.where(better, 1.0, _SHRINK)
     return best_p, best_q, score, total, margin
 

@@ -49,22 +49,25 @@ class SphereGaps:
         frames = link_frames(self._model, q)
         first, second, obstacle = self._pairs[pairs].T
         centres = self._placed(frames, states, first)
-        gaps, ways = np.empty(len(pairs)), np.empty((len(pairs), 3))
+        gaps, directions = np.empty(len(pairs)), np.empty((len(pairs), 3))
         alone, two = np.flatnonzero(second == NOTHING), np.flatnonzero(second != NOTHING)
         if alone.size:
             distances, over = self._around(centres[alone])
             rows, own = np.arange(alone.size), obstacle[alone]
-            gaps[alone], ways[alone] = distances[rows, own], over.reshape(alone.size, 3, -1)[rows, :, own]
+            gaps[alone], directions[alone] = (
+                distances[rows, own],
+                over.reshape(alone.size, 3, -1)[rows, :, own],
+            )
         between = centres[two] - self._placed(frames, states[two], second[two])
         lengths = np.sqrt(np.sum(between**2, axis=1) + TINY)
-        gaps[two], ways[two] = lengths - self._radii[second[two]], between / lengths[:, None]
+        gaps[two], directions[two] = lengths - self._radii[second[two]], between / lengths[:, None]
         joints, (before, behind) = (
             np.arange(self._model.links),
             (self._links[some] for some in (first, second)),
         )
         moving = 1.0 * (joints < before[:, None])
         moving[two] -= joints < behind[two, None]
-        wrenches = np.hstack([cross(centres, ways), ways])
+        wrenches = np.hstack([cross(centres, directions), directions])
         slopes = moving * np.einsum("rjk,rk->rj", self._screws(frames)[states], wrenches)
         coupling = self._model.coupling
         return gaps - self._radii[first], slopes if coupling is None else slopes @ coupling.matrix

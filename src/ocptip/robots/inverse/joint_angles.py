@@ -28,8 +28,8 @@ def within_limits(model: ArmModel, angles: np.ndarray, near: np.ndarray | float 
     fewest, most = np.ceil((low - angles) / TURN), np.floor((high - angles) / TURN)
     turns = np.clip(np.round((near - angles) / TURN), fewest, np.maximum(fewest, most))
     copies = np.where(fewest <= most, angles + TURN * turns, np.nan)
-    ways = np.where((low <= angles) & (angles <= high), angles, np.nan)
-    return np.where(model.periodic, copies, ways)
+    single = np.where((low <= angles) & (angles <= high), angles, np.nan)
+    return np.where(model.periodic, copies, single)
 
 
 def once_around(model: ArmModel, q: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from ocptip.trajectories.trajectory import Trajectory
 
 SETTLED = 1e-4  # m: the gripper is at rest when it stays as near to its last place
 _DECAYS = 6.0  # time constants of the slowest mode for which is looked on after the end
-_LOOK = 0.2, 5.0  # s: at least and at most
+_AFTER = 0.2, 5.0  # s: at least and at most
 _SHOWN = 3  # modes
 _ROUNDED = 1e-6
 _INSTANTS = 400  # of a motion whose modes are looked at, and, five times as many, whose contacts are
@@ -44,7 +44,7 @@ def ridden(robot: StandingMechanism, motion: Trajectory) -> tuple[Simulation, Co
     else:
         ringing = simulation.modes(len(ride.begins) - 1)
         rate = np.min(2 * np.pi * np.prod(ringing, axis=1), initial=np.inf)
-    ride.lengths[-1] = np.clip(_DECAYS / max(rate, 1e-9), *_LOOK)
+    ride.lengths[-1] = np.clip(_DECAYS / max(rate, 1e-9), *_AFTER)
     return simulation, simulation.run()
 
 
@@ -323,10 +323,10 @@ def _on_base(robot: StandingMechanism, course: Course) -> tuple[ContactMargins, 
     count = len(course.times)
     every = max(1, count // (5 * _INSTANTS))
     rows = np.arange(0, count, every)
-    contacts, reserves = _looked(robot, course, rows)
+    contacts, reserves = _evaluated(robot, course, rows)
     near = np.concatenate([rows[np.argsort(values)[-_NEAREST:]] for values in reserves.T])
     fresh = np.unique(np.clip(np.add.outer(near, np.arange(-every, every + 1)), 0, count - 1))
-    more, others = _looked(robot, course, fresh)
+    more, others = _evaluated(robot, course, fresh)
     rows, reserves = np.concatenate([rows, fresh]), np.vstack([reserves, others])
     GN, GT = (
         Margin(float(values[k]), float(course.times[rows[k]]))
@@ -335,7 +335,9 @@ def _on_base(robot: StandingMechanism, course: Course) -> tuple[ContactMargins, 
     return contacts.worse(more), GN, GT
 
 
-def _looked(robot: StandingMechanism, course: Course, rows: np.ndarray) -> tuple[ContactMargins, np.ndarray]:
+def _evaluated(
+    robot: StandingMechanism, course: Course, rows: np.ndarray
+) -> tuple[ContactMargins, np.ndarray]:
     """Contacts at their worst, and GN and GT (k, 2), infinite where they are not known, at these instants."""
     at = _Rung(robot, course.wrenches[rows])
     values = np.column_stack([_tip(at), at.largest_slip.GT])

@@ -391,16 +391,16 @@ class Simulation:
     def _crossing(self, system: np.ndarray, z: np.ndarray, dt: float, k: int, begin: float) -> np.ndarray:
         """The first state within dt at which foot k lets go or comes down, by false position."""
 
-        def look(time: float) -> tuple[np.ndarray, float]:
+        def state_at(time: float) -> tuple[np.ndarray, float]:
             at = expm(system * time) @ z
             return at, float(self._wrong(at[None], begin)[0, k])
 
         low, below, high = 0.0, float(self._wrong(z[None], begin)[0, k]), dt
-        at, above = look(dt)
+        at, above = state_at(dt)
         for _ in range(_SECANTS):
             share = below / (below - above) if below < 0 < above else 0.5
             time = low + np.clip(share, 0.05, 0.95) * (high - low)
-            found, value = look(time)
+            found, value = state_at(time)
             if value < 0:
                 low, below = time, value
             else:

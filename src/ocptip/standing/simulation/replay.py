@@ -402,7 +402,7 @@ def compared(parts: Sequence[Part], replay: Replay) -> Compared | None:
 
     None where it knows none: of rigid feet, more than three, one sharing of several is no prediction.
     """
-    times, ours, theirs, stands = [], [], [], True
+    times, expected, theirs, stands = [], [], [], True
     for _, part, at in owners(replay.world.parts(parts), replay.times):
         local = replay.times[at] - part.begin
         inside = (local > 0) & (local < part.motion.end) & replay.quiet[at]
@@ -413,15 +413,15 @@ def compared(parts: Sequence[Part], replay: Replay) -> Compared | None:
         kept = at[inside][: len(forces)]
         times.append(replay.times[kept])
         theirs.append(replay.forces[kept])
-        ours.append(forces)
+        expected.append(forces)
         stands = stands and own
-    when, ours, theirs = np.concatenate(times), np.vstack(ours), np.vstack(theirs)
-    at = np.argmin(ours, axis=0)
+    when, expected, theirs = np.concatenate(times), np.vstack(expected), np.vstack(theirs)
+    at = np.argmin(expected, axis=0)
     return Compared(
-        ours[at, np.arange(ours.shape[1])],
+        expected[at, np.arange(expected.shape[1])],
         when[at],
-        _rms(theirs.min(axis=1) - ours.min(axis=1)),
-        _rms(theirs - ours),
+        _rms(theirs.min(axis=1) - expected.min(axis=1)),
+        _rms(theirs - expected),
         stands,
     )
 
@@ -435,8 +435,8 @@ def _predicted(part: Part, times: np.ndarray) -> tuple[np.ndarray, bool] | None:
             return None
         course = feet.course
         kept = times[times < course.times[-1]]
-        ours = np.stack([np.interp(kept, course.times, f) for f in course.forces[:, :, 0].T], axis=1)
-        return ours, not feet.lifts and not feet.falls
+        expected = np.stack([np.interp(kept, course.times, f) for f in course.forces[:, :, 0].T], axis=1)
+        return expected, not feet.lifts and not feet.falls
     if robot.support.n_contacts != 3 or np.linalg.matrix_rank(robot.support.arms) != 3:
         return None
     states = robot.contact_states(robot.loads(*motion.states(times), robot.during(motion).acting(times))[1])
