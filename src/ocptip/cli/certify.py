@@ -27,7 +27,7 @@ _MOST = 8  # undecided intervals that are listed
 
 
 def run(options: Namespace) -> Report:
-    """Find a certificate, or judge one."""
+    """Find a certificate, or check one."""
     if (data := read_certificate(options.motion)) is not None:
         if options.out is not None:
             raise InputError("--out: a certificate is checked, not written")

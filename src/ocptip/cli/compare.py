@@ -46,7 +46,7 @@ def run(options: Namespace) -> CompareReport:
 
 @dataclass
 class CompareReport(Report):
-    """What is said about a comparison.
+    """The report of a comparison.
 
     Attributes:
         compared: that.
@@ -127,7 +127,7 @@ class CompareReport(Report):
 
 
 def unit_of(predictor: Predictor, kind: str, index: int) -> tuple[str, float]:
-    """Unit of a signal as people read it, and so many per SI unit."""
+    """Unit of a signal as people read it, and its factor from SI units."""
     if kind == GRIPPER:
         return "mm", 1e3
     if kind == POWER:

@@ -104,7 +104,7 @@ def naming_options(*arguments: str) -> Iterator[None]:
 
 
 def require_least(options: Namespace, **least: int) -> None:
-    """Raise InputError if an option that is given is below its least value; names it as it is typed."""
+    """Raise InputError if an option that is given is below its minimum; names it as it is typed."""
     for name, bound in least.items():
         value = getattr(options, name)
         if value is not None and value < bound:

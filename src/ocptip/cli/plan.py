@@ -1,4 +1,4 @@
-"""`ocptip plan`: plans the motion of least energy, says what it found, writes files and figures."""
+"""`ocptip plan`: plans the motion of minimum energy, reports it, writes files and figures."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _no_plan(task: Task, error: NoPlanError) -> Answer:
 
 
 def progress_bar(task: Task) -> Progress:
-    """Bar that shows the least cost so far."""
+    """Bar that shows the minimum cost so far."""
     unit = task.objective.unit
     best = f"best{' of this segment' * task.is_cycle} {{:.{3 if unit == 's' else 1}f}} {unit}"
     first = "comparing postures ..." if task.is_cycle else "building the optimisation problem ..."

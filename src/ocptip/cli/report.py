@@ -55,7 +55,7 @@ _TESTS = (
 
 
 def run(options: Namespace) -> DocumentReport:
-    """Compute everything anew, from the folder or the task alone."""
+    """Compute everything again, from the folder or the task alone."""
     path = Path(options.plan)
     with naming("--out"):
         out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
@@ -248,7 +248,7 @@ class DocumentReport(Report):
 
 
 def _labelled(row: tuple[str, str]) -> str:
-    """A row of a command's output as a sentence of its own."""
+    """A row of a command's output as a sentence."""
     label, text = row
     return f"{label} {text}" if label else text
 

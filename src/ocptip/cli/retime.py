@@ -1,4 +1,4 @@
-"""`ocptip retime`: times a given path anew, says what it found, writes files and figures."""
+"""`ocptip retime`: retimes a given path, reports the result, writes files and figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
 
 
 def run(options: Namespace) -> Report:
-    """Time the path; one that cannot be timed is bad input, and it is said where and why."""
+    """Time the path; one that cannot be timed is bad input, and the message says where and why."""
     refuse_early(options.motion)  # the task may have to be compiled first
     with naming_options(*typed(options, "base", "controller", "rate", "jerk", "max_duration")):
         asked = options.case or options.task

@@ -56,7 +56,9 @@ class TaskSource:
         objective: Objective,
         rise_times: tuple[float, ...] | None = None,
     ) -> str:
-        """A task file with this name, these limits, objective and rise times, whatever the file said."""
+        """A task file with this name, these limits, objective and rise times, which replace those of the
+        file.
+        """
         data: dict[str, Any] = {} if "case" in self.data else {"name": name}
         data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
         asked = data.setdefault("limits", {})
@@ -81,7 +83,9 @@ class TaskSource:
 
 
 def tolerance_table(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:
-    """The table `[tolerance]`; that of a parallel robot holds the damping with which its jumps count."""
+    """The table `[tolerance]`; that of a parallel robot holds the damping with which acceleration steps
+    count.
+    """
     if not isinstance(robot, Robot) and limits.damping < 1:
         return {"damping": limits.damping}
     return limits.tolerance.to_table() or {"preset": "none"}

@@ -51,12 +51,12 @@ class StopRules:
     """What stops have to keep, and how they go.
 
     Attributes:
-        GN, GT: largest reserve values during stops, at most 1; None: those of the motion.
+        GN, GT: maximum during stops, at most 1; None: those of the motion.
         time: s, that the time law of a stop along the path takes at least from the planned speed to rest; 0:
             as little as the drives can.
-        brake_min, brake_max: (n,), N m (sliding joints: N): least and greatest torque with which each brake
+        brake_min, brake_max: (n,), N m (sliding joints: N): minimum and maximum torque with which each brake
             acts; None: `BRAKES` of the torque limits, at least `HOLDING` times what gravity asks.
-        delay: s, least and greatest time from when the drives lose their torque until the brakes act.
+        delay: s, minimum and maximum time from when the drives lose their torque until the brakes act.
         deceleration: (n,), rad/s^2 (sliding joints: m/s^2), of a controller that is cancelled; None: the
             acceleration limits.
         share: of `deceleration` that it uses.
@@ -166,7 +166,7 @@ class StopRules:
         )
 
     def brakes(self, robot: StandingMechanism) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest brake torques, (n,) each, N m.
+        """Minimum and maximum brake torques, (n,) each, N m.
 
         Raises:
             InputError: their number is not the robot's, or they are not given and a torque limit is infinite.

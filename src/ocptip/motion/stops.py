@@ -32,7 +32,7 @@ _OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
 
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """What was found about the stops of a motion.
+    """The check of the stops of a motion.
 
     Attributes:
         kinds: which scenarios were checked, see `SCENARIOS`.
@@ -107,13 +107,13 @@ def check_stops(
     checked: MotionCheck,
     kinds: Kinds = "both",
 ) -> Stops:
-    """Look at stops of a motion.
+    """Check stops of a motion.
 
     Args:
         robot, motion: whose.
         limits: of the motion, with stops along the path if these are checked: see `StopRules.asked`.
         rules: how it is stopped.
-        checked: the motion's check under these limits, which has looked at stops that they ask for.
+        checked: the motion's check under these limits, which includes the stops that they ask for.
         kinds: which scenarios; by brakes and cancels of arms only.
 
     Raises:
@@ -174,7 +174,7 @@ def stops_of(
 def stops_by_segment(
     task: Task, motion: Trajectory, checked: CycleCheck, kinds: Kinds | None = None
 ) -> dict[str, Stops]:
-    """The same by the names of segments, in their own times; the name of a motion is empty."""
+    """The same by the names of segments, in their times; the name of a motion is empty."""
     rows = zip(task.segments, motion.segments, checked.segments, strict=True)
     found = {segment.name: stops_of(segment.task, own, check, kinds) for segment, own, check in rows}
     return {name: stops for name, stops in found.items() if stops}

@@ -1,9 +1,9 @@
-"""What a motion tolerates before a contact is lost: each deviation from the model alone, by bisection.
+"""Robustness of a motion until a contact is lost: each deviation from the model alone, by bisection.
 
 The loads are linear in what deviates: gravity (a tilted floor), mass at the gripper, a push, the square of a
-speed factor. So those of all instants are computed once and combined. At every level the contact forces are
-solved anew, and the reserves judged: lost means GN or GT at 1, whatever smaller limits the motion keeps.
-Looked at are sampled instants and directions; other limits (torques, clearance) are not.
+speed factor. So those of all instants are computed once and combined. At every level the contact forces, GN
+and GT are computed again: lost means GN or GT at 1, whatever smaller limits the motion keeps. Sampled
+instants and directions are checked; other limits (torques, clearance) are not.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ class Tolerated:
 
     Attributes:
         quantity: "tilt", "extra_mass", "push", "friction", "faster" or "delay".
-        value: in `unit`; of friction the least factor.
+        value: in `unit`; of friction the minimum factor.
         unit: "deg", "kg", "N", "", "%" or "ms".
-        at_most: nothing was lost up to this value (friction: down to it), beyond which was not looked.
+        at_most: nothing was lost up to this value (friction: down to it), beyond which was not searched.
         time: s, where the contact is lost; NaN if none is.
         how: direction, and what happens.
         between: of feet one of which lifts on the stiffest: on those between these, in `unit`, none does.
@@ -146,18 +146,18 @@ class _Case:
 
 @one_thread
 def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
-    """What the motion of an arm tolerates, each quantity alone.
+    """Robustness of the motion of an arm, each quantity alone.
 
     - tilt: of floor and base, in any direction, degrees;
     - extra_mass: a point mass at the gripper, kg;
     - push: a force at the gripper in any direction, N;
     - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
     - faster: all times shorter, per cent of speed;
-    - foot_stiffness: the least, N/m, of compliant feet, see `ocptip.standing.elastic.feet.softest_feet`;
+    - foot_stiffness: the minimum, N/m, of compliant feet, see `ocptip.standing.elastic.feet.softest_feet`;
       infinite if a foot lifts on the stiffest, then `between` says on which none does, if on any;
-    - delay: any of the joints starts late by so much, ms (up to six joints that move).
+    - delay: delay of any of the joints, ms (up to six joints that move).
 
-    A motion that loses a contact as it is tolerates nothing: all values are zero.
+    All values are zero for a nominal motion that loses a contact.
 
     Raises:
         InputError: the motion does not fit the arm.
@@ -202,7 +202,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
 
 
 def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
-    """Of every deviation that of the segment that tolerates least; empty for parallel robots.
+    """For every deviation the minimum over the segments; empty for parallel robots.
 
     Times are from the begin of the first segment.
     """
@@ -246,7 +246,7 @@ class _Parts(RestLoads):
         self.extra = both[0] - both[1]
 
     def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
-        """Wrenches (N, 6) on the base with this gravity (3,), m/s^2, at so many times the speed."""
+        """Wrenches (N, 6) on the base with this gravity (3,), m/s^2, at `speed` times the speed."""
         gravity = self.support.gravity if gravity is None else gravity
         return self.per_gravity @ gravity + self.process + speed**2 * self.inertial
 
@@ -304,7 +304,7 @@ class _Judge:
     def largest(
         self, quantity: str, unit: str, scale: float, most: float, cases: Iterable[_Case]
     ) -> Tolerated:
-        """The largest level, of all cases the least; found to a relative precision of `CLOSE`."""
+        """The largest level, the minimum over all cases; to a relative precision of `CLOSE`."""
         best, time, how = most, np.nan, ""
 
         def near(low: float, high: float) -> bool:
@@ -339,7 +339,7 @@ def _beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
 
 
 def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
-    """The least factor of the friction coefficients of ordinary contacts; None without such contacts."""
+    """The minimum factor of the friction coefficients of ordinary contacts; None without such contacts."""
     if not any(isinstance(c, UnilateralContact) for c in robot.support.contacts):
         return None
     wrenches = parts.total()
@@ -365,7 +365,7 @@ def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
 
 
 def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
-    """The least stiffness of feet; None where it is not known."""
+    """The minimum stiffness of feet; None where it is not known."""
     found = softest_feet(robot, motion)
     if found is None:
         return None
@@ -395,7 +395,9 @@ def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
 
 
 def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
-    """Every subset of the joints that move, late by the level; up to `MOST_LATE` joints, else each alone."""
+    """Every subset of the joints that move, delayed by the level; up to `MOST_LATE` joints, else each
+    alone.
+    """
     moving = np.flatnonzero(motion.speed_peaks > 0)
     if len(moving) > MOST_LATE:
         subsets = np.eye(len(moving), dtype=bool)

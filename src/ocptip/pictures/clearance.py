@@ -1,4 +1,4 @@
-"""The least distance of a motion over time, with the names of the pair that is nearest at each instant."""
+"""The minimum distance of a motion over time, with the names of the pair that is nearest at each instant."""
 
 from __future__ import annotations
 

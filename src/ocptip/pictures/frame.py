@@ -40,7 +40,7 @@ def hull(points: np.ndarray) -> np.ndarray:
 
 
 def _turning_left(points: np.ndarray, order: np.ndarray) -> list[int]:
-    """Those of points (k, 2) in this order at which a way along their left side turns left."""
+    """Those of points (k, 2) in this order at which a path along their left side turns left."""
     kept: list[int] = []
     flat = 1e-12 * float(np.max(np.abs(points), initial=0.0)) ** 2
     for k in order:
@@ -91,7 +91,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], dpi: int) -> Path:
 def png(figure: Figure, dpi: int = DPI) -> bytes:
     """Content of a PNG file, without the alpha channel and the hard search of `savefig`: in half the time.
 
-    Letters are not hinted, which at this size is hardly seen and took a tenth of the time.
+    Letters are not hinted: at this size the difference is not visible, and hinting took a tenth of the time.
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg

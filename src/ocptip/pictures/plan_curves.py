@@ -43,7 +43,7 @@ class PlanCurves:
 
     @property
     def events(self) -> np.ndarray:
-        """When ramps begin or end, (S,), s; timings of paths, and samples, have none."""
+        """Switching times of velocity profiles, (S,), s; timings of paths, and samples, have none."""
         motion: Trajectory = self.plan.motion
         parts = zip(motion.begins, motion.segments, strict=True)
         found = [begin + own.event_times for begin, own in parts if own.profiles is not None]
@@ -81,7 +81,7 @@ class PlanCurves:
 
     @cached_property
     def normal_range(self) -> np.ndarray:
-        """(n, 2) least and greatest normal force each contact can bear, N; infinite for none."""
+        """(n, 2) minimum and maximum normal force each contact can bear, N; infinite for none."""
         pieces = [contact.force_pieces() for contact in self.plan.task.robot.support.contacts]
         return np.array([[min(p.normal_min for p in own), max(p.normal_max for p in own)] for own in pieces])
 
@@ -160,7 +160,7 @@ class PlanCurves:
 
 
 def _with_rests(robot: StandingMechanism, motion: Trajectory, samples: MotionSamples) -> MotionSamples:
-    """With the rest before and after the motion, where torques and reserves may be at their worst.
+    """With the rest before and after the motion, where torques and margins may be at their worst.
 
     Cycles have rests between their segments as it is.
     """

@@ -41,7 +41,7 @@ def plot_scene(
     Args:
         scene: the scene.
         states: solved states of its support.
-        tip, slip: the reserves of these states.
+        tip, slip: the margins of these states.
         path: file name ending in .png, .pdf or .svg.
         index: which of the states.
 

@@ -1,4 +1,4 @@
-"""Figures of workspaces: an index inside, the singularity surface as a line, what is in the way outside.
+"""Figures of workspaces: an index inside, the singularity surface as a line, the limit that fails outside.
 
 And of indices along a motion.
 """
@@ -224,7 +224,7 @@ def _curve(found: Workspace) -> Figure:
 def save_indices(
     robot: str, times: np.ndarray, values: Mapping[str, np.ndarray], path: str | os.PathLike[str]
 ) -> Path:
-    """Draw indices (N,) over times (N,), s, least values marked, into a .png, .pdf or .svg."""
+    """Draw indices (N,) over times (N,), s, minima marked, into a .png, .pdf or .svg."""
     figure = new_figure(7.5, 1.6 * len(values) + 0.6)
     for ax, (name, own) in zip(
         figure.subplots(len(values), 1, sharex=True, squeeze=False)[:, 0], values.items(), strict=True

@@ -16,8 +16,8 @@ from ocptip.robots.motors import Motors
 class HoldingPower:
     """Electric power at standstill as a smooth function of the torques.
 
-    Power maps jump at zero speed, where friction changes sides, and leave open which side holds at rest.
-    Taken is the mean of both, so that the cost of a torque does not depend on its sign.
+    Power maps have a step at zero speed, where friction changes its sign, and leave open which side holds at
+    rest. Taken is the mean of both, so that the cost of a torque does not depend on its sign.
 
     Args:
         motors: of the joints.

@@ -1,7 +1,7 @@
-"""Fast estimates of the reserves of feet on uneven ground, for many places at once.
+"""Fast estimates of GN and GT of feet on uneven ground, for many places at once.
 
-The search ranks thousands of places, each with contacts of its own; the contact solver and the cone programs
-of the reserves would take it minutes. What it returns is judged by these.
+The search ranks thousands of places with different contacts; the contact solver and the cone programs would
+take minutes. They check what the search returns.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from ocptip.contact.support import Support
 
 NOT_HELD = 10.0
-"""Stands for the slip reserve where no forces were found that hold the base."""
+"""Value of GT where no forces hold the base."""
 
 ROUNDS = 6
 _PRESSING = 1e-2  # cost of normal forces relative to tangential ones
@@ -41,16 +41,16 @@ def edge_moments(
 def friction_shares(
     wrenches: np.ndarray, contacts: np.ndarray, frames: np.ndarray, support: Support, rounds: int = ROUNDS
 ) -> np.ndarray:
-    """Upper bounds (N, M) of the slip reserve; `NOT_HELD` where no pressing contact forces were found.
+    """Upper bounds (N, M) of GT; `NOT_HELD` where no pressing contact forces hold the base.
 
-    Least squares of tangential forces over friction limits, weighted anew in every round by how much each
-    contact uses (Lawson's method for the least maximum).
+    Least squares of tangential forces over friction limits, weighted again in every round by how much each
+    contact uses (Lawson's method for the minimax).
 
     Args:
         wrenches: (N, M, 6), N and N m, on the base about its centre of mass.
         contacts, frames: (N, n, 3), m, and (N, n, 3, 3) in base axes.
         support: with centre of mass and ordinary contacts, of which the friction counts.
-        rounds: how often forces are weighted anew.
+        rounds: how often forces are weighted again.
     """
     N, M = wrenches.shape[:2]
     n, friction = contacts.shape[1], np.array([c.friction for c in support.contacts])  # pyright: ignore

@@ -1,7 +1,7 @@
 """How the feet of a base stand on a patch of terrain: pose of the base, places and normals of the contacts.
 
-On uneven ground three rigid feet, or legs of which each takes its own stroke, decide height and slopes of the
-base: they solve, for parameters p, the equations of U = (height, slopes by x and y, strokes)
+On uneven ground three rigid feet, or legs with different strokes, decide height and slopes of the base: they
+solve, for parameters p, the equations of U = (height, slopes by x and y, strokes)
 
     z of foot k = field(x, y of foot k),    two equations of the attitude,    mean stroke = given stroke.
 
@@ -38,7 +38,7 @@ _THIN = 1e-4  # extents of feet on one line, relative
 
 
 class Feet:
-    """The contacts of a robot with the least friction that its tolerance allows, wherever they are.
+    """The contacts of a robot with the minimum friction that its tolerance allows, wherever they are.
 
     Args:
         robot: the robot.

@@ -2,8 +2,8 @@
 
 A patch maps its parameters p to the ground frame in the world: origin on the ground, z along its normal. The
 ground frame is fixed in the base (see `PlacementProblem.ground_frame`), so that it carries the base along.
-Several patches make a terrain of several planes. On uneven ground the pose depends on where the feet touch
-it, too: see `ocptip.placement.stand`.
+Several patches make a terrain of several planes. On uneven ground the pose also depends on where the feet
+touch it: see `ocptip.placement.stand`.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def plane(
         height: m, of the plane at the world's origin.
         x, y: m, bounds of X and Y.
         angle: rad, bounds of the angle.
-        contacts_inside: the bounds of X and Y hold for every contact, too (a platform with edges).
+        contacts_inside: the bounds of X and Y also hold for every contact (a platform with edges).
         name: for messages and results.
 
     Raises:
@@ -224,7 +224,7 @@ def rough_ground(
     contacts_inside: bool = False,
     name: str = "ground",
 ) -> Patch:
-    """Uneven ground on which every foot stands at its own height, with the ground's normal there.
+    """Uneven ground on which every foot stands at the local height, with the ground's normal there.
 
     Parameters p: world coordinates X and Y of the ground frame's origin, its angle about its normal as on a
     plane of the same slope, and with legs their mean stroke, m. Contacts must be ordinary ones.
@@ -236,7 +236,7 @@ def rough_ground(
         attitude: of a base on legs, see `Conforming`.
         x, y: m, bounds of X and Y.
         angle: rad, bounds of the angle.
-        contacts_inside: the bounds of X and Y hold for every contact, too; those of grids always do.
+        contacts_inside: the bounds of X and Y also hold for every contact; those of grids always do.
         name: for messages and results.
 
     Raises:

@@ -54,7 +54,7 @@ class Robot(StandingMechanism):
         motors: drives of the joints.
         obstacles: floor, walls, pillars, solids in base axes, against which the arm is checked.
         shapes: of the base, in base axes.
-        floor: what the contacts stand on is an obstacle, too, unless `obstacles` has a floor.
+        floor: what the contacts stand on is also an obstacle, unless `obstacles` has a floor.
         reference_moment, redistribution: see `StandingMechanism`.
         sensor: see `StandingMechanism`; default: where the arm is mounted, in base axes.
 
@@ -249,7 +249,7 @@ class Robot(StandingMechanism):
         Its moment is about the base's centre of mass.
 
         Raises:
-            InputError: the process varies, and it is not said what it is.
+            InputError: the process varies, and its values are not given.
         """
         return self._loads_of(self.arm, q, qd, qdd, process)
 
@@ -313,7 +313,7 @@ class Robot(StandingMechanism):
     def during(self, motion: Trajectory) -> Self:
         """The same robot with a process that varies over the time of a motion, if it varies.
 
-        Of one that varies over the way of the gripper point, this way is taken to be straight over 5 ms.
+        If it varies over the path of the TCP, this path is taken to be straight over 5 ms.
         """
         process = self.arm.process
         if process is None or process.over in ("", TIME):
@@ -326,7 +326,7 @@ class Robot(StandingMechanism):
         return self._acting(process.over_time(times, values))
 
     def along(self, path: JointPath) -> Self:
-        """The same robot with a process that varies over the way of the gripper point, if it varies.
+        """The same robot with a process that varies over the path of the TCP, if it varies.
 
         Raises:
             InputError: it varies over time, which a path has not yet.
@@ -357,12 +357,12 @@ class Robot(StandingMechanism):
         return other
 
     def _way(self, q: np.ndarray) -> np.ndarray:
-        """(N,), m: how far the gripper point has gone on straight lines between postures (N, n)."""
+        """(N,), m: distance covered by the TCP on straight lines between postures (N, n)."""
         steps = np.linalg.norm(np.diff(self.tool(q), axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def pieces(self, motion: Trajectory) -> np.ndarray:
-        """Intervals (S, 2), s, between events of the motion and knots of the process."""
+        """Intervals (S, 2), s, between switching times of the motion and knots of the process."""
         process = self.arm.process
         if process is None or process.over != TIME or not len(motion.intervals):
             return motion.intervals
@@ -374,7 +374,7 @@ class Robot(StandingMechanism):
         return np.column_stack([np.concatenate(begins), np.concatenate(ends)])
 
     def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and weights, s, between events of the motion and knots of the process."""
+        """Nodes and weights, s, between switching times of the motion and knots of the process."""
         return gauss_legendre(self.pieces(motion), order) if self.varying else motion.quadrature(order)
 
     def _small_motions(

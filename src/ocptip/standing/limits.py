@@ -1,4 +1,4 @@
-"""Limits that a standing mechanism has to keep; the joints' own limits come from the mechanism."""
+"""Limits that a standing mechanism has to keep; limits of joints come from the mechanism."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ WITHIN_OF = {"GN": TIP_WITHIN, "GT": SLIP_WITHIN}
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits a motion has to keep; the joints' own limits come from the arm.
+    """Limits a motion has to keep; limits of joints come from the arm.
 
     Attributes:
-        GN: largest tip-over reserve value, at most 1, which tips.
-        GT: largest slip reserve value, at most 1, which slips.
+        GN: largest tip-over index, at most 1, at which the base tips.
+        GT: largest friction utilisation, at most 1, at which the base slips.
         torque_ratio: largest |torque| / limit of any joint.
         clearance: smallest distance of what may collide, m.
         angle_margin: smallest distance of turning joints from their angle limits, rad.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
         damping: damping ratio of feet and elastic joints, or of a parallel robot's structure, with which
-            loads overshoot where they jump, of the motion as described; 1: jumps do not count; see
-            `ocptip.standing.limit_kinds.jumps`. Arms have that of `tolerance`, too.
+            loads overshoot at acceleration steps of the nominal motion; 1: steps do not count; see
+            `ocptip.standing.limit_kinds.jumps`. Arms also have that of `tolerance`.
         foot_lift: largest height above the ground, m, of a compliant foot, while the base swings.
         foot_force: minimum normal force of a compliant foot, as springs share the load at rest on them, N.
-        jump_foot_force: the same of the loads after jumps with their overshoot, N.
+        jump_foot_force: the same of the loads after acceleration steps with their overshoot, N.
         jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
-        tolerance: how far the world may be off.
-        GN_worst_case, GT_worst_case: largest values at the worst of the tolerance, planned and found by the
-            sampled check; proofs keep smaller limits as they are, and instead of the default that no contact
-            is lost: below 1.
-        clearance_worst_case: smallest distance, m, with joints that are late within the tolerance.
+        tolerance: the uncertainty.
+        GN_worst_case, GT_worst_case: largest values at the worst of the tolerance, planned, and evaluated by
+            the sampled check; proofs keep smaller limits as they are, and instead of the default that no
+            contact is lost: below 1.
+        clearance_worst_case: smallest distance, m, with joints that are delayed within the tolerance.
         stops: what stops along the path, begun at any instant, have to keep; None: they are not checked.
         brakes: the same of stops by brakes.
         cancel: the same of stops by a controller that is cancelled.
@@ -89,7 +89,7 @@ class Limits:
 
     @property
     def overshoot(self) -> float:
-        """Share of every jump of the load that is added to the load after it."""
+        """Share of every step of the load that is added to the load after it."""
         return overshoot_of(self.damping)
 
     @property

@@ -1,7 +1,7 @@
 """A mechanism on a base that only stands: everything that happens while it moves, at any instant.
 
 Here mechanisms and `contact` meet: the mechanism's base wrench plus the base's weight is the wrench under
-which the support has to stand. What moves in velocity ramps are n coordinates: the joints of an arm, or the
+which the support has to stand. n coordinates move with velocity profiles: the joints of an arm, or the
 platform coordinates of a parallel robot. Plans need as many motors as coordinates.
 """
 
@@ -46,7 +46,7 @@ class MotionSamples:
         powers: one per motor, W, electric power of the motors.
         wrenches: (N, 6), N and N m: on the base about its centre of mass, its weight included.
         states: contact states under these wrenches.
-        tip, slip: reserves GN and GT of these states.
+        tip, slip: GN and GT of these states.
         clearances: (N,), m, smallest distance of what may collide; infinite where that is not known.
         steady_power: W, electric power of clamps.
         further: (N, k) quantities of :class:`FurtherLimits`; (N, 0) for an arm.
@@ -94,9 +94,9 @@ class StandingMechanism(MadeOf, Footing, ABC):
         limits: of the coordinates, (n,) each, and of the motors' torques or forces.
         collision: signed distances.
         mass: of the mechanism and what it holds, kg.
-        reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment margin of the
+        reference_moment: M0 of the tip-over index, N m; default: a tenth of the best moment margin of the
             base loaded with the weight of base, mechanism and payload.
-        redistribution: of the slip reserve, see `reserves.slip.Slip`.
+        redistribution: of friction utilisation, see `reserves.slip.Slip`.
         sensor: force-torque sensor in the base.
 
     Attributes:
@@ -180,7 +180,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass.
 
-        Of a process that varies what it is, see `acting`, has to be said.
+        A process that varies needs its values, see `acting`.
         """
 
     def acting(self, times: np.ndarray) -> np.ndarray:
@@ -322,7 +322,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
         Args:
             motion: of as many joints as the arm has.
             times: s.
-            side: where accelerations jump, the limit from this side.
+            side: at acceleration steps, the limit from this side.
 
         Raises:
             InputError: the motion has another number of joints.
@@ -397,7 +397,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
             raise InputError(f"motion: has {joints} joints, the {self.kind} has {self.n}")
 
     def energy(self, motion: Trajectory, *, order: int = 4) -> float:
-        """Electric energy, J, clamps included: Gauss-Legendre quadrature between the events (5.25)."""
+        """Electric energy, J, clamps included: Gauss-Legendre quadrature between switching times (5.25)."""
         robot = self.during(motion)
         times, weights = robot.quadrature(motion, order)
         if len(times) == 0:

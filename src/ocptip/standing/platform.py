@@ -1,4 +1,4 @@
-"""Parallel robots on a base that only stands: their platform coordinates move in velocity ramps.
+"""Parallel robots on a base that only stands: their platform coordinates move with velocity profiles.
 
 Where legs have closed forms the joints are eliminated (`ocptip.parallel.minimal_form`): motor forces, motor
 speeds, base wrench and the distance from singular poses are functions of the coordinates and their
@@ -47,7 +47,7 @@ class PlatformLimits:
         speed, acceleration: of the coordinates, both directions.
         motor_force: N or N m, both directions, one per motor or one for all.
         motor_speed: m/s or rad/s, both directions, likewise.
-        singularity: least distance from singular poses of both types, 0 to 1; see `minimal_form`.
+        singularity: minimum distance from singular poses of both types, 0 to 1; see `minimal_form`.
     """
 
     lower: ArrayLike = -np.inf
@@ -191,7 +191,9 @@ class ParallelMechanism(StandingMechanism):
         return self.further(q, qd)[:, -len(self._drives) :]
 
     def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and weights between events and changes of the motors' directions, where friction jumps."""
+        """Nodes and weights between switching times and changes of motor directions, where friction has
+        steps.
+        """
         intervals = motion.intervals
         if not len(intervals):
             return motion.quadrature(order)

@@ -2,9 +2,9 @@
 
 Each quantity alone is changed by a step that means something (1 kg, 10 mm) and all instants are solved again,
 so that the worst may be at another instant, axis or contact. Besides, the slopes at the worst instants: where
-only the wrench changes, from the exact derivatives of the contact forces and reserves with respect to it,
-else (positions, friction) by central differences of the exact solver. At a worst instant that two contacts or
-axes share, slopes are those of one of them.
+only the wrench changes, from the exact derivatives of the contact forces and indices with respect to it, else
+(positions, friction) by central differences of the exact solver. At a worst instant that two contacts or axes
+share, slopes are those of one of them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Reserves:
 
     Attributes:
         GN, GT: largest; NaN where not known.
-        force: least distance of a normal force from the end at which its contact lets go, N; infinite where
+        force: minimum distance of a normal force from the end at which its contact lets go, N; infinite where
             no contact can.
     """
 
@@ -55,7 +55,7 @@ class Sensitivity:
     Attributes:
         change: in words, such as "1 kg more base mass".
         quantity: what is changed, such as "base_mass".
-        step: by so much.
+        step: its size.
         unit: of the step: "kg", "m" or "" (a share).
         before, after: the change.
         slopes: of GN, GT and the minimum force (N) per unit, at their worst instants before the change.
@@ -110,7 +110,7 @@ class _Stand:
         return self.footing.contact_states(self.wrenches)
 
     def values(self) -> np.ndarray:
-        """(N, 3): GN, GT and minus the least normal reserve, so that the greatest are the worst."""
+        """(N, 3): GN, GT and minus the minimum normal margin, so that the maxima are the worst."""
         states = self.states
         tip = self.footing.tip_over.evaluate(states)
         GT = self.footing.slip.evaluate(states, derivatives=False).GT
@@ -162,7 +162,7 @@ class _Change:
 
     Attributes:
         words, quantity, step, unit: see `Sensitivity`.
-        changed: the stand when it is larger by so much.
+        changed: the robot with the quantity larger by the argument.
         per_unit: (N, 6), derivative of the wrenches, where contacts stay as they are; else None.
         reference: derivative of the logarithm of the reference moment then.
     """

@@ -1,10 +1,10 @@
 """Contact forces as variables of the nonlinear program, where they may be redistributed in full.
 
-The slip reserve is itself the optimum of a cone program over the contact forces that hold the base (4.12). As
-a function of the wrench it has kinks, and placements like to lie in them, where no gradient vanishes. Inside
-a nonlinear program both optimisations become one, which is smooth: forces that balance the wrench, with all
-usages below one bound. This is the reserve with redistribution "full", and with three contacts on a plane,
-whose normal forces follow from the wrench, also the one with "tangential".
+GT is itself the optimum of a cone program over the contact forces that hold the base (4.12). As a function of
+the wrench it has kinks, and placements like to lie in them, where no gradient vanishes. Inside a nonlinear
+program both optimisations become one, which is smooth: forces that balance the wrench, with all usages below
+one bound. This is GT with redistribution "full", and with three contacts on a plane, whose normal forces
+follow from the wrench, also the one with "tangential".
 """
 
 from __future__ import annotations

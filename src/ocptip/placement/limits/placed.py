@@ -38,7 +38,7 @@ def _wrench(at: Symbols, forces: cs.SX) -> cs.SX:
 
 @dataclass(frozen=True, eq=False)
 class LeastMoments:
-    """Moments about the axes in one load case, each at the corner of the tolerance where it is least.
+    """Moments about the axes in one load case, each at the corner of the tolerance where it is minimal.
 
     Attributes:
         moments: (axes,), N m.

@@ -1,4 +1,4 @@
-"""Candidates to start from: a sample of the terrain with all branches of the inverse kinematics."""
+"""Candidates to start from: a sample of the terrain with all IK solutions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PRICE = 0.3  # objective per violation in comparable units
 
 @dataclass(eq=False)
 class Candidates:
-    """Sampled placements on all patches with their best branches, the best ones first.
+    """Sampled placements on all patches with their best IK solutions, the best ones first.
 
     Attributes:
         patches: (N,) number of the patch.
@@ -42,7 +42,7 @@ class Candidates:
         angles: (N, tasks, n), rad.
         totals: (N,) objective; NaN if not known.
         margins: (N,) smallest margin of all constraints; negative: broken.
-        sampled: placements looked at.
+        sampled: number of evaluated placements.
         reached: of these, how many reach all tasks, among those that keep the limits of the base alone.
         clear: how many keep the limits of the base alone.
         posed: the tasks are reached; False: as nearly as possible.
@@ -120,7 +120,7 @@ def solutions(
 
 
 def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candidates:
-    """Sampled candidates, sorted by objective and a price of violations.
+    """Sampled candidates, sorted by objective and a penalty of violations.
 
     After the rounds over the whole terrain come some near the most promising places so far, ever nearer: in
     clutter the best basins may be too narrow for an even sample.
@@ -165,13 +165,15 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
 def best_branches(
     evaluator: Evaluator, patch: int, parameters: np.ndarray, ground: np.ndarray, rng: np.random.Generator
 ) -> Candidates:
-    """For each placement from which all tasks can be reached, the best combinations of branches of the tasks.
+    """For each placement from which all tasks can be reached, the best combinations of IK solutions of the
+    tasks.
 
-    The best one keeps all constraints looked at here (all but the contact solver's) with the least objective,
-    else it breaks them least. Others are kept, too: in clutter they may do after a small move.
+    The best one keeps all constraints checked here (all except those of the contact solver) with the minimum
+    objective, else it has the minimum violation. Others are also kept: in clutter they may do after a small
+    move.
 
     Args:
-        ground: (N,) smallest margin of the base's own limits at parameters (N, k).
+        ground: (N,) smallest margin of the limits of the base alone at parameters (N, k).
     """
     n, tasks = evaluator.arm.n, range(len(evaluator.problem.tasks))
     alive, found = np.arange(len(parameters)), []
@@ -207,8 +209,9 @@ def best_branches(
 def _branches(
     evaluator: Evaluator, task: int, patch: int, parameters: np.ndarray, q: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angles (N, B, 1, n) of a task, lower bounds of its criteria (N, B, 4), infinite where there is no
-    branch, and margins (N, B)."""
+    """Angles (N, B, 1, n) of a task, lower bounds of its criteria (N, B, 4), infinite where there is no IK
+    solution, and margins (N, B).
+    """
     criteria, margin = np.full((*q.shape[:2], 4), np.inf), np.full(q.shape[:2], -np.inf)
     at = np.nonzero(np.isfinite(q).all(axis=2))
     found = evaluator.task(task, patch, parameters[at[0]], q[at], contacts=False)
@@ -217,7 +220,7 @@ def _branches(
 
 
 def _combined(evaluator: Evaluator, first: tuple, second: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The best combinations of branches of some tasks with those of one more."""
+    """The best combinations of IK solutions of some tasks with those of one more."""
     both = np.maximum(first[1][:, :, None], second[1][:, None])
     both[..., -1] = first[1][:, :, None, -1] + second[1][:, None, :, -1]
     margin = np.minimum(first[2][:, :, None], second[2][:, None])
@@ -275,8 +278,9 @@ def _sorted(candidates: Candidates) -> Candidates:
 
 
 def _rank(totals: np.ndarray, margins: np.ndarray) -> np.ndarray:
-    """Numbers by which candidates are sorted: the objective, and a price of violations that is so low that
-    candidates which may become good by a small move are among the first."""
+    """Numbers by which candidates are sorted: the objective, and a penalty of violations that is so low that
+    candidates which may become good by a small move are among the first.
+    """
     broken = np.clip(-np.nan_to_num(margins, nan=-np.inf), 0, 1e5)
     return np.nan_to_num(totals, nan=1e3, posinf=1e6) + _PRICE * broken
 

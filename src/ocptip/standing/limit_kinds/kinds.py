@@ -1,6 +1,6 @@
 """The kinds of limits of a standing mechanism. A new kind is one class here and one line in `KINDS`.
 
-A kind that needs a number of its own adds a field to `standing.limits.Limits`, as `AskedLimit` says.
+A kind that needs a new number adds a field to `standing.limits.Limits`, as `AskedLimit` says.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class TorqueLimit(QuantityLimit, AskedLimit):
 
 
 class PeakLimit(Limit):
-    """Greatest speeds or accelerations: a motion knows them exactly, programs have them in the structure."""
+    """Maximum speeds or accelerations: a motion knows them exactly, programs have them in the structure."""
 
     scenario = WHOLE
 
@@ -178,7 +178,7 @@ class AngleLimit(Limit):
 
 
 class FurtherLimit(QuantityLimit):
-    """The mechanism's own further limits, see `FurtherLimits`."""
+    """Further limits of the mechanism, see `FurtherLimits`."""
 
     name = "further"
 
@@ -259,7 +259,7 @@ def limits_of(
     Args:
         robot: whose.
         asked: the task's numbers.
-        joints: coordinates that ramps are planned for, 0-based; default all.
+        joints: coordinates that are optimised, 0-based; default all.
     """
     joints = tuple(range(robot.n)) if joints is None else joints
     wanted = (kind for kind in KINDS if kind.wanted(robot, asked))

@@ -73,7 +73,7 @@ class ContactQuantity(ABC):
         return self.measure(at)
 
     def detail(self, at: Instants) -> str:
-        """What else is to be said of a single instant."""
+        """Further words on a single instant."""
         return ""
 
     def path_excess(self, at: Instants) -> float:
@@ -287,7 +287,7 @@ class TipOverQuantity(ContactQuantity):
 
 
 class SlipQuantity(ContactQuantity):
-    """GT; its own curvature over the wrench is left out in stops."""
+    """GT; its curvature over the wrench is left out in stops."""
 
     name, symbol, at_steps, in_results = "slip", "GT", "jump_slip", "slip"
 

@@ -1,8 +1,9 @@
-"""A whole motion at the worst of its tolerance: every instant, and every joint by itself where it jumps.
+"""A whole motion at the worst of its uncertainty: every instant, and every joint by itself at acceleration
+steps.
 
-For the contacts these are instants, with every joint as late as it can be without a jump, and the states of
-late joints around jumps of accelerations, in all combinations, see `late_joints`. Torques are evaluated with
-all joints on time, see `maximum_torques`; distances with joints that are late, each by itself.
+For the contacts these are instants, with the maximum delay of every joint without an acceleration step, and
+the states of delayed joints around these steps, in all combinations, see `late_joints`. Torques are evaluated
+with all joints on time, see `maximum_torques`; distances with joints that are delayed independently.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ NEAREST, LIKELY = 2000, 200  # pairs at instants whose slopes, and whose nearest
 
 @dataclass(frozen=True)
 class WorstInstant:
-    """The worst that was found of one reserve.
+    """The worst instant of one index.
 
     Attributes:
         value: GN or GT.
@@ -46,7 +47,7 @@ class WorstInstant:
         how: the deviations, in words.
         left: what is left there, in words.
         bound: of GN: what it can be at most at this instant, with products of deviations that were not tried;
-            None for GT, which is the worst that a search found.
+            None for GT, which is the worst result of a search.
     """
 
     value: float
@@ -65,7 +66,7 @@ class WorstInstant:
 
 @dataclass(frozen=True)
 class WorstTorque:
-    """The greatest share of its limit that a drive may need.
+    """The maximum share of its limit that a drive may need.
 
     Attributes:
         value: of its limit.
@@ -80,13 +81,13 @@ class WorstTorque:
 
 @dataclass(frozen=True)
 class WorstGap:
-    """The smallest distance of what may collide with joints that are late.
+    """The smallest distance of what may collide with delayed joints.
 
     Attributes:
         value: m.
         time: s.
         between: what it is between, in words.
-        joints: numbers of joints that are late there, from 1.
+        joints: numbers of joints that are delayed there, from 1.
     """
 
     value: float
@@ -107,12 +108,12 @@ class WithinTolerance:
         tolerance: of the arm, its base, the floor and the drives.
         tip, slip: the worst instants; tip is None where the base cannot tip.
         torque: the worst of the drives.
-        gap: the smallest distance; None where nothing is late or nothing may collide.
-        states: number of states looked at.
+        gap: the smallest distance; None without delays, or where nothing may collide.
+        states: number of evaluated states.
         alike: see `ContactMargins.alike`, up to products of deviations.
         foot_force: minimum distance of a normal force from where its contact lets go, N, where equilibrium
             alone decides it: on three contacts.
-        course: instants (K,), s, and the least moment about a tipping axis there, N m, up to products of
+        course: instants (K,), s, and the minimum moment about a tipping axis there, N m, up to products of
             deviations: for figures.
     """
 
@@ -146,7 +147,7 @@ def worst_within(
         robot: an arm on its base.
         motion: of it.
         tolerance: of both.
-        times: (N,), s, to look at; more are taken around the worst.
+        times: (N,), s, to evaluate; more are taken around the worst.
 
     Raises:
         InputError: the robot is no arm.
@@ -204,7 +205,8 @@ def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
 
 
 def _least_foot_force(cases: WorstCase, motion: Trajectory, acting: Robot, looked: Looked) -> Margin | None:
-    """Minimum distance of a normal force from where its contact lets go; None where others decide it, too.
+    """Minimum distance of a normal force from where its contact lets go; None where other forces also decide
+    it.
 
     Every axis of three contacts on a plane passes through two of them. So the moment about it is the force on
     the third times its distance, and the worst deviations of that moment are those of the force.
@@ -238,8 +240,9 @@ def _every_axis(cases: WorstCase, at: Looked) -> tuple[np.ndarray, np.ndarray]:
 def _smallest_gap(
     robot: Robot, motion: Trajectory, tolerance: Uncertainty, times: np.ndarray
 ) -> WorstGap | None:
-    """With every joint where it is to be at some time in the delay before, by slopes: what is found is
-    attained."""
+    """With every joint where it is to be at some time in the delay before, by slopes: the result is
+    attained.
+    """
     if not tolerance.late or not robot.collision.labels:
         return None
     every, found = np.unique(times), None
@@ -257,7 +260,9 @@ def _smallest_gap(
 def _late_gaps(
     robot: Robot, motion: Trajectory, delay: float, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of pairs that come near: when, s, which, the distance, m, (r,), and which joints are late, (r, n)."""
+    """Of pairs that come near: when, s, which, the distance, m, (r,), and which joints are delayed, (r,
+    n).
+    """
     earlier = times[:, None] - np.linspace(0.0, delay, LATER)
     places = motion.states(earlier.ravel())[0].reshape(len(times), LATER, robot.n)
     ends = np.stack([places.min(axis=1), places.max(axis=1)])
@@ -285,7 +290,7 @@ def _around(every: np.ndarray, peaks: np.ndarray) -> np.ndarray:
 
 
 def _some(times: np.ndarray, events: np.ndarray) -> np.ndarray:
-    """A few of the instants, increasing, with those at events: torques are smooth in between."""
+    """A few of the instants, increasing, with those at switching times: torques are smooth in between."""
     event = np.concatenate([events, [np.inf]])
     nearest = np.minimum(event[np.searchsorted(events, times - AT_EVENT)] - times, AT_EVENT)
     chosen = nearest < AT_EVENT
@@ -366,7 +371,7 @@ def _how(cases: WorstCase, found: WorstDeviations, k: int, words: str) -> str:
 
 
 def _kept(cases: WorstCase, s: np.ndarray, theta: np.ndarray) -> str:
-    """Which contact keeps how much of its normal force; nothing where they share it in several ways."""
+    """Which contact keeps how much of its normal force; nothing where the sharing is not determined."""
     if cases.footing.slip.redistribution != "tangential":
         return ""
     states = cases.footing.contact_states(cases.deviations.wrench(s, theta)[0])

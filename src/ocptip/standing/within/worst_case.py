@@ -1,10 +1,11 @@
 """The worst that a tolerance allows for the contacts of an arm on its base, state by state.
 
-Of every moment about a tipping axis and of the slip reserve the worst deviations are chosen by the slopes
-over them, evaluated exactly, chosen anew there, and evaluated again: what is found is attained. A moment
-about an axis on a plane is affine in the wrench, so that nothing but products of deviations can be missed,
-see `Deviations.missed`. The wrenches that contacts carry within a share of their friction are a convex set;
-of the slip reserve the ascent finds one worst end of the tolerance from each wrench that it starts from.
+For every moment about a tipping axis and for friction utilisation the worst deviations are chosen by the
+slopes over them. They are evaluated exactly, chosen again there, and evaluated again: the result is attained.
+A moment about an axis on a plane is affine in the wrench, so that nothing but products of deviations can be
+missed, see `Deviations.missed`. The wrenches that contacts carry within a share of their friction are a
+convex set; for friction utilisation the ascent finds one worst end of the tolerance from each wrench that it
+starts from.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class WorstDeviations:
 
 
 class WorstCase:
-    """WorstDeviations moments and slip reserves of an arm on its base within a tolerance.
+    """Worst moments and friction utilisation of an arm on its base within an uncertainty.
 
     Args:
         robot: on its base.
@@ -66,7 +67,7 @@ class WorstCase:
     Attributes:
         footing: the base on contacts with the least friction.
         deviations: of it.
-        reference: M0 of the tip-over reserve, N m; of the robot as described.
+        reference: M0 of the tip-over index, N m; of the nominal robot.
         axes: number of tipping axes.
 
     Raises:
@@ -84,7 +85,7 @@ class WorstCase:
         self.axes = self._map.count
 
     def within(self, tolerance: Uncertainty) -> WorstCase:
-        """The same within another tolerance, of these quantities at most; little is built anew."""
+        """The same within another tolerance, of these quantities at most; little is rebuilt."""
         other = copy(self)
         other.deviations = self.deviations.within(tolerance)
         if tolerance.friction != self.deviations.tolerance.friction:
@@ -93,7 +94,7 @@ class WorstCase:
         return other
 
     def smooth(self, GT: float) -> tuple[WorstCase, float]:
-        """The same with a slip reserve as programs want it, and a bound of that which keeps GT at most so."""
+        """The same with a smooth function of slip for programs, and its bound that keeps GT."""
         other = copy(self)
         other._slip_map, most = self.footing.slip.within(GT)
         return other, most
@@ -105,7 +106,7 @@ class WorstCase:
         theta: np.ndarray | None = None,
         room: np.ndarray | None = None,
     ) -> WorstDeviations:
-        """Least moments about tipping axes.
+        """Minimum moments about tipping axes.
 
         Args:
             s: (N, 3 n) states.
@@ -131,7 +132,7 @@ class WorstCase:
         return found
 
     def all_moments(self, s: np.ndarray) -> np.ndarray:
-        """(N, axes) least moments."""
+        """(N, axes) minimum moments."""
         count, axes = len(s), self.axes
         at = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
         return self.moments(s[at[0]], at[1]).values.reshape(count, axes)
@@ -153,12 +154,12 @@ class WorstCase:
         theta: np.ndarray | None = None,
         room: np.ndarray | None = None,
     ) -> WorstDeviations:
-        """Greatest slip reserves that are found.
+        """Maximum friction utilisation of the search.
 
         Args:
             s: (N, 3 n) states.
-            starts: wrenches from which the worst is looked for: that of the world as described, then those
-                with gravity tilted and so on, along the axes of the force and the moment.
+            starts: wrenches from which the worst is searched: that of the nominal model, then those with
+                gravity tilted and so on, along the axes of the force and the moment.
             theta: (N, size) deviations; default: the worst.
             room: (N, n), s: by how much joints can be late there at most; default: the whole delay.
         """
@@ -175,9 +176,9 @@ class WorstCase:
         return found
 
     def keeps_slip(self, s: np.ndarray, GT: float) -> bool:
-        """Whether half spaces tell that slip reserves at states (N, 3 n) are at most GT, at the worst.
+        """Whether half spaces prove that friction utilisation at states (N, 3 n) is at most GT, at the worst.
 
-        False, too, where there are none, or where only the round cones are wide enough.
+        Also False where there are none, or where only the round cones are wide enough.
         """
         rows = self.footing.slip.half_spaces(GT)
         if rows is None:
@@ -193,7 +194,7 @@ class WorstCase:
         return True
 
     def estimated_slip(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
-        """(N,) slip reserves at the worst by their slopes at the state as described."""
+        """(N,) worst friction utilisation by its slopes at the nominal state."""
         found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
         return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, room))
 
@@ -231,7 +232,8 @@ class WorstCase:
     def _where_large(
         self, s: np.ndarray, room: np.ndarray | None, values: Callable[[np.ndarray], np.ndarray]
     ) -> WorstDeviations:
-        """Values of the states at indices where the slip reserve is large, elsewhere those of half spaces.
+        """Values of the states at indices where friction utilisation is large, elsewhere those of half
+        spaces.
 
         The half spaces are those of a level just below the maximum: at a higher one the nearest may be that
         of tip-over.
@@ -268,13 +270,13 @@ class WorstCase:
         return WorstDeviations(np.maximum(beyond, np.einsum("nw,nw->n", nearest, wrenches)), theta, nearest)
 
     def function(self, s: np.ndarray, which: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is worst where it is greatest, (N,), and its slopes (N, 3 n) over the states.
+        """The worst values near the maximum, (N,), and their slopes (N, 3 n) over the states.
 
         Where it is not, values may be bounds and slopes of another length, see :meth:`large_slips`.
 
         Args:
             s: (N, 3 n) states.
-            which: (N,) of each: minus the moment about a tipping axis, or, = `axes`, the slip reserve.
+            which: (N,) of each: minus the moment about a tipping axis, or, = `axes`, friction utilisation.
             room: (N, n), s: by how much joints can be late there at most.
         """
         values, slopes = np.empty(len(s)), np.empty(s.shape)
@@ -314,7 +316,7 @@ class WorstCase:
         return WorstDeviations(values, theta, slopes)
 
     def tip_ratio(self, moments: np.ndarray) -> np.ndarray:
-        """GN of least moments, N m, see `TipOver.ratio`."""
+        """GN of minimum moments, N m, see `TipOver.ratio`."""
         return self.footing.tip_over.ratio(moments)
 
 
