@@ -28,8 +28,8 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
-from ocptip.motion.cycles.plan import plan_cycle
 from ocptip.motion.execution import execute
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import run_by, write_plan
 from ocptip.motion.source import TASK
 from ocptip.task_files.cycle import load_cycle
@@ -89,7 +89,7 @@ def row_of(folder: Path, text: str, starts: int) -> dict[str, Any]:
     began = time.process_time()
     try:
         task = load_cycle(folder / "task.toml")
-        plan = plan_cycle(task, starts=starts, jobs=1, prove=certified)
+        plan = plan_motion(task, starts=starts, jobs=1, prove=certified)
     except OcptipError as error:
         verdict = "refused" if isinstance(error, InputError) else "no plan"
         return {"verdict": verdict, "reason": str(error), "cpu_s": time.process_time() - began}

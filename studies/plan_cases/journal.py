@@ -13,7 +13,7 @@ from pathlib import Path
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import plain
 from ocptip.motion.check import MotionCheck, check_motion
-from ocptip.motion.plan import MotionPlan
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import Attempt, StartResult
 from ocptip.motion.planner.jobs import call
 from ocptip.motion.planner.one_start import Search

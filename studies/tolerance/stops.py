@@ -23,7 +23,8 @@ import numpy as np
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.write import versions, write_text
 from ocptip.motion.check import check_motion
-from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
 from ocptip.motion.stops import check_stops
 from ocptip.motion.task import MotionTask

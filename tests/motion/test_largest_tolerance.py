@@ -11,8 +11,8 @@ import pytest
 
 from ocptip.basics.errors import PlanningError
 from ocptip.motion import largest_tolerance as module
-from ocptip.motion import plan as planning
-from ocptip.motion.plan import ToleranceError
+from ocptip.motion import multi_start
+from ocptip.motion.multi_start import ToleranceError
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 
@@ -160,12 +160,12 @@ def test_errors_travel_between_processes():
 )
 def test_a_refusal_does_not_say_that_all_of_the_tolerance_can_be_had(monkeypatch, share, expected):
     """A motion that keeps the whole tolerance was refused for something else, here stops."""
-    monkeypatch.setattr(planning, "tolerable", lambda *_: share)
-    monkeypatch.setattr(planning, "too_much", lambda *_: (WORKSHOP, share, "why"))
+    monkeypatch.setattr(multi_start, "tolerable", lambda *_: share)
+    monkeypatch.setattr(multi_start, "too_much", lambda *_: (WORKSHOP, share, "why"))
     task = experiment_task("A", "effective")
     task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
     check, result = SimpleNamespace(violations=("GT is 2",)), SimpleNamespace(energy=1.0, number=3)
-    error = planning._why_not(task, [SimpleNamespace(check=check, result=result, motion=None)])
+    error = multi_start._refusal(task, [SimpleNamespace(check=check, result=result, motion=task.reference)])
     assert expected in str(error)
     assert "100 %" not in str(error)
     assert str(error).endswith("start 3: GT is 2")

@@ -6,6 +6,7 @@ import signal
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from multiprocessing import get_context
 from threading import Thread, Timer
 from typing import ClassVar
@@ -18,7 +19,7 @@ from ocptip.certificate.checks import certified
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import check_motion
-from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart
+from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart, plan_segment
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.jobs import Jobs, _search
@@ -520,7 +521,7 @@ def test_a_start_that_kills_its_workers_is_said_and_the_others_count(case_b, scr
     died = "lost: its worker process died 2 times"
     assert [(one.number, one.status) for one in plan.lost] == [(0, died), (1, died)]
     with pytest.raises(PlanningError, match="none of 1 starts gave a motion; the first: lost: its worker"):
-        plan_motion(case_b, starts=1, first=1, executor=Losing(("run", 1)))
+        plan_segment(case_b, starts=1, first=1, seed=0, workers=nullcontext(Losing(("run", 1))))
 
 
 def test_a_hop_that_kills_its_workers_is_left_out(case_b, scripted):

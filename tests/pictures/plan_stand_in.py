@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 from ocptip.motion.check import check_motion
-from ocptip.motion.plan import MotionPlan
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import StartResult
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import Limits

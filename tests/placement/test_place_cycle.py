@@ -37,9 +37,9 @@ def test_ranked_by_objective_and_refusals_last(monkeypatch, objective, order):
         return found
 
     monkeypatch.setattr(for_cycle, "place", lambda *a, **k: SimpleNamespace(places=places, placements=places))
-    monkeypatch.setattr(for_cycle, "plan_cycle", plan)
+    monkeypatch.setattr(for_cycle, "plan_motion", plan)
     proved = []
-    monkeypatch.setattr(for_cycle, "proved_cycle", lambda one, prove: proved.append(one) or one)
+    monkeypatch.setattr(for_cycle, "proved", lambda one, prove: proved.append(one) or one)
     said = []
     found = for_cycle.place_for_cycle(None, lambda placement: placement, progress=said.append)
     assert proved == [found.best.plan]  # certificates of what is kept only

@@ -17,12 +17,13 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck, Proof, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
-from ocptip.motion.cycles.plan import Planned, plan_cycle
-from ocptip.motion.cycles.task import CycleTask, Task
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
 from ocptip.motion.margins import MotionMargin, motion_margins
-from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.multi_start import ToleranceError
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import (
@@ -74,7 +75,7 @@ class Plan:
     """
 
     command: ClassVar[str] = "plan"
-    planned: Planned
+    planned: MotionPlan
     executions: tuple[Execution, ...]
     checked: CycleCheck
     time_scale: tuple[tuple[float, CycleCheck], ...] = ()
@@ -87,7 +88,7 @@ class Plan:
     @classmethod
     def of(
         cls,
-        planned: Planned,
+        planned: MotionPlan,
         *,
         controller: Runner = "ramps",
         rate: float | None = None,
@@ -122,7 +123,7 @@ class Plan:
             robustness(task, motion),
             stops,
             price or {},
-            sensitivities_of(planned.parts[0].task, motion.segments[0]) if sensitivities else (),
+            sensitivities_of(task.segments[0].task, motion.segments[0]) if sensitivities else (),
             {} if known else cancels_by_segment(task, motion),
         )
 
@@ -324,10 +325,10 @@ def plan(
         raise InputError("sensitivities: not for cycles")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
     try:
-        planned = _searched(task, progress=progress, prove=certified, **how)
+        planned = plan_motion(task, progress=progress, prove=certified, **how)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how)
-        refusal = NoPlanError(f"{error}", task, cast(MotionPlan | None, other))
+        refusal = NoPlanError(f"{error}", task, other)
         if isinstance(error, ToleranceError) and largest_uncertainty:
             refusal.largest = _largest(cast(MotionTask, task), error, how, progress)
         raise refusal from error
@@ -346,12 +347,6 @@ def plan(
     price = price_of_stops(planned, _without_stops(task, how))
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
     return Plan.of(planned, **known, price=price, sensitivities=sensitivities)
-
-
-def _searched(task: Task, **how: Any) -> Planned:
-    if task.is_cycle:
-        return plan_cycle(cast(CycleTask, task), **how)
-    return plan_motion(cast(MotionTask, task), **how)
 
 
 def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:
@@ -373,18 +368,18 @@ def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: As
     return task
 
 
-def _without_stops(task: Task, how: Mapping[str, Any]) -> Planned | None:
+def _without_stops(task: Task, how: Mapping[str, Any]) -> MotionPlan | None:
     """The plan that need not be stopped, of as many starts; None: that was not asked, or there is none."""
     if not any(segment.task.limits.stoppable for segment in task.segments):
         return None
     try:
         plain_task = task.each(lambda own: replace(own, limits=own.limits.without_stops))
-        return _searched(plain_task, **how)
+        return plan_motion(plain_task, **how)
     except PlanningError:
         return None
 
 
-def price_of_stops(plan: Planned, without: Planned | None) -> dict[str, Any]:
+def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, Any]:
     """Additional cost of a plan that may be stopped; without: the plan that need not, None: there is none."""
     if without is None:
         return {}

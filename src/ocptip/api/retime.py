@@ -17,11 +17,10 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
-from ocptip.motion.cycles.plan import CyclePlan, sequence_of
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
-from ocptip.motion.plan import MotionPlan
 from ocptip.motion.plan_files import run_by
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
@@ -222,15 +221,13 @@ def _silent(text: str) -> None:
     pass
 
 
-def _cycle(task: CycleTask, timings: Sequence[Timing]) -> CyclePlan:
+def _cycle(task: CycleTask, timings: Sequence[Timing]) -> MotionPlan:
     """The timings of the segments of a cycle, between standstills."""
     segments = [
         replace(segment, task=own.task, goals=own.task.goal[None], target=None)
         for segment, own in zip(task.segments, timings, strict=True)
     ]
     task = replace(task, segments=tuple(segments), starts=timings[0].task.start[None])
-    parts = tuple(own.plan for own in timings)
-    exact = cycle_check(task, sequence_of(task, parts), [part.check for part in parts])
-    seconds = sum(part.seconds for part in parts)
     options = {"retimed": [own.to_dict() for own in timings]}
-    return CyclePlan(task, parts, exact, 0, seconds, False, options)
+    seconds = sum(own.timed.seconds for own in timings)
+    return MotionPlan.of_cycle(task, [own.plan for own in timings], seconds=seconds, options=options)

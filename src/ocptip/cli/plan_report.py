@@ -11,8 +11,8 @@ from ocptip.api.plan import Plan
 from ocptip.cli.command import Report
 from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, under
 from ocptip.cli.motion_summary import motion_text, rise_rows
-from ocptip.motion.cycles.plan import CyclePlan
 from ocptip.motion.cycles.task import freed_offset
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.summary import motion_line
 from ocptip.robots.inverse.pose_target import AXES
@@ -96,7 +96,7 @@ class PlanReport(Report):
         """How the motions were found, in detail."""
         plan = self.plan.planned
         lines = [("starts", self._starts())]
-        lines += [("", f"start {one.number} {one.status}") for part in plan.parts for one in part.lost]
+        lines += [("", f"start {one.number} {one.status}") for one in plan.lost]
         if not plan.task.is_cycle:
             lines += rise_rows(plan.parts[0].motion, plan.parts[0].check)
         if "choices" in plan.options:
@@ -123,7 +123,7 @@ class PlanReport(Report):
 
     def _starts(self) -> str:
         plan = self.plan.planned
-        starts = [start for part in plan.parts for start in part.starts]
+        starts = plan.starts
         verified, iterations = sum(s.verified for s in starts), sum(s.iterations for s in starts)
         out = sum(start.status == LEFT_OUT for start in starts)
         left = f" ({out} less promising ones left out)" if out else ""
@@ -147,7 +147,7 @@ def _postures(chosen: dict[str, Any]) -> str:
     return f"{counts} stable ones at start and goals; {chosen['ways']} combinations planned"
 
 
-def _freed_texts(plan: CyclePlan) -> Iterator[str]:
+def _freed_texts(plan: MotionPlan) -> Iterator[str]:
     """Where poses that are free within a range are."""
     if not plan.parts:
         return

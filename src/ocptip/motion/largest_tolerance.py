@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ocptip.basics.errors import InputError, PlanningError
-from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.multi_start import ToleranceError
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.tolerable import AT_REST, culprit

@@ -19,23 +19,34 @@ fixed number of changes. So the plan is the same for any number of workers.
 
 from __future__ import annotations
 
+import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ocptip.basics.errors import PlanningError
 from ocptip.motion.check import Prove
-from ocptip.motion.choices import first_round, second_round
+from ocptip.motion.choices import first_round, likely_choices, second_round
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import Attempt, Rough
 from ocptip.motion.planner.jobs import Job, Jobs
-from ocptip.motion.planner.one_start import Search
+from ocptip.motion.planner.one_start import Search, free_ends
 from ocptip.motion.rise_times import families, others
-from ocptip.motion.task import MotionTask
+from ocptip.motion.task import MotionTask, require_plannable
+from ocptip.motion.tolerated import tolerable, too_much
+from ocptip.numerics.threads import one_thread
+from ocptip.standing.tolerance import NONE, Uncertainty
 
 FINISHED = 3  # of the starts, the most promising ones; more only if none is verified
 HOPS = 4  # random changes of the best motion that are tried at once
 EARLY = 2  # of them begin as soon as so many of the most promising starts are finished
+Progress = Callable[[int, int, float | None], None]
+MaybeWorkers = AbstractContextManager[Executor | None]
 
 
 @dataclass(eq=False)
@@ -74,7 +85,7 @@ class MultiStart:
         task: MotionTask,
         numbers: range,
         seed: int,
-        progress: Callable[[int, int, float | None], None] | None,
+        progress: Progress | None,
     ) -> None:
         self._task, self._numbers, self._seed = task, numbers, seed
         self._hops = 0 if task.limits.tolerance.given else len(numbers) // 2
@@ -199,3 +210,110 @@ class MultiStart:
         if self._progress:
             steps = 2 * len(self._numbers) + self._hops
             self._progress(self._done, steps, self.best.rank[0] if self.best else None)
+
+
+def plan_segment(
+    task: MotionTask,
+    *,
+    starts: int,
+    seed: int,
+    first: int = 0,
+    workers: MaybeWorkers,
+    progress: Progress | None = None,
+    prove: Prove | None = None,
+) -> MotionPlan:
+    """Plan one motion; see `ocptip.motion.plan.plan_motion`.
+
+    Args:
+        task, starts, seed, progress, prove: see there.
+        first: number of the first start: with `first=2` those follow that `starts=2` has run.
+        workers: run the jobs, and end with an interrupt; None: this process does.
+    """
+    require_plannable(task)
+    began = time.perf_counter()
+    search = MultiStart(task, range(first, first + starts), seed, progress)
+    with one_thread:
+        tasks = likely_choices(task)
+    interrupted = False
+    try:
+        with workers as pool, Jobs(pool) as jobs:
+            search.run(jobs, tasks, prove)
+    except BrokenExecutor as error:
+        ended = sum(start.attempt is not None for start in search.starts)
+        died = f"a worker process died after {ended} of {starts} starts ({error}); out of memory? "
+        died += "With jobs=1 no workers are needed"
+        if search.best is None:
+            raise PlanningError(died) from error
+        warnings.warn(f"{died}. The plan is the best of those starts", RuntimeWarning, stacklevel=3)
+        interrupted = True
+    except KeyboardInterrupt:
+        if search.best is None:
+            raise
+        interrupted = True
+    attempts = [start.attempt for start in search.starts if start.attempt is not None]
+    if (best := search.best) is None:
+        raise _refusal(task, attempts)
+    assert best.attempt is not None
+    motion, check = best.attempt.motion, best.attempt.check
+    assert motion is not None
+    assert check is not None
+    chosen = best.task
+    if free_ends(chosen):
+        chosen = replace(chosen, start=motion.start, goal=motion.goal)
+    choices = {"choices": {"pairs": len(task.choices), "planned": len(tasks)}} if task.choices else {}
+    return MotionPlan(
+        task=chosen,
+        motion=motion,
+        check=check,
+        starts=tuple(attempt.result for attempt in attempts),
+        best=best.number,
+        seed=seed,
+        seconds=time.perf_counter() - began,
+        interrupted=interrupted,
+        options={"starts": starts, **choices},
+    )
+
+
+class ToleranceError(PlanningError):
+    """No motion within a tolerance was found, though motions were.
+
+    Attributes:
+        too_much: the quantity that alone was too much for the best motion found, else everything.
+        factor: of it that this motion can have, 0 to 1.
+        at_rest: of it that start and goal can have at rest, 0 to 1: no motion can have more.
+    """
+
+    too_much: Uncertainty = NONE
+    factor: float = 0.0
+    at_rest: float = 1.0
+
+    @property
+    def alone(self) -> bool:
+        """One quantity is too much by itself."""
+        return len(self.too_much.given) == 1
+
+
+def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
+    """Says how the starts ended, what the nearest one lacks, and how much of a tolerance there can be."""
+    moving = [(a.result, a.motion, a.check) for a in attempts if a.motion is not None and a.check is not None]
+    if not moving:
+        first = attempts[0].result.status
+        return PlanningError(
+            f"none of {len(attempts)} starts gave a motion; the first: {first}; more starts, another seed or "
+            "less strict limits may help"
+        )
+    nearest, _, check = min(moving, key=lambda one: (len(one[2].violations), one[0].energy, one[0].number))
+    why = f"start {nearest.number}: {'; '.join(check.violations)}"
+    ending = f"none of {len(attempts)} starts gave a verified motion"
+    if not task.limits.tolerance.given:
+        return PlanningError(f"{ending}; {why}")
+    shares = [tolerable(task.robot, motion, task.limits) for _, motion, _ in moving]
+    most = max(shares)
+    if most == 1:  # then what is broken has nothing to do with the tolerance
+        return PlanningError(f"{ending}; the tolerance is not what they lack, one of them keeps it; {why}")
+    alone, factor, broken = too_much(task.robot, moving[shares.index(most)][1], task.limits)
+    share = f"{int(100 * most)} % of it"  # rounded down: 100 % would contradict the refusal
+    within = f"within the uncertainty; the best of them keeps its limits with {share} ({broken})"
+    error = ToleranceError(f"{ending} {within}; {why}")
+    error.too_much, error.factor = alone, factor
+    return error

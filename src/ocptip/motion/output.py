@@ -1,8 +1,8 @@
 """Files of a plan: motion, task, hashes of all. Every file appears complete or not at all.
 
-A plan is any object with the attributes of `ocptip.motion.plan.MotionPlan`. Inside the library: SI units and
-rad; in plan.json and motion.csv: degrees, as their keys say; in trajectory.json: rad, as ROS wants. Lengths,
-such as the platform's coordinates of a parallel robot, are in metres everywhere.
+Inside the library: SI units and rad; in plan.json and motion.csv: degrees, as their keys say; in
+trajectory.json: rad, as ROS wants. Lengths, such as the platform's coordinates of a parallel robot, are in
+metres everywhere.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ocptip.trajectories.points import Points
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 if TYPE_CHECKING:
-    from ocptip.motion.plan import MotionPlan
+    from ocptip.motion.motion_plan import MotionPlan
 
 CLOSE = 0.1  # of a step: nearer to events there are no further samples
 STEP = 0.005
@@ -291,7 +291,7 @@ def _ros_time(seconds: float) -> dict[str, int]:
 
 
 def _reference(plan: MotionPlan) -> dict[str, float] | None:
-    reference = plan.task.reference
+    reference = plan.task.segments[0].task.reference
     if reference is None:
         return None
     energy = plan.task.robot.energy(reference)

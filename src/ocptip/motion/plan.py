@@ -1,104 +1,46 @@
-"""Plans a motion: random starts in parallel, each searched and checked; the best verified one is proved."""
+"""Plans a motion, or a cycle segment after segment, with the postures between chosen for all of them."""
 
 from __future__ import annotations
 
 import time
-import warnings
-from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Executor
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, cast
+
+import numpy as np
 
 from ocptip.basics.errors import PlanningError, whole_number
-from ocptip.motion.check import MotionCheck, Prove
-from ocptip.motion.choices import likely_choices
-from ocptip.motion.multi_start import MultiStart
-from ocptip.motion.planner.attempt import Attempt, StartResult
-from ocptip.motion.planner.jobs import LOST, Jobs
-from ocptip.motion.planner.one_start import Search, free_ends
-from ocptip.motion.task import MotionTask, require_plannable
-from ocptip.motion.tolerated import tolerable, too_much
+from ocptip.motion.check import Prove
+from ocptip.motion.cycles.choices import Way, best_ways, layers_of, likely_ways, rest_cost
+from ocptip.motion.cycles.free_poses import moved_ways
+from ocptip.motion.cycles.task import CycleTask, Task, require_way_plannable
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.multi_start import MaybeWorkers, Progress, plan_segment
+from ocptip.motion.planner.attempt import Attempt
+from ocptip.motion.planner.one_start import Search
+from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import worker_pool
-from ocptip.standing.tolerance import NONE, Uncertainty
-from ocptip.trajectories.trajectory import Trajectory
 
-
-@dataclass(frozen=True, eq=False)
-class MotionPlan:
-    """A planned motion.
-
-    Attributes:
-        task: what was asked for, with the start and goal that were chosen.
-        motion: the exact ramp motion.
-        check: of all limits, on the dense grid, with a certificate if it is proved and no interrupt came.
-        starts: what became of each start that finished, by number.
-        best: number of the start the motion comes from.
-        seed: of the starts.
-        seconds: wall time of the planning.
-        interrupted: some starts had not finished.
-        options: what else was asked for.
-    """
-
-    task: MotionTask
-    motion: Trajectory
-    check: MotionCheck
-    starts: tuple[StartResult, ...]
-    best: int
-    seed: int
-    seconds: float
-    interrupted: bool
-    options: dict[str, Any]
-
-    @property
-    def energy(self) -> float:
-        """Electric energy, J."""
-        return self.check.energy
-
-    @property
-    def duration(self) -> float:
-        """Duration, s."""
-        return self.check.duration
-
-    @property
-    def parts(self) -> tuple[MotionPlan, ...]:
-        """This plan: a motion has one segment."""
-        return (self,)
-
-    @property
-    def finished(self) -> MotionTask:
-        """The task, all of which is planned."""
-        return self.task
-
-    @property
-    def complete(self) -> bool:
-        """True: there is no further segment."""
-        return True
-
-    @property
-    def lost(self) -> tuple[StartResult, ...]:
-        """Starts without a result, because they killed their workers."""
-        return tuple(start for start in self.starts if start.status.startswith(LOST))
-
-    @property
-    def verified(self) -> bool:
-        """Every limit holds on the dense grid."""
-        return self.check.verified
+FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way
+Leg = tuple[int, int, int]
+"""Numbers of a segment and of the postures before and after it."""
 
 
 def plan_motion(
-    task: MotionTask,
+    task: Task,
     *,
     starts: int = 8,
-    first: int = 0,
     seed: int = 0,
     executor: Executor | None = None,
     jobs: int | None = None,
-    progress: Callable[[int, int, float | None], None] | None = None,
+    progress: Progress | None = None,
     prove: Prove | None = None,
 ) -> MotionPlan:
-    """Plan the ramp motion of least cost that keeps all limits of a task.
+    """Plan the ramp motion of least cost that keeps all limits of a task; of a cycle those of all segments.
 
     The stages are those of `ocptip.motion.multi_start`: random starts, changes of the best, rise times where
     the task gives none, and with `prove` the certificate. Where that leaves something open, the motion is
@@ -110,78 +52,98 @@ def plan_motion(
     is such a change. (Of an executor that breaks with its worker, such as a ProcessPoolExecutor, the death
     ends the planning like an interrupt, with a RuntimeWarning.)
 
+    Where the poses of a cycle leave a choice of postures, the most promising ways through them get two starts
+    per segment; the best way, by the cost of its verified plans, gets the others. An interrupt leaves all
+    segments, with fewer starts, or the first ones.
+
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
-        starts: number of random starts.
-        first: number of the first of them: with `first=2` those follow that `starts=2` has run.
+        starts: number of random starts, of a cycle per segment.
         seed: of the random motions.
         executor: runs the starts: any `concurrent.futures` executor, such as `dask_client.get_executor()`.
             Default is a process pool of its own; as always with process pools, a script needs its `if
             __name__ == "__main__":` then.
         jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
         progress: called as progress(done, steps, least cost of a verified plan so far or None); a start is
-            one step until its promise is known, and one until it is finished or left out.
+            one step until its promise is known, and one until it is finished or left out. Of a cycle steps
+            are starts, and the cost is that of the segment.
         prove: gives the best its certificate, as `ocptip.certificate.checks.certified` does; `proved` gives
             it later.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
             are no such numbers.
-        PlanningError: no start gave a verified plan; the message names the nearest one's violations.
+        PlanningError: no start gave a verified plan; the message names the nearest one's violations, of a
+            cycle the segment.
     """
-    _require_numbers(starts, jobs, seed)
-    require_plannable(task)
+    for name, value, least in (
+        ("starts", starts, 1),
+        ("jobs", 1 if jobs is None else jobs, 1),
+        ("seed", seed, 0),
+    ):
+        whole_number(name, value, least)
+    workers = nullcontext() if executor is None and jobs == 1 else worker_pool(executor, jobs, starts)
+    how = {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
+    if not task.is_cycle:
+        return plan_segment(cast(MotionTask, task), **how, prove=prove)
+    plan = _planned_cycle(cast(CycleTask, task), **how)
+    return plan if prove is None or plan.interrupted else proved(plan, prove)
+
+
+def _planned_cycle(
+    task: CycleTask, *, starts: int, seed: int, workers: MaybeWorkers, progress: Progress | None
+) -> MotionPlan:
     began = time.perf_counter()
-    search = MultiStart(task, range(first, first + starts), seed, progress)
     with one_thread:
-        tasks = likely_choices(task)
-    interrupted, alone = False, executor is None and jobs == 1
+        layers = layers_of(task)
+        ways = likely_ways(task, layers)
+        choices: dict[str, Any] = {"postures": [len(layer) for layer in layers]}
+        require_way_plannable(task, _postures(layers, ways[0]))
+        layers, ways = moved_ways(task, layers, ways)
+        choices["ways"] = len(ways)
+    legs, interrupted = _Legs(task, layers, ways, starts, seed, progress), False
     try:
-        with nullcontext() if alone else worker_pool(executor, jobs, starts) as pool, Jobs(pool) as begun:
-            search.run(begun, tasks, prove)
-    except BrokenExecutor as error:
-        ended = sum(start.attempt is not None for start in search.starts)
-        died = f"a worker process died after {ended} of {starts} starts ({error}); out of memory? "
-        died += "With jobs=1 no workers are needed"
-        if search.best is None:
-            raise PlanningError(died) from error
-        warnings.warn(f"{died}. The plan is the best of those starts", RuntimeWarning, stacklevel=2)
-        interrupted = True
+        with workers as pool:
+            legs.run(pool)
     except KeyboardInterrupt:
-        if search.best is None:
-            raise
         interrupted = True
-    attempts = [start.attempt for start in search.starts if start.attempt is not None]
-    if (best := search.best) is None:
-        raise _why_not(task, attempts)
-    assert best.attempt is not None
-    motion, check = best.attempt.motion, best.attempt.check
-    assert motion is not None
-    assert check is not None
-    chosen = best.task
-    if free_ends(chosen):
-        chosen = replace(chosen, start=motion.start, goal=motion.goal)
-    choices = {"choices": {"pairs": len(task.choices), "planned": len(tasks)}} if task.choices else {}
-    return MotionPlan(
-        task=chosen,
-        motion=motion,
-        check=check,
-        starts=tuple(attempt.result for attempt in attempts),
-        best=best.number,
+    if not (segments := legs.parts()):
+        raise KeyboardInterrupt
+    chosen = any(len(layer) > 1 for layer in layers)
+    return MotionPlan.of_cycle(
+        task,
+        segments,
         seed=seed,
         seconds=time.perf_counter() - began,
         interrupted=interrupted,
-        options={"starts": starts, **choices},
+        options={"starts": starts, **({"choices": choices} if chosen else {})},
     )
 
 
 def proved(plan: MotionPlan, prove: Prove) -> MotionPlan:
-    """A plan that was made without certificate with it, as `plan_motion` gives it; in this process."""
+    """A plan that was made without certificates with them, as `plan_motion` gives it; in this process.
+
+    An interrupt leaves out those of the other segments of a cycle.
+    """
+    if not plan.segments:
+        return _proved_segment(plan, prove)
+    began, segments, interrupted = time.perf_counter(), [*plan.segments], plan.interrupted
+    try:
+        for k, segment in enumerate(segments):
+            segments[k] = _proved_segment(segment, prove)
+    except KeyboardInterrupt:
+        interrupted = True
+    seconds = plan.seconds + time.perf_counter() - began
+    how = {"seed": plan.seed, "options": plan.options, "seconds": seconds, "interrupted": interrupted}
+    return MotionPlan.of_cycle(cast(CycleTask, plan.task), segments, **how)
+
+
+def _proved_segment(plan: MotionPlan, prove: Prove) -> MotionPlan:
     at = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
     before = plan.starts[at]
     attempt = Attempt(before, plan.motion, plan.check)
     with one_thread:
-        proof = Search(plan.task).proved(attempt, prove)
+        proof = Search(cast(MotionTask, plan.task)).proved(attempt, prove)
     assert proof.motion is not None
     assert proof.check is not None
     starts = [*plan.starts]
@@ -190,52 +152,103 @@ def proved(plan: MotionPlan, prove: Prove) -> MotionPlan:
     return replace(plan, motion=proof.motion, check=proof.check, starts=tuple(starts), seconds=seconds)
 
 
-def _require_numbers(starts: int, jobs: int | None, seed: int) -> None:
-    for name, value in (("starts", starts), ("jobs", 1 if jobs is None else jobs)):
-        whole_number(name, value, 1)
-    whole_number("seed", seed, 0)
+class _Legs:
+    """The segments between the postures of some ways, and their plans so far."""
+
+    def __init__(
+        self,
+        task: CycleTask,
+        layers: Sequence[np.ndarray],
+        ways: Sequence[Way],
+        starts: int,
+        seed: int,
+        progress: Progress | None,
+    ) -> None:
+        self._task, self._layers, self._ways = task, layers, ways
+        self._seed, self._progress, self._starts = seed, progress, starts
+        self._plans: dict[Leg, MotionPlan] = {}
+        self._errors: dict[Leg, PlanningError] = {}
+        self._done = 0
+
+    def run(self, pool: Executor | None) -> None:
+        """All starts: two of every leg, the others of the best way.
+
+        Raises:
+            PlanningError: a segment has no verified plan.
+            KeyboardInterrupt: it was interrupted; what is finished is kept.
+        """
+        legs = list(dict.fromkeys(leg for way in self._ways for leg in _legs(way)))
+        first = min(FIRST, self._starts)
+        total = len(legs) * first + len(self._task.segments) * (self._starts - first)
+        for leg in legs:
+            self._plan(leg, 0, first, total, pool)
+        for leg in _legs(self._best()):
+            if self._starts > first:
+                self._plan(leg, first, self._starts - first, total, pool)
+            if leg not in self._plans:
+                raise PlanningError(f"{self._task.titles()[leg[0]]}: {self._errors[leg]}")
+
+    def parts(self) -> list[MotionPlan]:
+        """Plans of the best way, up to the first segment that has none."""
+        parts = []
+        for leg in _legs(self._best()):
+            if leg not in self._plans:
+                break
+            parts.append(self._plans[leg])
+        return parts
+
+    def _best(self) -> Way:
+        """The way of least cost over legs with plans; one without all of them: the most promising."""
+
+        def cost(k: int, i: int, j: int) -> float:
+            plan = self._plans.get((k, i, j))
+            if plan is None:
+                return np.inf
+            segment = self._task.segments[k]
+            own = segment.task.objective.cost(plan.energy, plan.duration)
+            return (own + rest_cost(segment, plan.motion.goal)) / segment.task.objective.size
+
+        sizes = [len(layer) for layer in self._layers]
+        found = best_ways(sizes, cost, self._task.closed, 1)
+        return found[0][1] if found else self._ways[0]
+
+    def _plan(self, leg: Leg, first: int, count: int, total: int, pool: Executor | None) -> None:
+        """Run starts of one leg; an interrupt is passed on after its plan is kept."""
+        number, i, j = leg
+        task = self._task.segments[number].between(self._layers[number][i], self._layers[number + 1][j])
+        task = replace(task, rise_times=())
+
+        def progress(done: int, steps: int, best: float | None) -> None:
+            if self._progress:
+                self._progress(self._done + count * done // steps, total, best)
+
+        try:
+            how = {"starts": count, "first": first, "seed": self._seed, "progress": progress}
+            plan = plan_segment(task, workers=nullcontext(pool), **how)
+        except PlanningError as error:
+            self._errors[leg] = error
+        else:
+            self._plans[leg] = _both(self._plans.get(leg), plan)
+            if plan.interrupted:
+                raise KeyboardInterrupt
+        self._done += count
 
 
-class ToleranceError(PlanningError):
-    """No motion within a tolerance was found, though motions were.
-
-    Attributes:
-        too_much: the quantity that alone was too much for the best motion found, else everything.
-        factor: of it that this motion can have, 0 to 1.
-        at_rest: of it that start and goal can have at rest, 0 to 1: no motion can have more.
-    """
-
-    too_much: Uncertainty = NONE
-    factor: float = 0.0
-    at_rest: float = 1.0
-
-    @property
-    def alone(self) -> bool:
-        """One quantity is too much by itself."""
-        return len(self.too_much.given) == 1
+def _both(one: MotionPlan | None, other: MotionPlan) -> MotionPlan:
+    """The better of two plans of the same task, with the starts of both."""
+    if one is None:
+        return other
+    cost = one.task.objective.cost
+    better = min(one, other, key=lambda plan: cost(plan.energy, plan.duration))
+    starts = tuple(sorted((*one.starts, *other.starts), key=lambda start: start.number))
+    options = {"starts": one.options["starts"] + other.options["starts"]}
+    seconds = one.seconds + other.seconds
+    return replace(better, starts=starts, seconds=seconds, interrupted=other.interrupted, options=options)
 
 
-def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
-    """Says how the starts ended, what the nearest one lacks, and how much of a tolerance there can be."""
-    moving = [(a.result, a.motion, a.check) for a in attempts if a.motion is not None and a.check is not None]
-    if not moving:
-        first = attempts[0].result.status
-        return PlanningError(
-            f"none of {len(attempts)} starts gave a motion; the first: {first}; more starts, another seed or "
-            "less strict limits may help"
-        )
-    nearest, _, check = min(moving, key=lambda one: (len(one[2].violations), one[0].energy, one[0].number))
-    why = f"start {nearest.number}: {'; '.join(check.violations)}"
-    ending = f"none of {len(attempts)} starts gave a verified motion"
-    if not task.limits.tolerance.given:
-        return PlanningError(f"{ending}; {why}")
-    shares = [tolerable(task.robot, motion, task.limits) for _, motion, _ in moving]
-    most = max(shares)
-    if most == 1:  # then what is broken has nothing to do with the tolerance
-        return PlanningError(f"{ending}; the tolerance is not what they lack, one of them keeps it; {why}")
-    alone, factor, broken = too_much(task.robot, moving[shares.index(most)][1], task.limits)
-    share = f"{int(100 * most)} % of it"  # rounded down: 100 % would contradict the refusal
-    within = f"within the uncertainty; the best of them keeps its limits with {share} ({broken})"
-    error = ToleranceError(f"{ending} {within}; {why}")
-    error.too_much, error.factor = alone, factor
-    return error
+def _legs(way: Way) -> list[Leg]:
+    return [(k, i, j) for k, (i, j) in enumerate(pairwise(way))]
+
+
+def _postures(layers: Sequence[np.ndarray], way: Way) -> list[np.ndarray]:
+    return [layer[i] for layer, i in zip(layers, way, strict=True)]

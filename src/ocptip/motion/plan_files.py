@@ -7,16 +7,16 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import plain, versions
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
-from ocptip.motion.cycles.plan import Planned
 from ocptip.motion.cycles.task import CycleTask, Task, freed_offset
 from ocptip.motion.execution import Execution
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.output import (
     CERTIFICATE,
     MOTION,
@@ -29,7 +29,6 @@ from ocptip.motion.output import (
     sample_motion,
     write_folder,
 )
-from ocptip.motion.plan import MotionPlan
 from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of, stop_keys, tolerance_table
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.trajectories.sequence import joined
@@ -40,7 +39,7 @@ _ONCE = ("case", "task_file", "versions", "options", "seed", "assumed")
 
 def write_plan(
     directory: str | os.PathLike[str],
-    plan: Planned,
+    plan: MotionPlan,
     *,
     executions: Sequence[Execution] | None = None,
     samples: Sequence[MotionSamples] | None = None,
@@ -91,18 +90,18 @@ def write_plan(
     return write_folder(Path(directory), texts, source, _task_text(task, source) if source else "")
 
 
-def drives_of(plan: Planned) -> list[Execution]:
+def drives_of(plan: MotionPlan) -> list[Execution]:
     """What runs each segment if drives take the commands as they are."""
     return [Execution.of_drives(p.task.robot, p.motion, p.task.limits, p.check) for p in plan.parts]
 
 
-def run_by(plan: Planned, executions: Sequence[Execution]) -> Trajectory:
+def run_by(plan: MotionPlan, executions: Sequence[Execution]) -> Trajectory:
     """The motion that is run, of a cycle with the rests between its segments."""
     motions = [run.motion for run in executions]
-    return Trajectory.from_segments(motions, plan.motion.pauses) if plan.task.is_cycle else motions[0]
+    return Trajectory.from_segments(motions, plan.motion.pauses) if plan.segments else motions[0]
 
 
-def planned_to_dict(plan: Planned, executions: Sequence[Execution], check: CycleCheck) -> dict[str, Any]:
+def planned_to_dict(plan: MotionPlan, executions: Sequence[Execution], check: CycleCheck) -> dict[str, Any]:
     """Return a plan, and by what it is run, as plain data for strict JSON.
 
     That of a motion is `plan_to_dict`. Of a cycle, `segments` holds that of each segment,
@@ -111,11 +110,11 @@ def planned_to_dict(plan: Planned, executions: Sequence[Execution], check: Cycle
     """
     if not plan.task.is_cycle:
         return plan_to_dict(plan, executions[0])
-    data = check.to_dict()
+    data, task = check.to_dict(), cast(CycleTask, plan.task)
     rows = [
         {
             **{key: row[key] for key in ("name", "begin_s", "rest_s", "rest_energy_J")},
-            **_freed(plan.task, end, part),
+            **_freed(task, end, part),
             **{key: value for key, value in plan_to_dict(part, own).items() if key not in _ONCE},
         }
         for end, (row, part, own) in enumerate(
@@ -129,10 +128,10 @@ def planned_to_dict(plan: Planned, executions: Sequence[Execution], check: Cycle
             "verified": plan.complete and check.whole.verified,
             "certified": plan.complete and check.whole.certified,
             "task_file": TASK if source_of(plan.task) else None,
-            "closed": plan.task.closed,
+            "closed": task.closed,
             "missing": [segment.name for segment in plan.task.segments[len(plan.parts) :]],
             "segments": rows,
-            "iterations": sum(start.iterations for part in plan.parts for start in part.starts),
+            "iterations": sum(start.iterations for start in plan.starts),
             "seconds": plan.seconds,
             "interrupted": plan.interrupted,
             "seed": plan.seed,
@@ -213,7 +212,8 @@ def _trajectory(
 def _task_text(task: Task, source: TaskSource) -> str:
     """The task's file with its limits and objectives, whatever the file said."""
     if not task.is_cycle:
-        return source.text(task.name, task.limits, task.objective, task.rise_times)
+        rises = cast(tuple[float, ...] | None, task.segments[0].task.rise_times)
+        return source.text(task.name, task.limits, task.objective, rises)
     rows = []
     for row, segment in zip(source.data["segment"], task.segments, strict=True):
         limits, objective = segment.task.limits, segment.task.objective

@@ -16,7 +16,7 @@ from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from ocptip.motion.plan import MotionPlan
+    from ocptip.motion.motion_plan import MotionPlan
     from ocptip.retiming.retime import Retimed
 
 ROOM = 1.6  # times the largest speed, up to which the limits are drawn

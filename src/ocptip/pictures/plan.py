@@ -30,7 +30,7 @@ from ocptip.standing.mechanism import MotionSamples
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ocptip.motion.plan import MotionPlan
+    from ocptip.motion.motion_plan import MotionPlan
 
 _WIDTH = 10.5  # inches
 _SKETCHES, _PANEL = 2.5, 1.95  # inches high

@@ -11,8 +11,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError, whole_number
 from ocptip.certificate.checks import certified
-from ocptip.motion.cycles.plan import CyclePlan, plan_cycle, proved_cycle
 from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.plan import plan_motion, proved
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
@@ -37,7 +38,7 @@ class CyclePlacement:
 
     placement: Placement
     sampled: bool
-    plan: CyclePlan | None
+    plan: MotionPlan | None
     refusal: str = ""
 
     @property
@@ -107,7 +108,7 @@ def place_for_cycle(
         problem: with all poses of the cycle as gripper tasks.
         placed: the cycle in base axes at a placement.
         candidates: number of places to plan on, at most.
-        starts: of the motion planner, per segment; see `ocptip.motion.cycles.plan.plan_cycle`.
+        starts: of the motion planner, per segment; see `ocptip.motion.plan.plan_motion`.
         seed: of placements and plans.
         executor, jobs: of the motion planner.
         placement_starts: of `place`.
@@ -131,8 +132,8 @@ def place_for_cycle(
         plan, refusal = None, ""
         try:
             how = {"starts": starts, "seed": seed, "executor": executor, "jobs": jobs}
-            plan = plan_cycle(placed(placement), **how)
-            refusal = "" if plan.verified else "; ".join(plan.check.whole.violations) or "not complete"
+            plan = plan_motion(placed(placement), **how)
+            refusal = "" if plan.verified else "; ".join(plan.check.violations) or "not complete"
         except (PlanningError, InputError) as error:
             refusal = str(error)
         found.append(CyclePlacement(placement, sampled, plan, refusal))
@@ -140,7 +141,7 @@ def place_for_cycle(
             break
     best, *others = sorted(found, key=lambda one: one.cost)
     if best.plan is not None and best.verified and not best.plan.interrupted:
-        best = replace(best, plan=proved_cycle(best.plan, certified))
+        best = replace(best, plan=proved(best.plan, certified))
     return CyclePlacements((best, *others), static)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_number
 from ocptip.certificate.checks import certified
-from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import FIRST_SEVEN, MotionTask
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator

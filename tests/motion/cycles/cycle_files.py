@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from ocptip import load_task
-from ocptip.motion.cycles.check import check_cycle
-from ocptip.motion.cycles.plan import CyclePlan, sequence_of
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan_files import write_plan
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.trajectory import Trajectory
@@ -58,6 +57,5 @@ def planned(folder, slower=2.0):
         )
         parts.append(plan_of(segment.between(start, goal), motion))
         start = goal
-    check = check_cycle(task, sequence_of(task, parts))
-    write_plan(folder / "swing", CyclePlan(task, tuple(parts), check, 0, 1.0, False, {}))
+    write_plan(folder / "swing", MotionPlan.of_cycle(task, parts, seconds=1.0, options={}))
     return folder / "swing"

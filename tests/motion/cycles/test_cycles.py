@@ -16,12 +16,13 @@ from ocptip.certificate.checks import certified, certified_cycle
 from ocptip.certificate.result import Undecided
 from ocptip.certificate.trusted.checker import check_certificate
 from ocptip.cli.main import main
+from ocptip.motion import plan as planning
 from ocptip.motion.check import check_motion
-from ocptip.motion.cycles import plan as planning
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.choices import CANDIDATES, best_ways, layers_of, likely_ways
-from ocptip.motion.cycles.plan import plan_cycle
 from ocptip.motion.execution import execute
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import drives_of, samples_joined, task_samples, write_plan
 from ocptip.motion.source import TASK
 from ocptip.motion.tolerated import robustness, tolerated
@@ -41,7 +42,7 @@ from tests.quick import examples
 def plan(tmp_path_factory):
     """A planned cycle; its first segment with two starts, one after the other."""
     task = load_cycle(written(tmp_path_factory.mktemp("cycle")))
-    return plan_cycle(task, starts=1, jobs=1, prove=certified)
+    return plan_motion(task, starts=1, jobs=1, prove=certified)
 
 
 def test_a_plan_is_verified_segment_by_segment(plan):
@@ -50,10 +51,10 @@ def test_a_plan_is_verified_segment_by_segment(plan):
     out, back = plan.parts
     np.testing.assert_allclose(back.motion.start, out.motion.goal, atol=1e-12)
     np.testing.assert_allclose(back.motion.goal, out.motion.start, atol=1e-12)
-    for part, segment, own in zip(plan.parts, plan.task.segments, plan.check.segments, strict=True):
+    for part, segment, own in zip(plan.parts, plan.task.segments, plan.checked.segments, strict=True):
         again = check_motion(segment.task.robot, part.motion, segment.task.limits)
         assert (again.energy, again.duration) == (own.energy, own.duration)
-    assert plan.check.begins == (0.0, pytest.approx(out.duration + 0.3))
+    assert plan.checked.begins == (0.0, pytest.approx(out.duration + 0.3))
     assert plan.duration == pytest.approx(out.duration + 0.3 + back.duration)
     with_load = {name: back.task.robot.samples(back.motion, np.array([0.2])).torques for name in ("loaded",)}
     bare = out.task.robot.samples(back.motion, np.array([0.2])).torques
@@ -64,20 +65,20 @@ def test_the_rest_costs_what_motors_at_rest_take(plan):
     out = plan.task.segments[0]
     q = plan.parts[0].motion.goal
     resting = Trajectory.from_points(np.array([0.0, 0.3]), np.stack([q, q]), np.zeros((2, out.task.robot.n)))
-    assert plan.check.rest_energies == (pytest.approx(out.task.robot.energy(resting)), 0.0)
-    assert plan.energy == pytest.approx(sum(p.energy for p in plan.parts) + plan.check.rest_energies[0])
+    assert plan.checked.rest_energies == (pytest.approx(out.task.robot.energy(resting)), 0.0)
+    assert plan.energy == pytest.approx(sum(p.energy for p in plan.parts) + plan.checked.rest_energies[0])
 
 
 def test_the_worst_of_all_is_the_worst_of_its_segment(plan):
-    for name, worst in plan.check.whole.worst.items():
-        rows = [own.worst[name] for own in plan.check.segments]
+    for name, worst in plan.check.worst.items():
+        rows = [own.worst[name] for own in plan.checked.segments]
         most = max(range(2), key=lambda k: rows[k].excess)
         assert worst.value == rows[most].value
-        assert worst.detail.endswith(f"segment {plan.check.names[most]}")
+        assert worst.detail.endswith(f"segment {plan.checked.names[most]}")
         if np.isfinite(worst.time):
-            assert worst.time == pytest.approx(plan.check.begins[most] + rows[most].time)
-    least = min(own.contacts.force.value for own in plan.check.segments)
-    assert plan.check.whole.contacts.force.value == least
+            assert worst.time == pytest.approx(plan.checked.begins[most] + rows[most].time)
+    least = min(own.contacts.force.value for own in plan.checked.segments)
+    assert plan.check.contacts.force.value == least
 
 
 def test_broken_limits_name_their_segment(plan):
@@ -130,7 +131,7 @@ def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
 @pytest.mark.slow
 def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     path = written(tmp_path)
-    monkeypatch.setattr("ocptip.api.plan.plan_cycle", lambda task, **_: dataclasses.replace(plan, task=task))
+    monkeypatch.setattr("ocptip.api.plan.plan_motion", lambda task, **_: dataclasses.replace(plan, task=task))
     call = ["plan", str(path), "--tolerance", "none", "--out", str(tmp_path / "out")]
     code = main([*call, "--controller", "cubic", "--time-scale", "0.5"])
     out = capsys.readouterr().out
@@ -159,10 +160,11 @@ def test_durations_belong_to_segments(tmp_path, capsys, option):
 
 
 def test_a_cycle_that_was_cut_short_says_so(plan, tmp_path, monkeypatch, capsys):
-    first = dataclasses.replace(plan, parts=plan.parts[:1], interrupted=True)
-    part = dataclasses.replace(plan.task, segments=plan.task.segments[:1], closed=False)
-    first = dataclasses.replace(first, check=check_cycle(part, first.motion))
-    monkeypatch.setattr("ocptip.api.plan.plan_cycle", lambda task, **_: dataclasses.replace(first, task=task))
+    options = {"seconds": plan.seconds, "interrupted": True, "options": plan.options}
+    first = MotionPlan.of_cycle(plan.task, plan.parts[:1], **options)
+    monkeypatch.setattr(
+        "ocptip.api.plan.plan_motion", lambda task, **_: dataclasses.replace(first, task=task)
+    )
     out_dir = tmp_path / "out"
     assert main(["plan", str(written(tmp_path)), "--out", str(out_dir), "--no-figures"]) == 1
     out = capsys.readouterr().out
@@ -182,13 +184,13 @@ def test_an_interrupt_keeps_the_segments_that_are_finished(plan, monkeypatch):
             raise KeyboardInterrupt
         return plan.parts[0]
 
-    monkeypatch.setattr(planning, "plan_motion", interrupted)
-    found = plan_cycle(plan.task, starts=4, jobs=1)
+    monkeypatch.setattr(planning, "plan_segment", interrupted)
+    found = plan_motion(plan.task, starts=4, jobs=1)
     assert (found.complete, found.interrupted, found.verified) == (False, True, False)
     assert found.parts == (plan.parts[0],)
-    monkeypatch.setattr(planning, "plan_motion", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(planning, "plan_segment", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        plan_cycle(plan.task, starts=4, jobs=1)
+        plan_motion(plan.task, starts=4, jobs=1)
 
 
 def test_starts_go_on_where_the_first_ones_ended(plan, monkeypatch):
@@ -198,21 +200,21 @@ def test_starts_go_on_where_the_first_ones_ended(plan, monkeypatch):
         calls.append((options["first"], options["starts"]))
         return plan.parts[int(task.robot.payload is not None)]
 
-    monkeypatch.setattr(planning, "plan_motion", planned)
-    found = plan_cycle(plan.task, starts=5, jobs=1)
+    monkeypatch.setattr(planning, "plan_segment", planned)
+    found = plan_motion(plan.task, starts=5, jobs=1)
     assert calls == [(0, 2), (0, 2), (2, 3), (2, 3)]
     assert not found.interrupted
     monkeypatch.setattr(
-        planning, "plan_motion", lambda *_, **__: (_ for _ in ()).throw(PlanningError("no start stands"))
+        planning, "plan_segment", lambda *_, **__: (_ for _ in ()).throw(PlanningError("no start stands"))
     )
     with pytest.raises(PlanningError, match=r"segment 1 \(out\): no start stands"):
-        plan_cycle(plan.task, starts=2, jobs=1)
+        plan_motion(plan.task, starts=2, jobs=1)
 
 
 def test_what_cannot_be_planned_names_the_segment(tmp_path):
     path = written(tmp_path, CYCLE.replace("[20, 30, -8, 45, -18, 150]", "[20, 30, -8, 45, -18, 1500]"))
     with pytest.raises(InputError, match=r"swing: cannot be planned: segment 1 \(out\): goal: joint 6"):
-        plan_cycle(load_cycle(path), starts=1, jobs=1)
+        plan_motion(load_cycle(path), starts=1, jobs=1)
 
 
 @seed(5)
@@ -323,7 +325,7 @@ def test_figures_draw_the_limits_of_each_segment(plan):
     task = dataclasses.replace(plan.task, segments=(out, dataclasses.replace(back, task=own)))
     samples = samples_joined(task_samples(task, plan.motion))
     curves = PlanCurves(seen_plan(task, plan.motion, check_cycle(task, plan.motion)), samples)
-    begin = plan.check.begins[1]
+    begin = plan.checked.begins[1]
     np.testing.assert_array_equal(curves.limit("GN"), np.where(samples.times < begin, 0.9, 0.5))
     axes = _reserve_figure(curves).axes
     lines = [ax.findobj(lambda artist: artist.get_gid() == "limit")[0] for ax in axes]
@@ -348,7 +350,7 @@ def proved(plan):
 
 
 def test_every_segment_is_certified_with_what_it_holds(plan, proved):
-    assert plan.check.whole.certified  # plans come proved, checks do not
+    assert plan.check.certified  # plans come proved, checks do not
     assert not check_cycle(plan.task, plan.motion).whole.certified
     assert proved.whole.certified
     assert proved.whole.headline.startswith("PROVED")
@@ -379,7 +381,7 @@ def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
     assert found.verified
     assert not found.certified
     assert found.headline.startswith("CHECKED")
-    assert found.certificate.undecided[0].start == pytest.approx(plan.check.begins[1] + 0.1)
+    assert found.certificate.undecided[0].start == pytest.approx(plan.checked.begins[1] + 0.1)
     tight = load_task(plan.task, GN=0.05)
     broken = check_cycle(tight, plan.motion)
     assert certified_cycle(tight, plan.motion, broken) is broken

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.cli.main import main
 from ocptip.motion.cycles.choices import layers_of, leg_cost, likely_ways
 from ocptip.motion.cycles.free_poses import MovedWay, free_ends, moved_ways, posture_near
-from ocptip.motion.cycles.plan import plan_cycle
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import write_plan
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.cycle import load_cycle
@@ -43,7 +43,7 @@ def plans(with_pose, tmp_path_factory):
     folder = tmp_path_factory.mktemp("free")
     texts = {"fixed": with_pose("fold = 0"), "free": with_pose(FREE)}
     tasks = {name: load_cycle(written(folder, text, f"{name}.toml")) for name, text in texts.items()}
-    return {name: plan_cycle(task, starts=1, jobs=1) for name, task in tasks.items()}
+    return {name: plan_motion(task, starts=1, jobs=1) for name, task in tasks.items()}
 
 
 def first_way(task):
