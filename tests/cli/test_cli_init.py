@@ -116,7 +116,7 @@ def test_filled_in_as_they_are_the_examples_make_a_task(tmp_path):
     ("meshes", "mark", "key"),
     [
         ("package://elsewhere", "package_dirs", "Folders with packages"),
-        ("elsewhere", "collision", "or get what"),
+        ("elsewhere", "collision", "or add the missing"),
     ],
 )
 def test_missing_meshes_are_said(tmp_path, monkeypatch, capsys, meshes, mark, key):
