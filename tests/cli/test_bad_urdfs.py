@@ -63,7 +63,10 @@ FILES = {
     ),
     "mimics nothing": (edited('<mimic joint="finger_1"/>', "<mimic/>"), "'finger_2': <mimic> names no joint"),
     "robot without name": (edited(' name="on a lift"', ""), "<robot> has no name"),
-    "another version": (edited(' name="on a lift"', ' name="a" version="2.0"'), "expected 1.0, got '2.0'"),
+    "another version": (
+        edited(' name="on a lift"', ' name="a" version="2.0"'),
+        "expected 1.0 to 1.2, got '2.0'",
+    ),
     "two materials": (
         edited('<link name="base"/>', '<link name="base"/>' + 2 * '<material name="red"/>'),
         "2 materials are called 'red'",

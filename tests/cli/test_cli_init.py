@@ -59,7 +59,10 @@ def test_file_is_complete_but_for_its_marks(here, capsys):
     np.testing.assert_allclose(task.goal - task.start, [0.1, *np.deg2rad([30, 30])], atol=1e-4)  # an example
     np.testing.assert_allclose(task.robot.limits.acceleration, 2 * task.robot.limits.speed, rtol=1e-5)
     # What init chose stands in the file; what else was chosen is said.
-    assert [note.split(",")[0] for note in task.robot.notes] == ["locked"]
+    assert [note.split(",")[0] for note in task.robot.notes] == [
+        "locked",
+        "acceleration limits of joints lift",
+    ]
     code = [line for line in filled(text, VALUES).splitlines() if line.strip() and line[0] != "#"]
     assert len(code) <= 25
 
@@ -153,3 +156,84 @@ def test_filled_in_it_plans(here, capsys):
         main(["plan", "t.toml", "--starts", "2", "--jobs", "1", "--tolerance", "none", "--no-figures"]) == 0
     )
     assert "PROVED" in capsys.readouterr().out
+
+
+def test_limits_and_states_of_moveit_go_into_the_task(here, capsys):
+    """URDF 1.2 has accelerations and jerks, joint_limits.yaml replaces them, SRDF states are ends."""
+    urdf = ON_A_LIFT.replace('name="on a lift"', 'name="on a lift" version="1.2"')
+    urdf = urdf.replace('effort="400"', 'effort="400" acceleration="0.9" deceleration="0.8" jerk="6"')
+    (here / "lift.urdf").write_text(urdf, encoding="utf-8")
+    (here / "joint_limits.yaml").write_text(
+        "default_velocity_scaling_factor: 0.1\n"
+        "joint_limits:\n"
+        "  turn_1: {has_velocity_limits: true, max_velocity: 1.5, has_acceleration_limits: true,"
+        " max_acceleration: 3.0}\n"
+        "  turn_2: {has_velocity_limits: false, max_velocity: 9.0, has_acceleration_limits: false}\n"
+    )
+    joints = "".join(
+        f'<joint name="{name}" value="{value}"/>'
+        for name, value in {"lift": 0.2, "turn_1": -0.5, "turn_2": 0.25, "finger_1": 0.02}.items()
+    )
+    states = f'<group_state name="stow" group="arm">{joints}</group_state>'
+    (here / "robot.srdf").write_text(f'<robot name="on a lift">{states}</robot>')
+    call = ["init", "lift.urdf", "--joint-limits", "joint_limits.yaml", "--srdf", "robot.srdf"]
+    assert main(call) == 0
+    text = Path("lift.toml").read_text(encoding="utf-8")
+    assert 'joint_limits = "joint_limits.yaml"' in text
+    assert "#   lift    0 to 0.4 m, 0.3 m/s, 400 N, 0.8 m/s^2, 6 m/s^3" in text
+    assert '# acceleration_deg_s2 = { "turn_2" = 229.183 }  # assumed without this line' in text
+    assert '# or start = "stow"; states of the SRDF: stow' in text
+    start = next(line for line in text.splitlines() if line.startswith("start_deg"))
+    text = text.replace(start, 'start = "stow"').replace("\nstart_m", "\n# start_m")
+    Path("lift.toml").write_text(filled(text, VALUES), encoding="utf-8")
+    task = load_task("lift.toml")
+    np.testing.assert_allclose(task.start, [0.2, -0.5, 0.25])
+    limits = task.robot.limits
+    np.testing.assert_allclose(limits.speed, [0.3, 1.5, 2.0])
+    np.testing.assert_allclose(limits.acceleration, [0.8, 3.0, 4.0])  # the last one is assumed
+    np.testing.assert_allclose(task.rise_times, [2 * 0.8 / 6, 0.0, 0.0])  # from one limit to the opposite one
+    notes = " | ".join(task.robot.notes)
+    assert "acceleration limits of joints turn_2: full speed in 0.5 s, for the file gives none" in notes
+    assert "default_velocity_scaling_factor 0.1 of joint_limits.yaml does not count" in notes
+    assert "joint_limits.yaml does not name lift" in notes
+    assert "jerk limits of joints lift" in notes
+
+
+@pytest.mark.parametrize(
+    ("yaml", "line", "reason"),
+    [
+        ("[]", "", r"arm\.joint_limits: .*expected a table joint_limits"),
+        (
+            "joint_limits: {lift: {has_jerk_limits: true}}",
+            "",
+            r"lift: has_jerk_limits is true",
+        ),
+        (
+            "joint_limits: {lift: {has_jerk_limits: 1}}",
+            "",
+            r"has_jerk_limits: expected true or false",
+        ),
+        (
+            "joint_limits: {lift: {has_velocity_limits: true, max_velocity: -1}}",
+            "",
+            r"lift: velocity must be > 0, got -1",
+        ),
+        ("joint_limits: {}", 'start = "home"', r"motion\.start: no state 'home'; there are stow"),
+        (
+            "joint_limits: {}",
+            'start = "stow"',
+            r"motion\.start: state 'stow' has no value for turn_1",
+        ),
+    ],
+)
+def test_files_of_moveit_are_refused_by_their_place(here, yaml, line, reason):
+    (here / "l.yaml").write_text(yaml)
+    state = '<group_state name="stow" group="arm"><joint name="lift" value="0.1"/></group_state>'
+    (here / "r.srdf").write_text(f'<robot name="on a lift">{state}</robot>')
+    text = filled(task_template("robots/lift.urdf", here, srdf="r.srdf").text, VALUES)
+    text = text.replace("\nmount_position", '\njoint_limits = "l.yaml"\nmount_position')
+    if line:
+        text = text.replace("\nstart_m", "\n# start_m").replace("\nstart_deg", f"\n{line}\n# start_deg")
+    Path("t.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=reason):
+        load_task("t.toml")

@@ -285,10 +285,12 @@ def test_what_a_file_leaves_open_is_assumed_and_said(tmp_path):
     assert load(tmp_path, URDF).robot.notes == ()
     task = load(tmp_path, text)
     np.testing.assert_allclose(task.robot.limits.acceleration, 2 * task.robot.limits.speed)
-    assert task.robot.notes == ("acceleration limits: full speed in 0.5 s, for the file gives none",)
+    (note,) = task.robot.notes
+    assert note.startswith("acceleration limits of joints ")
+    assert note.endswith(": full speed in 0.5 s, for the file gives none")
     task = load(tmp_path, text.replace('[motors]\nkind = "estimated"\nstandby = 3\n', ""))
     assert isinstance(task.robot.motors, DCMotors)
-    assert [note.split(":")[0] for note in task.robot.notes] == ["acceleration limits", "motors"]
+    assert [note.split()[0] for note in task.robot.notes] == ["acceleration", "motors:"]
     task = load(tmp_path, changed(URDF, locked_m=None, base_link=None))
     assert task.robot.notes == (
         "base_link 'base', not given in the file",

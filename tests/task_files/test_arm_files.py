@@ -91,7 +91,12 @@ def test_a_short_file_of_a_foreign_arm(folder):
     np.testing.assert_array_equal(robot.limits.angle_max, [0.4, 3, np.inf])
     assert [contact.friction for contact in robot.support.contacts] == [0.6] * 4
     words = [note.split(",")[0].split(":")[0] for note in robot.notes]
-    assert words == ["base_link 'base' and tool_frame 'tool0'", "locked", "acceleration limits", "motors"]
+    assert words == [
+        "base_link 'base' and tool_frame 'tool0'",
+        "locked",
+        "acceleration limits of joints lift",
+        "motors",
+    ]
     assert "finger_1, finger_2 at 0.01" in robot.notes[1]  # the second one mimics the first
 
 

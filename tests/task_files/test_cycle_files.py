@@ -120,7 +120,7 @@ def test_changes_of_all_segments(cycle):
         ),
         ('payload = "part"', "", r"payload.part: no segment carries it"),
         ('payload = "part"', "payload = { mass = -1 }", r"segment\[2\].payload.mass: must be >= 0"),
-        ('goal = "start"', 'goal = "home"', r"segment\[2\].goal: expected 'start', got 'home'"),
+        ('goal = "start"', 'goal = "home"', r"segment\[2\].goal: no state 'home'"),
         ('goal = "start"', "", r"segment\[2\].goal_deg: expected either goal_deg or goal_pose, got none"),
         (
             'goal = "start"',

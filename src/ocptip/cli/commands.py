@@ -54,6 +54,8 @@ COMMANDS = (
             argument("robot", "ROBOT.urdf", "the robot"),
             BASE_LINK,
             TOOL_FRAME,
+            argument("--joint-limits", "YAML", "joint_limits.yaml of MoveIt"),
+            argument("--srdf", "SRDF", "SRDF of MoveIt: pairs that may touch, named states"),
             argument("--out", "FILE", "the task file (default: ROBOT.toml)"),
         ),
     ),

@@ -93,6 +93,7 @@ def run(options: Namespace) -> InitReport:
         raise InputError(f"{path}: exists; give another file by --out")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
-    names = {"base_link": options.base_link, "tool_frame": options.tool_frame}
-    with naming_options(*names):
-        return InitReport(path, task_template(options.robot, path.parent, **names))
+    given = ("base_link", "tool_frame", "joint_limits", "srdf")
+    with naming_options(*given):
+        named = {key: getattr(options, key) for key in given}
+        return InitReport(path, task_template(options.robot, path.parent, **named))

@@ -40,6 +40,7 @@ class JointLimits:
         speed: (n,), rad/s (m/s), both directions.
         acceleration: (n,), rad/s^2 (m/s^2), both directions.
         torque: (n,), N m (N), both directions.
+        jerk: (n,), rad/s^3 (m/s^3), both directions; by default there is none. Plans keep it by S-curves.
     """
 
     angle_min: np.ndarray
@@ -47,9 +48,12 @@ class JointLimits:
     speed: np.ndarray
     acceleration: np.ndarray
     torque: np.ndarray
+    jerk: np.ndarray = None  # pyright: ignore[reportAssignmentType] # infinite
 
     def __post_init__(self) -> None:
-        for name in ("angle_min", "angle_max", "speed", "acceleration", "torque"):
+        if self.jerk is None:
+            settle(self, jerk=np.full(len(self.speed), np.inf))
+        for name in ("angle_min", "angle_max", "speed", "acceleration", "torque", "jerk"):
             value = np.array(getattr(self, name), dtype=float)
             if value.ndim != 1 or np.isnan(value).any():
                 raise InputError(
@@ -64,7 +68,7 @@ class JointLimits:
                 f"limits: joint {joint + 1}: angle_min {self.angle_min[joint]} must be below angle_max "
                 f"{self.angle_max[joint]} (rad, sliding joints m)"
             )
-        for name in ("speed", "acceleration", "torque"):
+        for name in ("speed", "acceleration", "torque", "jerk"):
             if (getattr(self, name) <= 0).any():
                 raise InputError(f"limits.{name}: must be > 0, got {getattr(self, name)}")
 
@@ -138,6 +142,7 @@ class ArmModel:
         base_link, resting: of an arm from a URDF: link of its base frame, and where joints of that file stand
             that do not move, rad or m by name.
         base_mass: kg, of that file's links that do not move and therefore belong to the base.
+        states: named joint values of its SRDF, rad or m by name.
         coupling: joints that follow others; None: none does.
         gears: springs between drives and links; None: gears are rigid. Joint values of an arm are those of
             its links; only checks let them swing about that.
@@ -168,6 +173,7 @@ class ArmModel:
     base_link: str = ""
     resting: Mapping[str, float] = field(default_factory=dict)
     base_mass: float = 0.0
+    states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     coupling: Coupling | None = None
     gears: Gears | None = None
 
@@ -356,7 +362,8 @@ class ArmModel:
         unknown = np.isfinite(speed) & ~np.isfinite(acceleration)
         if not unknown.any():
             return self
-        note = f"acceleration limits: full speed in {FULL_SPEED:g} s, for {source} gives none"
+        joints = f"of joints {', '.join(self.joint_names[j] for j in np.flatnonzero(unknown))}"
+        note = f"acceleration limits {joints}: full speed in {FULL_SPEED:g} s, for {source} gives none"
         arm = self.with_limits(acceleration=np.where(unknown, speed / FULL_SPEED, acceleration))
         return dataclasses.replace(arm, notes=(*arm.notes, note))
 

@@ -56,7 +56,7 @@ def arm_from_urdf(
         armature: (n,), kg m^2, reflected rotor inertias (rotor inertia times gear ratio squared), which URDF
             cannot hold, of joints that follow no other; zero by default, which underestimates torques at high
             accelerations. See `ArmModel.armature`.
-        acceleration: (n,), rad/s^2, limits, which URDF cannot hold; infinite by default.
+        acceleration: (n,), rad/s^2, limits; by default those of URDF 1.2, infinite where it gives none.
         accept_inertia: links that move without mass, or with an inertia that no body has, and are meant so;
             True: all.
 
@@ -83,12 +83,24 @@ def arm_from_urdf(
     way = [joint.name for joint in file.way(tool) if joint.name not in ahead]
     mimics = _mimics(file, robot, locked, way)
     arm = _from_pinocchio(robot, base, tool, locked, mimics, armature, acceleration, accept_inertia)
+    changes = {key: _of_chain(file, arm, key) for key in ("acceleration", "jerk")}
+    arm = arm.with_limits(**(changes if acceleration is None else {"jerk": changes["jerk"]}))
     doubt_arm(arm)
     chosen = {"base_link": (base_link, base), "tool_frame": (tool_frame, tool)}
     names = [f"{key} {name!r}" for key, (given, name) in chosen.items() if given is None]
     notes = (f"{' and '.join(names)}, not given in the file",) if names else ()
     resting = max(0.0, file.mass - float(np.sum(arm.masses)))
     return dataclasses.replace(arm, notes=(*notes, *arm.notes), base_mass=resting)
+
+
+def _of_chain(file: UrdfFile, arm: ArmModel, key: str) -> np.ndarray:
+    """(n,) limits of the file's joints, which joints that follow others keep as well."""
+    values = np.array([getattr(file.joints[name], key) for name in arm.chain_names])
+    if arm.coupling is None:
+        return values
+    found = np.full(arm.n, np.inf)
+    np.minimum.at(found, arm.coupling.leaders, values / np.abs(arm.coupling.ratios))
+    return found
 
 
 def arm_from_pinocchio(

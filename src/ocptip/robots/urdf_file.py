@@ -35,7 +35,7 @@ MOST_IN_A_ROW, MOST_JOINTS = 500, 10_000
 _ONE_NUMBER = {
     "mass": ("value",),
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-    "limit": ("lower", "upper", "effort", "velocity"),
+    "limit": ("lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"),
     "mimic": ("multiplier", "offset"),
 }
 _THREE_NUMBERS = {"origin": ("xyz", "rpy"), "axis": ("xyz",)}
@@ -43,6 +43,7 @@ _OTHERS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a COLLA
 _PREFIX = re.compile(r"(</?|\s)([A-Za-z_]\w*):(?=[A-Za-z_][\w.-]*\s*[=\s/>])")
 _FILENAME = re.compile(r"""(\bfilename\s*=\s*)(["'])(.*?)\2""", re.DOTALL)
 _XACRO = re.compile(r"\{[^}]*xacro\}")
+_VERSIONS = ("1", "1.0", "1.1", "1.2")
 _HAND = 1.5
 _MOST = 8  # complaints shown; the rest is counted
 
@@ -57,6 +58,8 @@ class UrdfJoint:
         parent, child: links.
         mimics: master joint (it may be missing in the file), multiplier and offset (rad or m), or None.
         axis: (3,), axes of the child; None: the file gives none.
+        acceleration, jerk: limits of URDF 1.2, rad/s^2 and rad/s^3 (m/s^2, m/s^3), which Pinocchio does not
+            read; of acceleration and deceleration the smaller one; infinite: none.
     """
 
     name: str
@@ -65,6 +68,8 @@ class UrdfJoint:
     child: str
     mimics: tuple[str, float, float] | None
     axis: tuple[float, ...] | None = None
+    acceleration: float = math.inf
+    jerk: float = math.inf
 
     @property
     def slides(self) -> bool:
@@ -373,8 +378,8 @@ def _tree(root: ElementTree.Element) -> Iterator[str]:
     if not links:
         other = any(root.find(tag) is not None for tag in ("disable_collisions", "group", "end_effector"))
         yield "no <link> in it" + ("; it is an SRDF, whose key is srdf" if other else "")
-    if root.get("version", "1.0") not in ("1", "1.0"):
-        yield f"<robot version>: expected 1.0, got {root.get('version')!r}"
+    if root.get("version", "1.0") not in _VERSIONS:
+        yield f"<robot version>: expected 1.0 to 1.2, got {root.get('version')!r}"
     if "name" not in root.attrib:
         yield '<robot> has no name; write <robot name="...">'
     materials = [element.get("name", "") for element in root.findall("material[@name]")]
@@ -386,7 +391,7 @@ def _tree(root: ElementTree.Element) -> Iterator[str]:
                 yield f"{count} {kind}s are called {name!r}"
     above: dict[str, list[str]] = {}
     for element in root.findall("joint"):
-        yield from _joint_complaints(element, links)
+        yield from _joint_complaints(element, links, lean=root.get("version") == "1.2")
         joint = _joint(element)
         above.setdefault(joint.child, []).append(joint.parent)
     for child, parents in above.items():
@@ -413,7 +418,8 @@ def _loops(above: Mapping[str, list[str]], root: str) -> Iterator[str]:
             seen.add(at)
 
 
-def _joint_complaints(element: ElementTree.Element, links: list[str]) -> Iterator[str]:
+def _joint_complaints(element: ElementTree.Element, links: list[str], *, lean: bool) -> Iterator[str]:
+    """What is wrong with a joint; in a `lean` version of URDF limits need neither effort nor velocity."""
     joint = _joint(element)
     who = f"joint {joint.name!r}"
     if joint.kind not in KINDS:
@@ -432,16 +438,17 @@ def _joint_complaints(element: ElementTree.Element, links: list[str]) -> Iterato
             lower, upper = float(limit.get("lower", 0)), float(limit.get("upper", 0))
             if lower > upper:
                 yield f"{who}: lower limit {lower:g} is above the upper one, {upper:g}"
-    yield from (f"{who}: {reason}" for reason in _parser_complaints(element))
+    yield from (f"{who}: {reason}" for reason in _parser_complaints(element, lean=lean))
     text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
     if joint.kind != "fixed" and _are_numbers(text, 3) and not any(map(float, text.split())):
         yield f"{who}: its axis is 0 0 0"
 
 
-def _parser_complaints(joint: ElementTree.Element) -> Iterator[str]:
+def _parser_complaints(joint: ElementTree.Element, *, lean: bool) -> Iterator[str]:
     """What the parser of Pinocchio refuses with no more than "not a valid URDF"."""
     limit, dynamics = joint.find("limit"), joint.find("dynamics")
-    if limit is not None and (lacking := [key for key in ("effort", "velocity") if key not in limit.attrib]):
+    needed = () if lean else ("effort", "velocity")
+    if limit is not None and (lacking := [key for key in needed if key not in limit.attrib]):
         yield f"<limit> has no {' and no '.join(lacking)}; give 0 where there is no limit"
     if dynamics is not None and not {"damping", "friction"} & {*dynamics.attrib}:
         yield "<dynamics> has neither damping nor friction; take it out"
@@ -452,7 +459,8 @@ def _parser_complaints(joint: ElementTree.Element) -> Iterator[str]:
 
 
 def _joint(element: ElementTree.Element) -> UrdfJoint:
-    parent, child, mimic, axis = (element.find(tag) for tag in ("parent", "child", "mimic", "axis"))
+    tags = ("parent", "child", "mimic", "axis", "limit")
+    parent, child, mimic, axis, limit = (element.find(tag) for tag in tags)
     mimics, along = None, "" if axis is None else axis.get("xyz", "")
     if mimic is not None:
         factor, offset = mimic.get("multiplier", "1"), mimic.get("offset", "0")
@@ -465,4 +473,13 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
         "" if child is None else child.get("link", ""),
         mimics,
         tuple(map(float, along.split())) if _are_numbers(along, 3) else None,
+        min(_positive(limit, key) for key in ("acceleration", "deceleration")),
+        _positive(limit, "jerk"),
     )
+
+
+def _positive(limit: ElementTree.Element | None, key: str) -> float:
+    """A limit; infinite if there is none, or 0, which stands for none in many files."""
+    text = "" if limit is None else limit.get(key, "")
+    value = float(text) if _are_numbers(text, 1) else 0.0
+    return value if value > 0 else math.inf

@@ -72,7 +72,9 @@ class PlatformLimits:
         if (lower >= upper).any():
             raise InputError(f"lower: must be below upper, got {lower.tolist()} and {upper.tolist()}")
         force = _one_each("motor_force", self.motor_force, motors)
-        return _CheckedLimits(lower, upper, values["speed"], values["acceleration"], force)
+        return _CheckedLimits(
+            lower, upper, values["speed"], values["acceleration"], force, np.full(m, np.inf)
+        )
 
 
 class _CheckedLimits(JointLimits):

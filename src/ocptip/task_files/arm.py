@@ -19,6 +19,7 @@ from ocptip.numerics.inertia import ROUNDED, RigidBody, symmetric_matrix, union,
 from ocptip.published.arms import load_arm
 from ocptip.robots.collision.urdf import collision_meshes, geometry_from_urdf
 from ocptip.robots.dh import Convention, DHRow, arm_from_dh
+from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
@@ -172,7 +173,10 @@ ARM = Keys(
                 "collision": schema.flag("The collision geometry of the URDF is read.", default=True),
                 "package_dirs": schema.folders("Folders with packages, for `package://` names."),
                 "srdf": schema.file(
-                    "File whose `disable_collisions` are pairs that may touch.", otherwise="none"
+                    "SRDF: pairs that may touch (`disable_collisions`), states by name.", otherwise="none"
+                ),
+                "joint_limits": schema.file(
+                    "`joint_limits.yaml` of MoveIt, whose limits replace those of the URDF.", otherwise="none"
                 ),
                 "mesh_parts": schema.whole(
                     "Number of convex solids for each mesh that is not convex.",
@@ -291,7 +295,12 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
             own = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
             values[name][own] = given[np.isfinite(given)]
     table.close()
-    return arm.with_limits(**values).with_usual_accelerations("the file")
+    arm = arm.with_limits(**values).with_usual_accelerations("the file")
+    if (jerks := np.flatnonzero(np.isfinite(arm.limits.jerk))).size:
+        joints = ", ".join(arm.joint_names[j] for j in jerks)
+        note = f"jerk limits of joints {joints}: motions of plan keep them, cycles and retimed paths do not"
+        arm = replace(arm, notes=(*arm.notes, note))
+    return arm
 
 
 def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
@@ -308,11 +317,15 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
                     locked |= file.locked(wanted, slides=slides)
     accepted, ranges = _accepted_links(table), _ranges(table, file, locked)
     geometry, folders = table["collision"], table["package_dirs"]
-    srdf, parts = table["srdf"], table["mesh_parts"]
+    srdf, parts, further = table["srdf"], table["mesh_parts"], table["joint_limits"]
     table.close(early=True)
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         given = {"locked_joints": locked, "joint_ranges": ranges, "accept_inertia": accepted}
         arm = arm_from_urdf(file.path, **names, **given)
+    with table.at("joint_limits"):
+        arm = arm if further is None else with_joint_limits(arm, further)
+    with table.at("srdf"):
+        arm = replace(arm, states={} if srdf is None else named_states(srdf))
     armature = table.get("armature", arm.armature, size=arm.n)
     links = [file.joints[name].child for name in arm.chain_names]
     arm = with_spheres(replace(arm, armature=armature), table, links)

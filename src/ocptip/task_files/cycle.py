@@ -50,6 +50,9 @@ _GOAL = schema.vector(
     otherwise="the other keys of the goal",
 )
 
+_STATE = schema.text(
+    "`start`: the cycle is closed; or a state of the SRDF.", otherwise="the other keys of the goal"
+)
 
 _SEGMENT_LIMITS = Keys("limits of a segment", "Limits of a segment.", SEGMENT_LIMITS)
 
@@ -79,7 +82,8 @@ _OF_ROBOTS = {
     "arm": {
         "motion": schema.table(motion_keys("start of an arm", end_keys("start", "start"), cycle=True)),
         "segment": schema.tables(
-            _segment_keys("segment", {**end_keys("goal", "goal"), **LOCKED_KEYS}), required=True
+            _segment_keys("segment", {**end_keys("goal", "goal"), "goal": _STATE, **LOCKED_KEYS}),
+            required=True,
         ),
     },
     "robot": {
@@ -228,11 +232,10 @@ def _segment(
     own.close()
     with own.at():
         limits = replace(scene.limits, **numbers)
-    if "goal" in table and isinstance(table.value("goal"), str):
+    if table.value("goal") == _BACK:
         goals, pose = start
-        if table.value("goal") != _BACK or not last:
-            allowed = f"the last segment may have {_BACK!r}" if not last else f"expected {_BACK!r}"
-            raise table.error(f"{allowed}, got {table.value('goal')!r}", "goal")
+        if not last:
+            raise table.error(f"the last segment may have {_BACK!r}, got {_BACK!r}", "goal")
         for key in (key for key in _GOALS if key in table):
             raise table.error(f"not together with goal = {_BACK!r}", key)
     else:

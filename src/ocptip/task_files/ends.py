@@ -14,6 +14,7 @@ from ocptip.motion.postures import postures_of
 from ocptip.motion.task import REACHED
 from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
+from ocptip.robots.joint_limits import values_of_state
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
@@ -60,6 +61,7 @@ def end_keys(end: str, name: str) -> dict[str, Key]:
             f"Values of sliding joints at the {name}.", "m", single=False, otherwise=other
         ),
         f"{end}_pose": schema.table(POSE, f"Pose of the gripper at the {name}, base axes.", default=None),
+        end: schema.text(f"State of the SRDF that is the {name}.", otherwise=other),
     }
 
 
@@ -86,6 +88,11 @@ def read_end(
 
 def given_angles(arm: ArmModel, table: Table, key: str) -> np.ndarray:
     """Joint angles (1, n), rad (sliding joints: m), that are given."""
+    if isinstance(table.value(key), str):
+        table.one_of(*_angle_keys(arm, key), f"{key}_pose", key)
+        name = table[key]
+        with table.at(key):
+            return values_of_state(arm, arm.states, name)[None]
     q = np.full(arm.n, np.nan)
     for own, slides in _angle_keys(arm, key).items():
         joints = arm.prismatic == slides
@@ -108,7 +115,7 @@ def read_target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
     pose = f"{key}_pose"
     if pose not in table:
         return None
-    table.one_of(*_angle_keys(arm, key), pose)
+    table.one_of(*_angle_keys(arm, key), pose, *([key] if isinstance(table.value(key), str) else []))
     with table.table(pose) as given:
         position, rotation = given["position"], given.rotation()
         axis, fold = given.get("symmetric_about", ""), given["fold"]

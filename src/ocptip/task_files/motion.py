@@ -352,13 +352,16 @@ def _durations(table: Table) -> dict[str, float]:
 
 
 def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | None:
-    """Of the accelerations, of [limits]: as they are, or those with which no jerk can be exceeded.
+    """Of the accelerations, of [limits], else of the joints: those with which no jerk can be exceeded.
 
     Within a rise time an acceleration changes by no more than from its limit to the opposite one.
     """
-    key = table.one_of("rise_time")
-    if key is None:
+    key, limits = table.one_of("rise_time"), robot.limits
+    if key is None and not np.isfinite(limits.jerk).any():
         return None
+    if key is None:
+        with table.at(rise_time="jerk"):
+            return checked_rise_times(2 * limits.acceleration / limits.jerk, robot.n)
     if key == "rise_time":
         found = table.get(key, size=robot.n)
     else:

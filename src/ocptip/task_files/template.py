@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from ocptip.basics.toml_text import toml_value
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.collision.urdf import PACKAGE, geometry_from_urdf, missing_meshes
 from ocptip.robots.ground_contacts import GroundContact
+from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
@@ -59,7 +60,13 @@ class TaskTemplate:
 
 
 def task_template(
-    urdf: str | os.PathLike[str], folder: Path, *, base_link: str | None = None, tool_frame: str | None = None
+    urdf: str | os.PathLike[str],
+    folder: Path,
+    *,
+    base_link: str | None = None,
+    tool_frame: str | None = None,
+    joint_limits: str | os.PathLike[str] | None = None,
+    srdf: str | os.PathLike[str] | None = None,
 ) -> TaskTemplate:
     """The file of a motion task for the arm of a URDF.
 
@@ -67,6 +74,8 @@ def task_template(
         urdf: the URDF file.
         folder: where the task file will be.
         base_link, tool_frame: see `arm_from_urdf`.
+        joint_limits: `joint_limits.yaml` of MoveIt.
+        srdf: of MoveIt, with pairs that may touch and named states.
 
     Raises:
         InputError: the URDF cannot be used; see `arm_from_urdf`.
@@ -80,16 +89,18 @@ def task_template(
     except ImpossibleLinksError as error:
         doubtful = error.links
         arm = arm_from_urdf(urdf, base_link=base, tool_frame=tool, accept_inertia=list(doubtful))
+    arm = arm if joint_limits is None else with_joint_limits(arm, joint_limits)
+    arm = replace(arm, states={} if srdf is None else named_states(srdf))
     missing = missing_meshes(urdf)
     geometry, broken = None, ""
     try:
-        geometry = None if missing is None or missing else geometry_from_urdf(urdf, arm)
+        geometry = None if missing is None or missing else geometry_from_urdf(urdf, arm, srdf=srdf)
     except InputError as error:
         broken = str(error)
     foot = example_base(file, arm)
     example = example_motion(arm, geometry, foot)
     of_arm = (
-        *_arm(file, arm, base, tool, folder, foot),
+        *_arm(file, arm, base, tool, folder, foot, {"joint_limits": joint_limits, "srdf": srdf}),
         *_inertia(doubtful),
         *_geometry(missing, broken),
     )
@@ -99,7 +110,7 @@ def task_template(
     head = [
         "#:schema ./task.schema.json",
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
-        *(f"# {group}: {', '.join(items)}." for group, items in _groups(foot, marked(body)).items()),
+        *(f"# {group}: {', '.join(items)}." for group, items in _groups(arm, foot, marked(body)).items()),
         "# SI units; keys in degrees say so. All keys: `ocptip schema --page`.",
         f"name = {toml_value(file.name)}",
     ]
@@ -113,7 +124,7 @@ def marked(text: str) -> list[str]:
     return [line.removeprefix(MARK).split("=")[0].strip() for line in lines]
 
 
-def _groups(foot: ExampleBase, to_fill: Sequence[str]) -> dict[str, list[str]]:
+def _groups(arm: ArmModel, foot: ExampleBase, to_fill: Sequence[str]) -> dict[str, list[str]]:
     """What comes from where, for people who check a file."""
     known, usual = ["joints, links and their limits"], ["motors", "start and goal, an example"]
     if foot.of_urdf:
@@ -122,7 +133,9 @@ def _groups(foot: ExampleBase, to_fill: Sequence[str]) -> dict[str, list[str]]:
         known.insert(1, f"{len(foot.contacts)} contacts and their distance from the base link")
     if any(contact.kind == "caster" for contact in foot.contacts):
         usual.insert(0, "casters without friction")
-    groups = {"From the URDF": known, "From a default": ["acceleration limits", *usual]}
+    if not np.isfinite(arm.limits.acceleration).all():
+        usual.insert(0, "acceleration limits")
+    groups = {"From the URDF": known, "From a default": usual}
     groups[f"To be given, in the lines that begin with {MARK}"] = list(to_fill)
     return groups
 
@@ -161,11 +174,19 @@ def _base(foot: ExampleBase) -> Iterator[str]:
 
 
 def _arm(
-    file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path, foot: ExampleBase
+    file: UrdfFile,
+    arm: ArmModel,
+    base: str,
+    tool: str,
+    folder: Path,
+    foot: ExampleBase,
+    further: Mapping[str, str | os.PathLike[str] | None],
 ) -> Iterator[str]:
     yield f"[arm]  # {arm.n} joints, {arm.masses.sum():.4g} kg, reach from joint 1 below {arm.reach:.3g} m"
-    path = Path(os.path.relpath(file.path.resolve(), folder.resolve())).as_posix()
-    yield f"urdf = {toml_value(path)}"
+    for key, named in {"urdf": file.path, **further}.items():
+        if named is not None:
+            path = Path(os.path.relpath(Path(named).resolve(), folder.resolve())).as_posix()
+            yield f"{key} = {toml_value(path)}"
     yield _line(_OF_URDF, "base_link", toml_value(base))
     others = [link for link in file.ends(base) if link != tool]
     yield _line(_OF_URDF, "tool_frame", toml_value(tool), f"others: {some(others)}" if others else "")
@@ -189,14 +210,18 @@ def _geometry(missing: list[str] | None, broken: str) -> Iterator[str]:
 
 
 def _limits(arm: ArmModel) -> Iterator[str]:
-    """Accelerations, which no URDF has, and what this one lacks; the limits of the URDF as comments."""
+    """What the URDF lacks; its limits as comments, and accelerations that are assumed without others."""
     limits, width = arm.limits, max(map(len, arm.joint_names))
     shown = *map(arm.in_degrees, (limits.angle_min, limits.angle_max, limits.speed)), limits.torque
-    yield "[arm.limits]  # the URDF's limits count, unless keys here replace them:"
+    yield "[arm.limits]  # the limits of the files above count, unless keys here replace them:"
     for j, name in enumerate(arm.joint_names):
         low, high, speed, torque = (_limit(values[j]) for values in shown)
         units = ("m", "m/s", "N") if arm.prismatic[j] else ("deg", "deg/s", "N m")
-        yield f"#   {name:<{width}}  {low} to {high} {units[0]}, {speed} {units[1]}, {torque} {units[2]}"
+        line = f"#   {name:<{width}}  {low} to {high} {units[0]}, {speed} {units[1]}, {torque} {units[2]}"
+        for values, power in ((limits.acceleration, 2), (limits.jerk, 3)):
+            if np.isfinite(values[j]):
+                line += f", {_limit(arm.in_degrees(values)[j])} {units[0]}/s^{power}"
+        yield line
     for slides, keys, examples in (
         (False, ("speed_deg_s", "torque_Nm", "acceleration_deg_s2"), (90, 100)),
         (True, ("speed_m_s", "force_N", "acceleration_m_s2"), (0.2, 500)),
@@ -206,10 +231,11 @@ def _limits(arm: ArmModel) -> Iterator[str]:
             if lacking := [arm.joint_names[j] for j in own if not np.isfinite(values[j])]:
                 table = ", ".join(f"{toml_value(name)} = {example}" for name in lacking)
                 yield _line(ARM_LIMITS.keys, key, f"{{ {table} }}", "not in the URDF", mark=True)
-        if own.size and np.isfinite(limits.speed[own]).all():
-            values = arm.in_degrees(limits.speed / FULL_SPEED)[own]
-            about = f"an assumption: full speed in {FULL_SPEED:g} s"
-            yield _line(ARM_LIMITS.keys, keys[2], _list(values), about)
+        unknown = own[np.isfinite(limits.speed[own]) & ~np.isfinite(limits.acceleration[own])]
+        if unknown.size:
+            values = arm.in_degrees(limits.speed / FULL_SPEED)
+            table = ", ".join(f"{toml_value(arm.joint_names[j])} = {values[j]:.6g}" for j in unknown)
+            yield f"# {keys[2]} = {{ {table} }}  # assumed without this line: full speed in {FULL_SPEED:g} s"
     yield "\n[motors]"
     about = 'from torque and speed limits; "dc" with motor data'
     yield _line(MOTORS.keys, "kind", '"estimated"', about)
@@ -233,6 +259,9 @@ def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
             for place, values in places.items():
                 yield _line(end_keys(place, place), f"{place}_{key}", _list(values[own]), names)
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
+    if arm.states:
+        states = list(arm.states)
+        yield f"# or start = {toml_value(states[0])}; states of the SRDF: {', '.join(states)}"
     first = ", ".join(map(toml_value, arm.joint_names[:3]))
     yield f"# optimised = [{first}]  # only these; the others move in one trapezoidal profile each"
 
