@@ -49,14 +49,14 @@ def worst_worlds(
     cases = worst_case_of(robot, tolerance)
     looked = on_time(motion, tolerance, np.linspace(0, motion.end, INSTANTS))
     looked = looked.joined(jump_states(motion, tolerance))
-    s, times, room = looked.s, looked.times, looked.room
-    estimated = cases.estimated_moments(s, room)
+    s, times, max_delay = looked.s, looked.times, looked.max_delay
+    estimated = cases.estimated_moments(s, max_delay)
     rows, axes = np.unravel_index(np.argsort(estimated, axis=None)[:EXACT], estimated.shape)
-    tip = cases.moments(s[rows], axes, room=room[rows])
+    tip = cases.moments(s[rows], axes, max_delay=max_delay[rows])
     k = int(np.argmin(tip.values))
     found = {"tips": (rows[k], tip.theta[k], tip.values[k])}
-    rows = np.argsort(-cases.estimated_slip(s, room))[:EXACT]
-    slip = cases.slip(s[rows], room=room[rows])
+    rows = np.argsort(-cases.estimated_slip(s, max_delay))[:EXACT]
+    slip = cases.slip(s[rows], max_delay=max_delay[rows])
     k = int(np.argmax(slip.values))
     found["slips"] = (rows[k], slip.theta[k], slip.values[k])
     worlds = {}

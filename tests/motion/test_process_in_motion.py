@@ -377,7 +377,7 @@ def test_stops_by_brakes_have_what_acts_when_they_begin(axes):
         own = bare.varied(arm=bare.arm.with_process(ProcessWrench(force, moment, axes)))
         alone = BrakeCheck(own, brakes).stops(q, qd)
         np.testing.assert_allclose(found.GN[k], alone.GN[k], rtol=1e-6)
-        np.testing.assert_allclose(found.ways[k], alone.ways[k], atol=1e-9)
+        np.testing.assert_allclose(found.displacements[k], alone.displacements[k], atol=1e-9)
     assert np.abs(BrakeCheck(bare, brakes).stops(q, qd).GN - found.GN).max() > 1e-3 * found.GN.max()
     assert check_motion(robot, motion, Limits(brakes=brakes)).worst["GN_brakes"].value > 0
 

@@ -134,7 +134,7 @@ def test_a_push_at_rest_against_the_moment_about_an_edge(task):
 def test_late_joints_are_the_brink(task, found):
     late = found["delay"]
     assert late.unit == "ms"
-    names = late.how.split("late: ")[1].split(", tips")[0].split(", slips")[0].split(", ")
+    names = late.how.split("delayed: ")[1].split(", tips")[0].split(", slips")[0].split(", ")
     joints = [task.robot.names.index(name) for name in names]
 
     def loads(delay):

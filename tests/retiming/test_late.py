@@ -17,7 +17,7 @@ from ocptip.retiming.rows import TimingLimits
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.standing.within import late_joints
 from ocptip.standing.within.in_motion import worst_within
-from ocptip.standing.within.late_joints import Doing, doings
+from ocptip.standing.within.late_joints import DelayCase, delay_cases
 from ocptip.standing.within.worst_case import worst_case_of
 from tests.retiming.paths import cart, random_path, tripod
 
@@ -126,12 +126,12 @@ def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyP
     some = late_joints.jump_states(motion, WORKSHOP, cases)
     assert len(some.times) < len(every.times) / 20
     for own in (some, every):
-        assert len(own.words) == len(own.times) == len(own.s) == len(own.room)
-    worst = [cases.estimated_moments(own.s, own.room).min(axis=0) for own in (some, every)]
+        assert len(own.words) == len(own.times) == len(own.s) == len(own.max_delay)
+    worst = [cases.estimated_moments(own.s, own.max_delay).min(axis=0) for own in (some, every)]
     np.testing.assert_allclose(*worst, atol=1e-9 * cases.reference)
     monkeypatch.setattr(late_joints, "_EXCHANGES", 0)
     by_slopes = late_joints.jump_states(motion, WORKSHOP, cases)
-    slips = [cases.estimated_slip(own.s, own.room).max() for own in (by_slopes, some, every)]
+    slips = [cases.estimated_slip(own.s, own.max_delay).max() for own in (by_slopes, some, every)]
     assert slips[0] < 0.995 * slips[1]
     assert slips[1] == pytest.approx(slips[2], rel=3e-3)
 
@@ -139,14 +139,14 @@ def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("overshoots", [False, True])
 def test_what_a_joint_may_be_doing(overshoots: bool):
     """Events 6 and 2 ms before: late up to each, overshooting its step or the last two, or on time."""
-    found = doings([0.994, 0.998], 1.0, 0.010, overshoots)
-    late = [Doing(0, 0, pytest.approx(0.004)), Doing(1, 0, pytest.approx(0.004))]
-    over = [Doing(0, 1, 0.0), Doing(1, 1, 0.0), Doing(1, 2, 0.0)] if overshoots else []
-    on_time = Doing(None, 0, pytest.approx(0.002))
+    found = delay_cases([0.994, 0.998], 1.0, 0.010, overshoots)
+    late = [DelayCase(0, 0, pytest.approx(0.004)), DelayCase(1, 0, pytest.approx(0.004))]
+    over = [DelayCase(0, 1, 0.0), DelayCase(1, 1, 0.0), DelayCase(1, 2, 0.0)] if overshoots else []
+    on_time = DelayCase(None, 0, pytest.approx(0.002))
     assert sorted(found, key=str) == sorted([*late, *over, on_time], key=str)
     assert found[-1] == on_time
-    at_once = doings([1.0], 1.0, 0.010, overshoots)
-    assert at_once[0] == Doing(0, 0, pytest.approx(0.010))
-    assert at_once[1:] == ([Doing(0, 1, 0.0)] if overshoots else [Doing(None, 0, 0.0)])
-    assert doings([], 1.0, 0.010, overshoots) == [Doing(None, 0, 0.010)]
-    assert doings([0.994], 1.0, 0.0, overshoots=False) == [Doing(None, 0, 0.0)]
+    at_once = delay_cases([1.0], 1.0, 0.010, overshoots)
+    assert at_once[0] == DelayCase(0, 0, pytest.approx(0.010))
+    assert at_once[1:] == ([DelayCase(0, 1, 0.0)] if overshoots else [DelayCase(None, 0, 0.0)])
+    assert delay_cases([], 1.0, 0.010, overshoots) == [DelayCase(None, 0, 0.010)]
+    assert delay_cases([0.994], 1.0, 0.0, overshoots=False) == [DelayCase(None, 0, 0.0)]

@@ -104,7 +104,8 @@ def test_a_certificate_of_what_varies_encloses_what_late_joints_do(both):
     assert looked.s.shape[1] == 3 * robot.n + 6
     axes = range(cases.axes)
     moments = min(
-        cases.moments(looked.s, np.full(len(looked.s), axis), room=looked.room).values.min() for axis in axes
+        cases.moments(looked.s, np.full(len(looked.s), axis), max_delay=looked.max_delay).values.min()
+        for axis in axes
     )
     assert float(cases.tip_ratio(np.array(moments))) <= bounds["GN_worst_case"] <= 1
     assert check_certificate(checked.certificate.data).holds

@@ -209,7 +209,7 @@ class Standing:
     @property
     def normal_reserves(self) -> np.ndarray:
         """(n,) distance of the normal forces from the ends of their sets, N."""
-        return np.minimum(*ForceSets(self.scene.support).room(self.normal_forces))
+        return np.minimum(*ForceSets(self.scene.support).distances(self.normal_forces))
 
     @cached_property
     def feet(self) -> Shared | None:

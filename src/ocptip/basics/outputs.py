@@ -66,7 +66,7 @@ def require_replaceable(
     others = [
         f"{name} (changed since)" if name in sums else name
         for name in there
-        if not _is_ours(folder, name, sums)
+        if not _is_written_here(folder, name, sums)
     ]
     if others:
         raise InputError(
@@ -96,7 +96,7 @@ def require_replaceable_file(path: str | os.PathLike[str], *, overwrite: bool = 
         return
     if odd := _odd(path):
         raise InputError(f"{path} is {odd}; choose another name")
-    if not overwrite and not _says_ours(path):
+    if not overwrite and not _has_our_mark(path):
         raise InputError(f"{path} exists and was not written by ocptip; choose another name, or --overwrite")
 
 
@@ -131,7 +131,7 @@ def remove_figures(folder: Path, command: str) -> None:
     """Delete the figures of an earlier run, which may not be drawn again; those of others stay."""
     for name in [*OUTPUTS[command], *_numbered(folder, command)]:
         path = folder / name
-        if path.suffix == ".png" and os.path.lexists(path) and not _odd(path) and _says_ours(path):
+        if path.suffix == ".png" and os.path.lexists(path) and not _odd(path) and _has_our_mark(path):
             path.unlink(missing_ok=True)
 
 
@@ -165,11 +165,11 @@ def _quotes(text: str, name: str) -> bool:
     return any(f in text for f in (json.dumps(name, ensure_ascii=False), f'"{html.escape(name)}"'))
 
 
-def _is_ours(folder: Path, name: str, sums: dict[str, str]) -> bool:
+def _is_written_here(folder: Path, name: str, sums: dict[str, str]) -> bool:
     """Whether a file in a folder is as ocptip wrote it."""
     if name == SUMS:
         return bool(sums)
-    return _is_recorded(folder, name, sums) if name in sums else _says_ours(folder / name)
+    return _is_recorded(folder, name, sums) if name in sums else _has_our_mark(folder / name)
 
 
 def _is_recorded(folder: Path, name: str, sums: dict[str, str]) -> bool:
@@ -181,7 +181,7 @@ def _is_recorded(folder: Path, name: str, sums: dict[str, str]) -> bool:
         return False
 
 
-def _says_ours(path: Path) -> bool:
+def _has_our_mark(path: Path) -> bool:
     """Whether a file says that ocptip wrote it."""
     try:
         content = read_bytes(path)
@@ -198,14 +198,14 @@ def _says_ours(path: Path) -> bool:
 
 def _not_files(folder: Path, names: Iterable[str]) -> Iterator[str]:
     """What is no regular file, or is below something that is no folder."""
-    told = set()
+    seen = set()
     for name in names:
         for step in [*list(PurePosixPath(name).parents)[-2::-1], PurePosixPath(name)]:
             odd = _odd(folder / step, is_folder=step != PurePosixPath(name))
             if odd:
-                if step not in told:
+                if step not in seen:
                     yield f"{f'{step}'!r} is {odd}"
-                told.add(step)
+                seen.add(step)
                 break
 
 

@@ -412,7 +412,7 @@ def tables(keys: Keys, meaning: str = "", *, required: bool = False) -> Key:
 def rotation(meaning: str, prefix: str = "", *, default: str = "none") -> dict[str, Key]:
     """Four keys of which one gives an orientation: roll, pitch and yaw, a quaternion, a vector, a matrix."""
     shapes = {"rpy_deg": 3, "quaternion": 4, "rotation_vector_deg": 3, "rotation": 3}
-    said = {
+    words_of = {
         "rpy_deg": "roll, pitch, yaw",
         "quaternion": "quaternion x, y, z, w",
         "rotation_vector_deg": "axis times angle",
@@ -420,7 +420,7 @@ def rotation(meaning: str, prefix: str = "", *, default: str = "none") -> dict[s
     }
     return {
         prefix + form: Key(
-            meaning=f"{meaning}: {said[form]}.",
+            meaning=f"{meaning}: {words_of[form]}.",
             words="list of 3 lists of 3 numbers" if form == "rotation" else f"list of {size} numbers",
             schema=_list(_list(_NUMBER, 3) if form == "rotation" else _NUMBER, size),
             convert=ROTATIONS[form],

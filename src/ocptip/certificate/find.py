@@ -91,7 +91,7 @@ def certify(
     sampled = _sampled(robot, worst)
     if tolerance is not None:
         sampled += search.run_within(limits, worst, tolerance)
-    data, verdict = search.judged()
+    data, verdict = search.checked()
     return Certificate(
         data,
         verdict,
@@ -218,7 +218,7 @@ class _Search:
         most = _MOST if self.checker.contacts.flat else _MOST_OFF_A_PLANE
         left, times = most * len(piece), np.array(self.motion["times"])
         while len(todo[0]):
-            batch, margins = self._judged(*todo)
+            batch, margins = self._checked(*todo)
             proved = np.all([margin >= 0 for margin in margins.values()], axis=0)
             self._done.append(batch.select(np.flatnonzero(proved)))
             long = (times[batch.piece, 1] - times[batch.piece, 0]) * (batch.end - batch.start) > 2 * _SHORTEST
@@ -272,16 +272,16 @@ class _Search:
             ({**goals, TIP_WITHIN: most}, some) for most, some in ((GN, 0.2), (half, 0.5), (HIGHEST, 1.0))
         ]
 
-    def _judged(
+    def _checked(
         self, piece: np.ndarray, start: np.ndarray, end: np.ndarray
     ) -> tuple[_Batch, dict[str, np.ndarray]]:
         ends = np.concatenate([np.column_stack([piece, start]), np.column_stack([piece, end])])
         unique, where = np.unique(ends, axis=0, return_inverse=True)
-        ways = [
+        by_rule = [
             np.stack(np.split(forces[..., where.reshape(-1)], 2, axis=-1))
             for forces in self._forces(unique[:, 0].astype(int), unique[:, 1])
         ]
-        batch, at = _Batch(piece, start, end, ways[0]), Intervals(self.motion, piece, start, end)
+        batch, at = _Batch(piece, start, end, by_rule[0]), Intervals(self.motion, piece, start, end)
         loads, count = self.checker.loads(at), len(self.model["pairs"])
         middles = [form.c[0].T for form in (at.q, loads.late) if form is not None]
 
@@ -293,18 +293,18 @@ class _Search:
             batch.directions.update(zip(asked, towards, strict=True))
             return towards
 
-        margins = self.checker.margins(at, loads, ways[0], directions)
+        margins = self.checker.margins(at, loads, by_rule[0], directions)
         short = (margins["contacts"] < 0) | (margins["tip-over"] < 0)
-        loaded = np.any(ways[1] != 0, axis=3)  # (2, rules, contacts, N)
+        loaded = np.any(by_rule[1] != 0, axis=3)  # (2, rules, contacts, N)
         rows = np.flatnonzero(
             short & np.all(loaded[0] == loaded[1], axis=(0, 1)) & ~np.all(loaded, axis=(0, 1, 2))
         )
         if len(rows):
             for name, margin in self.checker.contact_margins(
-                loads.wrench[:, rows], ways[1][..., rows]
+                loads.wrench[:, rows], by_rule[1][..., rows]
             ).items():
                 margins[name][rows] = margin
-            batch.forces[..., rows] = ways[1][..., rows]
+            batch.forces[..., rows] = by_rule[1][..., rows]
         return batch, margins
 
     def _forces(self, piece: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
@@ -318,8 +318,8 @@ class _Search:
         )
         forces = slip.forces
         share = np.where(np.arange(len(every)) < len(wrenches), self.bounds["GT"], 1.0)  # couples take all
-        ways = self._interior.between(forces, every, share), self._interior.without(forces, every)
-        return [np.moveaxis(way.reshape(-1, len(u), *way.shape[1:]), 1, -1) for way in ways]
+        by_rule = self._interior.between(forces, every, share), self._interior.without(forces, every)
+        return [np.moveaxis(way.reshape(-1, len(u), *way.shape[1:]), 1, -1) for way in by_rule]
 
     def undecided(self) -> tuple[Undecided, ...]:
         """What is left, neighbours as one."""
@@ -332,7 +332,7 @@ class _Search:
                     found.append(Undecided(float(start[k]), float(end[k]), name, float(min(-margin[k], 1e9))))
         return _joined([*found, *self._short])
 
-    def judged(self) -> tuple[dict[str, Any], Verdict]:
+    def checked(self) -> tuple[dict[str, Any], Verdict]:
         """The certificate, and what the checker says of it.
 
         Whether friction is shown to be enough for a claim of GT does not follow from a lower one: rows may

@@ -22,7 +22,7 @@ from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
-_WAYS = (81, 1000, 1000, 1000, 0)  # combinations of branches in round after round
+_MOST_COMBINATIONS = (81, 1000, 1000, 1000, 0)  # combinations of branches in round after round
 _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
 LOSS_WITHIN = 5e-3
 """Relative, how far claims are from the sampled worst values: nearer ones take several times as long."""
@@ -52,7 +52,7 @@ class Found:
 
 
 @dataclass(eq=False)
-class _Judged:
+class _Checked:
     """Rows of intervals with what was named for them."""
 
     interval: np.ndarray
@@ -91,7 +91,7 @@ class SearchWithin:
         self._several = contacts.count > 3 or not contacts.flat  # else the wrench says what feet bear
         self._starts, self._ends = np.zeros((2, 0))
         self._apart = np.zeros((0, self._sharing.late.joints), dtype=bool)
-        self._parts: list[_Judged] = []
+        self._parts: list[_Checked] = []
 
     def _run(self, most_short: float) -> bool:
         """Check intervals; where a proof is missing take joints apart, then divide the interval. False: there
@@ -101,7 +101,7 @@ class SearchWithin:
         starts, ends = self._first()
         apart = np.zeros((len(starts), late.joints), dtype=bool)
         missing, total = np.inf, 0
-        for most in _WAYS:
+        for most in _MOST_COMBINATIONS:
             groups = late.rows(starts, ends, apart)
             if (count := sum(len(rows.number) for rows in groups)) > _TOO_MANY:
                 return False
@@ -109,7 +109,7 @@ class SearchWithin:
             short, beyond = np.zeros((2, len(starts)), dtype=bool)
             further, parts = apart.copy(), []
             for rows in groups:
-                part = self._judged(rows)
+                part = self._checked(rows)
                 bad = ~part.holds | part.loose
                 short[rows.interval[bad]], beyond[rows.interval[part.beyond]] = True, True
                 self._take_apart(rows, part, bad | part.beyond, further, most)
@@ -118,7 +118,9 @@ class SearchWithin:
                 return False
             before, missing = missing, max(_FEW, np.count_nonzero(short))
             useful = total < _MOST and missing <= _IN_VAIN * before and most > 0
-            more = useful & (short | beyond & (most == _WAYS[0])) & np.any(further & ~apart, axis=1)
+            more = (
+                useful & (short | beyond & (most == _MOST_COMBINATIONS[0])) & np.any(further & ~apart, axis=1)
+            )
             halved = useful & short & ~more & (ends - starts > _SHORTEST)
             self._keep(starts, ends, apart, parts, ~(more | halved))
             middle = 0.5 * (starts[halved] + ends[halved])
@@ -136,7 +138,7 @@ class SearchWithin:
         starts: np.ndarray,
         ends: np.ndarray,
         apart: np.ndarray,
-        parts: list[_Judged],
+        parts: list[_Checked],
         done: np.ndarray,
     ) -> None:
         place = len(self._starts) + np.cumsum(done) - 1
@@ -149,7 +151,7 @@ class SearchWithin:
         self._apart = np.concatenate([self._apart, apart[done]])
 
     def _take_apart(
-        self, rows: Rows, part: _Judged, wanted: np.ndarray, apart: np.ndarray, most: int
+        self, rows: Rows, part: _Checked, wanted: np.ndarray, apart: np.ndarray, most: int
     ) -> None:
         """Further joints of intervals of some rows, those first whose accelerations tip the base most, up to
         `most` combinations.
@@ -166,10 +168,10 @@ class SearchWithin:
         )
         number = n - 1 + np.cumsum(boxed, axis=0)
         for row in np.flatnonzero(wanted):
-            own, ways = apart[rows.interval[row]], rows.branches[:, row]
+            own, counts = apart[rows.interval[row]], rows.branches[:, row]
             some = np.flatnonzero(boxed[:, row])
             for joint in some[np.argsort(-tips[number[some, row], row])]:
-                own[joint] |= np.prod(ways[own]) * ways[joint] <= most
+                own[joint] |= np.prod(counts[own]) * counts[joint] <= most
 
     def _first(self) -> tuple[np.ndarray, np.ndarray]:
         late = self._sharing.late
@@ -184,46 +186,46 @@ class SearchWithin:
 
     # --- forces and rules ---------------------------------------------------------------------------------
 
-    def _judged(self, rows: Rows) -> _Judged:
+    def _checked(self, rows: Rows) -> _Checked:
         sharing, terms = self._sharing, self._sharing.terms(rows)
         forces = self._forces(terms)
         weights, capacity = self._weights(terms, forces)
-        room, beyond = np.full(len(rows.interval), -np.inf), np.zeros(len(rows.interval), dtype=bool)
+        slack, beyond = np.full(len(rows.interval), -np.inf), np.zeros(len(rows.interval), dtype=bool)
         for share in (self._goals[SLIP_WITHIN], HIGHEST):
-            short = np.flatnonzero(~(room >= 0))
+            short = np.flatnonzero(~(slack >= 0))
             if not len(short):
                 break
-            room[short] = sharing.held(
+            slack[short] = sharing.held(
                 *(terms.some(short), forces[:, 0][..., short], weights[..., short], share), patient=False
             )
-            if len(short := short[~(room[short] >= 0)]) and self._several:
+            if len(short := short[~(slack[short] >= 0)]) and self._several:
                 some, own = terms.some(short), forces[:, 0][..., short]
                 better = self._lighter if sharing.contacts.flat else self._improved
-                weights[..., short], room[short] = better(
+                weights[..., short], slack[short] = better(
                     some, own, weights[..., short], capacity[:, short], share
                 )
             for rule in _RULES if self._several and sharing.contacts.flat else ():
-                if not len(short := short[~(room[short] >= 0)]):
+                if not len(short := short[~(slack[short] >= 0)]):
                     break
                 own = rule(weights[..., short])  # the rule shares the whole wrench
                 none = np.zeros((2, *forces.shape[2:4], len(short)))
                 with np.errstate(invalid="ignore"):  # too few contacts may be left
                     found = sharing.held(terms.some(short), none, own, share, patient=False)
-                better = found > room[short]
-                forces[:, 0][..., short[better]], room[short[better]] = 0.0, found[better]
+                better = found > slack[short]
+                forces[:, 0][..., short[better]], slack[short[better]] = 0.0, found[better]
                 weights[..., short[better]] = own[..., better]
             if share < HIGHEST:
-                beyond = ~(room >= 0)
-        moments, loose = np.full(len(room), np.inf), np.zeros(len(room), dtype=bool)
-        judged = _Judged(rows.interval, terms, forces, weights, moments, beyond, room >= 0, loose)
+                beyond = ~(slack >= 0)
+        moments, loose = np.full(len(slack), np.inf), np.zeros(len(slack), dtype=bool)
+        checked = _Checked(rows.interval, terms, forces, weights, moments, beyond, slack >= 0, loose)
         if sharing.contacts.flat:
-            judged.moments = sharing.moments(terms)
-            judged.holds &= judged.moments > 0
-            judged.loose = judged.moments < sharing.contacts.needed
+            checked.moments = sharing.moments(terms)
+            checked.holds &= checked.moments > 0
+            checked.loose = checked.moments < sharing.contacts.needed
         if not sharing.contacts.flat:
             margins = sharing.margins(terms, forces, weights)
-            judged.holds &= margins["tip-over within tolerance"] >= 0
-        return judged
+            checked.holds &= margins["tip-over within tolerance"] >= 0
+        return checked
 
     def _lighter(
         self, terms: Terms, forces: np.ndarray, weights: np.ndarray, _: np.ndarray, share: float
@@ -243,9 +245,9 @@ class SearchWithin:
         rough = self._sharing.contacts.bears[1::3]
         for k, step in enumerate(_STEPS_OF_WEIGHTS):
             rooms = self._sharing.rooms(terms.some(rows), forces[..., rows], weights, share, facets=_FACETS)
-            room = np.min(rooms, axis=0)
-            better = room > most[rows]
-            best[..., rows[better]], most[rows[better]] = weights[..., better], room[better]
+            slack = np.min(rooms, axis=0)
+            better = slack > most[rows]
+            best[..., rows[better]], most[rows[better]] = weights[..., better], slack[better]
             going = most[rows] < 0
             if k % _PATIENCE == _PATIENCE - 1:  # what hardly moves does not arrive
                 going &= most[rows] > _SLOW * before[rows]
@@ -377,6 +379,6 @@ _RULES = (np.array, _without_idle, np.ones_like)
 """Weights that are tried: those of what contacts bear, without idle contacts, all contacts alike."""
 
 
-def _some(part: _Judged, rows: np.ndarray) -> _Judged:
+def _some(part: _Checked, rows: np.ndarray) -> _Checked:
     names = ("interval", "forces", "weights", "moments", "beyond", "holds", "loose")
-    return _Judged(terms=part.terms.some(rows), **{name: getattr(part, name)[..., rows] for name in names})
+    return _Checked(terms=part.terms.some(rows), **{name: getattr(part, name)[..., rows] for name in names})

@@ -113,7 +113,7 @@ class CompareReport(Report):
         return rows
 
     def _table(self) -> list[str]:
-        rows = [["signal", "", "largest", "at", "rms", "of range", "noise", "unexplained", "late"]]
+        rows = [["signal", "", "largest", "at", "rms", "of range", "noise", "unexplained", "delay"]]
         for one in self.compared.found.signals:
             unit, scale = unit_of(self.compared.predictor, one.kind, one.index)
             cells = [

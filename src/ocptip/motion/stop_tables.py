@@ -107,9 +107,9 @@ class JointTable:
         found, units = self._found, self._robot.units
         i = int(np.argmax(np.maximum(found.GN, found.GT)))
         over, joint = found.outside
-        ways = [
+        displacements = [
             float(way) if unit == "m" else float(np.rad2deg(way))
-            for way, unit in zip(np.max(found.ways, axis=0), units, strict=True)
+            for way, unit in zip(np.max(found.displacements, axis=0), units, strict=True)
         ]
         return {
             "GN": float(np.max(found.GN)),
@@ -118,7 +118,7 @@ class JointTable:
             "after_s": float(found.after[i]),
             **self._more(i),
             "longest_stop_s": float(np.max(found.rests)) if np.isfinite(found.rests).all() else None,
-            "ways": {"values": ways, "units": ["m" if unit == "m" else "deg" for unit in units]},
+            "ways": {"values": displacements, "units": ["m" if unit == "m" else "deg" for unit in units]},
             "beyond_angle_limit": max(over, 0.0),
             "joint_nearest_its_limit": joint + 1,
             "clearance_m": found.clearance if np.isfinite(found.clearance) else None,
@@ -131,13 +131,13 @@ class JointTable:
 
     def violations(self) -> list[str]:
         """One sentence per broken limit."""
-        rule, found, said = self._rule, self._found, self._own_violations()
+        rule, found, texts = self._rule, self._found, self._own_violations()
         over, joint = found.outside
         if over > CLOSE:
-            said.append(f"joint {joint + 1} leaves its limits by {over:.3g} {self._robot.units[joint]}")
+            texts.append(f"joint {joint + 1} leaves its limits by {over:.3g} {self._robot.units[joint]}")
         if found.clearance < self._limits.clearance:
             gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
-            said.append(f"clearance is {gap:.1f} mm in a {self.words}, must be >= {asked:.1f} mm")
+            texts.append(f"clearance is {gap:.1f} mm in a {self.words}, must be >= {asked:.1f} mm")
         contacts = []
         for name, values, limit in (("GN", found.GN, rule.GN), ("GT", found.GT, rule.GT)):
             i = int(np.argmax(values))
@@ -146,7 +146,7 @@ class JointTable:
                     f"{name} is {values[i]:.4g} in a {self.words} begun at {self._times[i]:.4f} s, "
                     f"must be <= {limit:.4g}{self.guess}"
                 )
-        return [*contacts, *said] if not self._in_check else said
+        return [*contacts, *texts] if not self._in_check else texts
 
     @property
     def _in_check(self) -> bool:
@@ -184,11 +184,11 @@ class BrakeTable(JointTable):
         return {"brake_torques": self._found.torques[i].tolist()}
 
     def _own_violations(self) -> list[str]:
-        rests, said = self._found.rests, []
+        rests, texts = self._found.rests, []
         if not np.isfinite(rests).all() and not self._limits.brakes:
             i = int(np.argmax(rests))
-            said.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
-        return said + self._too_weak()
+            texts.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
+        return texts + self._too_weak()
 
     def _too_weak(self) -> list[str]:
         """The brake that holds the smallest share of the torque at rest, if that is below 1; else empty."""
@@ -241,25 +241,25 @@ class CancelTable(JointTable):
         }
 
     def _own_violations(self) -> list[str]:
-        said, cancel, found = [], self._cancel, self._found
+        texts, cancel, found = [], self._cancel, self._found
         for name, at in {} if self._in_check else self._within.items():
             value, limit = at.value if at.bound is None else at.bound, getattr(self._limits, WITHIN_OF[name])
             if value > limit:
-                said.append(
+                texts.append(
                     f"{name} is {value:.4g} in a cancel begun at {at.time:.4f} s within the uncertainty "
                     f"({at.how}), must be <= {limit:.4g}"
                 )
         i = int(np.argmax(found.drives))
         if found.drives[i] > 1 + CLOSE:
-            said.append(
+            texts.append(
                 f"a drive needs {100 * found.drives[i]:.0f} % of its torque limit in a cancel begun at "
                 f"{self._times[i]:.4f} s"
             )
         i = int(np.argmax(found.rests))
         longest = float(found.rests[i]) + cancel.reaction
         if longest > cancel.longest:
-            said.append(
+            texts.append(
                 f"a cancel begun at {self._times[i]:.4f} s takes {longest:.3g} s, must be <= "
                 f"{cancel.longest:.3g} s"
             )
-        return said
+        return texts

@@ -215,27 +215,27 @@ def _by_segment(task: Task, key: str, found: Mapping[str, Stops | SafeDecelerati
 def _assumed(
     robot: StandingMechanism, rules: StopRules, asked: Sequence[str], lacking: str, time: float
 ) -> tuple[str, ...]:
-    said = []
+    texts = []
     if robot.support.elastic is not None:
-        said.append("compliant feet: their forces and lifts during stops are not checked, only GN and GT")
+        texts.append("compliant feet: their forces and lifts during stops are not checked, only GN and GT")
     if "path" in asked:
         hardest = "as hard as limits of torque and acceleration allow, and all gentler ones"
         if time > 0:
             hardest = f"from full speed to rest in {time:g} s or more within the drives' limits"
-        said.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
+        texts.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
     if not isinstance(robot, Robot):
-        return (*said, "category 0 and cancels: not computed for parallel robots")
+        return (*texts, "category 0 and cancels: not computed for parallel robots")
     if "cancel" in asked:
         when = f"within {1e3 * rules.reaction:g} ms" if rules.reaction else "at once"
-        said.append(f"cancel: each joint decelerates by itself, {when}; the drives follow as commanded")
+        texts.append(f"cancel: each joint decelerates by itself, {when}; the drives follow as commanded")
         if rules.deceleration is None:
-            said.append("cancel: 100 % is the acceleration limit; drives that brake harder are not covered")
+            texts.append("cancel: 100 % is the acceleration limit; drives that brake harder are not covered")
         if not robot.arm.may_collide:
-            said.append("cancel: collisions not checked, no collision geometry")
+            texts.append("cancel: collisions not checked, no collision geometry")
     if "brakes" not in asked:
-        return (*said, "category 0 (brakes) not checked")
+        return (*texts, "category 0 (brakes) not checked")
     if lacking:
-        return (*said, lacking)
+        return (*texts, lacking)
     given = "as given"
     if rules.guessed:
         given = (
@@ -243,9 +243,9 @@ def _assumed(
             "what gravity asks in any posture; give brake_torque_min_Nm, _max_Nm in [stops]"
         )
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
-    said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques while braking")
+    texts.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques while braking")
     if robot.varying is not None:
-        said.append("category 0: what acts on the gripper stays what it is when the stop begins")
+        texts.append("category 0: what acts on the gripper stays what it is when the stop begins")
     if not robot.arm.may_collide:
-        said.append("category 0: collisions not checked, no collision geometry")
-    return tuple(said)
+        texts.append("category 0: collisions not checked, no collision geometry")
+    return tuple(texts)

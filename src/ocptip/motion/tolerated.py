@@ -165,7 +165,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     robot.require_fit(motion.n)
     robot = robot.during(motion)
     parts = _Parts(robot, motion, np.union1d(motion.both_sides(SPACING), _knots(robot, motion)))
-    judge = _Judge(robot)
+    solver = _Solver(robot)
     free = robot.support.gravity
     size = float(np.linalg.norm(free))
 
@@ -176,26 +176,26 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
         return lambda force: parts.total() + force * parts.push(side)
 
     found = [
-        judge.largest(
+        solver.largest(
             "tilt", "deg", np.degrees(1.0), TILT, _named(parts, downhill, around(free), "downhill")
         ),
-        judge.largest(
+        solver.largest(
             "extra_mass",
             "kg",
             1.0,
             robot.mass,
             [_Case(lambda m: parts.total() + m * parts.extra, parts.times, "")],
         ),
-        judge.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, everywhere(free), "")),
+        solver.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, everywhere(free), "")),
         _least_friction(robot, parts),
-        judge.largest(
+        solver.largest(
             "faster",
             "%",
             100.0,
             SPEED,
             [_Case(lambda e: parts.total(speed=1 + e), parts.times, "")],
         ),
-        judge.largest("delay", "ms", 1e3, DELAY, _late(robot, motion)),
+        solver.largest("delay", "ms", 1e3, DELAY, _late(robot, motion)),
         _stiffness(robot, motion),
     ]
     return tuple(one for one in found if one is not None)
@@ -255,7 +255,7 @@ class _Parts(RestLoads):
         return self.at_tool(side)
 
 
-class _Judge:
+class _Solver:
     """Says whether contacts hold; finds the largest level at which all do."""
 
     def __init__(self, footing: Footing) -> None:
@@ -349,7 +349,7 @@ def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
             replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
             for c in robot.support.contacts
         ]
-        return _Judge(robot.on(robot.support.varied(contacts))).lost(wrenches)
+        return _Solver(robot.on(robot.support.varied(contacts))).lost(wrenches)
 
     def near(low: float, high: float) -> bool:
         return high - low <= 0.5 * CLOSE or high <= 1e-3
@@ -417,7 +417,7 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
             return robot.loads(states[0], states[1], states[2], robot.acting(times))[1]
 
         names = ", ".join(robot.names[j] for j in moving[subset])
-        return _Case(loads, np.repeat(events, 4), f"late: {names}")
+        return _Case(loads, np.repeat(events, 4), f"delayed: {names}")
 
     return [case(subset) for subset in subsets]
 

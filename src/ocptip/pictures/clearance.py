@@ -37,11 +37,11 @@ def draw_clearance(ax: Any, robot: StandingMechanism, samples: MotionSamples) ->
             continue
         ends = own | np.roll(own, 1) & (np.arange(len(own)) > 0)  # up to where the next pair begins
         color = _REST if name == "other pairs" else MEMBERS[k]
-        look = {
+        line_style = {
             **NOMINAL,
             "color": color,
             "label": name if name == "other pairs" else f"between {name}",
             "gid": f"clearance-{k + 1}",
         }
-        ax.plot(samples.times, np.where(ends, gaps, np.nan), **look)
+        ax.plot(samples.times, np.where(ends, gaps, np.nan), **line_style)
     return True

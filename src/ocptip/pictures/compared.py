@@ -68,8 +68,8 @@ def _errors(ax: Any, signals: list[Compared], times: np.ndarray, units: Sequence
 
 def _deviation(ax: Any, found: Comparison) -> None:
     if found.gripper is not None:
-        look = {"color": style.TCP_SPEED.color, "lw": 0.9, "gid": "gripper"}
-        ax.plot(found.times, 1e3 * found.gripper, **look)
+        line_style = {"color": style.TCP_SPEED.color, "lw": 0.9, "gid": "gripper"}
+        ax.plot(found.times, 1e3 * found.gripper, **line_style)
     _finish(ax, found.gripper is not None, "Distance of the TCP from the plan", "deviation [mm]")
 
 
@@ -77,12 +77,12 @@ def _pair(
     left: Any, right: Any, title: str, what: str, unit: str, signals: list[Compared], times: np.ndarray
 ) -> None:
     for k, one in enumerate(signals):
-        look = style.member(k)
+        line_style = style.member(k)
         left.plot(
-            times, one.measured, ".", color=look["color"], ms=1.5, alpha=0.5, gid=f"measured-{one.name}"
+            times, one.measured, ".", color=line_style["color"], ms=1.5, alpha=0.5, gid=f"measured-{one.name}"
         )
-        left.plot(times, one.predicted, **look, lw=1.0, label=one.name, gid=f"predicted-{one.name}")
-        right.plot(times, one.measured - one.predicted, **look, lw=0.8, gid=f"rest-{one.name}")
+        left.plot(times, one.predicted, **line_style, lw=1.0, label=one.name, gid=f"predicted-{one.name}")
+        right.plot(times, one.measured - one.predicted, **line_style, lw=0.8, gid=f"rest-{one.name}")
     _finish(left, bool(signals), title, f"{what} [{unit}]")
     _finish(right, bool(signals), "measured - predicted", f"difference [{unit}]")
 

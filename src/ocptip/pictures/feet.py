@@ -30,14 +30,16 @@ def feet_figure(title: str, found: FeetMotion, times: np.ndarray, shared: np.nda
     forces, gaps = figure.subplots(2, 1, sharex=True)
     some = np.unique(np.linspace(0, len(course.times) - 1, _MOST_POINTS).astype(int))
     for k in range(shared.shape[1]):
-        look = style.member(k)
+        line_style = style.member(k)
         label = "without swings" if k == 0 else None
-        dotted = {**style.REFERENCE, "color": look["color"]}
+        dotted = {**style.REFERENCE, "color": line_style["color"]}
         forces.plot(times, shared[:, k], **dotted, label=label, gid=f"shared-{k + 1}")
         own = course.forces[some, k, 0]
-        forces.plot(course.times[some], own, **look, lw=1.2, label=f"foot {k + 1}", gid=f"force-{k + 1}")
+        forces.plot(
+            course.times[some], own, **line_style, lw=1.2, label=f"foot {k + 1}", gid=f"force-{k + 1}"
+        )
         gap = 1e3 * course.gaps[some, k]
-        gaps.plot(course.times[some], gap, **look, lw=1.2, label=f"foot {k + 1}", gid=f"gap-{k + 1}")
+        gaps.plot(course.times[some], gap, **line_style, lw=1.2, label=f"foot {k + 1}", gid=f"gap-{k + 1}")
     for ax in (forces, gaps):
         ax.axvline(found.end, color=style.NOTE, lw=1.0, zorder=0, label="end of the motion", gid="end")
         ax.set_ylim(bottom=0.0)

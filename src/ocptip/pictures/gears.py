@@ -36,15 +36,15 @@ def gears_figure(
     own = course.forces[some, :, 0]
     if course.wrenches.shape[1]:
         own = robot.contact_states(course.wrenches[some]).contact_forces[:, :, 0]
-    look = {"color": style.TCP_SPEED.color, "lw": 1.2, "label": "TCP", "gid": "vibration"}
-    vibration.plot(course.times, 1e3 * found.vibration, **look)
+    line_style = {"color": style.TCP_SPEED.color, "lw": 1.2, "label": "TCP", "gid": "vibration"}
+    vibration.plot(course.times, 1e3 * found.vibration, **line_style)
     vibration.axhline(1e3 * SETTLED, **style.LIMIT, label="counted as settled", gid="settled")
     for k in range(stiff.shape[1]):
-        look, label = style.member(k), "stiff gears" if k == 0 else None
-        dotted = {**style.REFERENCE, "color": look["color"]}
+        line_style, label = style.member(k), "stiff gears" if k == 0 else None
+        dotted = {**style.REFERENCE, "color": line_style["color"]}
         forces.plot(times, stiff[:, k], **dotted, label=label, gid=f"stiff-{k + 1}")
         name = {"label": f"contact {k + 1}", "gid": f"force-{k + 1}"}
-        forces.plot(course.times[some], own[:, k], **look, lw=1.2, **name)
+        forces.plot(course.times[some], own[:, k], **line_style, lw=1.2, **name)
     for ax in (vibration, forces):
         ax.axvline(found.end, color=style.NOTE, lw=1.0, zorder=0, label="end of the motion", gid="end")
     vibration.set_ylim(bottom=0.0)

@@ -45,8 +45,8 @@ def payload_figure(times: np.ndarray, masses: np.ndarray) -> Figure:
     """Largest further payload (N,), kg, in the postures at times (N,), s, of a motion, at rest there."""
     figure = new_figure(8.0, 3.2)
     ax = figure.subplots()
-    look = {"color": style.PAYLOAD.color, **style.NOMINAL}
-    ax.plot(times, masses, **look, gid="payload")
+    line_style = {"color": style.PAYLOAD.color, **style.NOMINAL}
+    ax.plot(times, masses, **line_style, gid="payload")
     least = f"at least {float(np.min(masses)):.3g} kg more"
     style.finish(
         ax, f"Largest payload at rest: {least}", style.PAYLOAD.label, "posture at time [s] of the motion"

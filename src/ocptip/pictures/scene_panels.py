@@ -273,8 +273,8 @@ def fit_space(ax: Any) -> None:
     limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     corners = on_screen(ax, np.array([[x, y, z] for x in limits[0] for y in limits[1] for z in limits[2]]))
     frame = ax.get_window_extent()
-    room = np.array([frame.width, frame.height]) * (0.84, 0.92)
-    zoom = float(np.min(room / np.ptp(corners, axis=0)))
+    size = np.array([frame.width, frame.height]) * (0.84, 0.92)
+    zoom = float(np.min(size / np.ptp(corners, axis=0)))
     ax.set_box_aspect(np.ptp(limits, axis=1), zoom=zoom)
 
 

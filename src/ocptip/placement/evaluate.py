@@ -297,8 +297,8 @@ class Evaluator:
             if case.load < 0:
                 continue
             change = torques[:, c, at] - own
-            room = np.where(change > 0, most[at] - own, most[at] + own)
+            left = np.where(change > 0, most[at] - own, most[at] + own)
             with np.errstate(divide="ignore", invalid="ignore"):
-                share = np.where(np.abs(change) > 0, np.abs(change) / room, 0.0)
-            result[:, c] = np.max(np.where(room > 0, share, np.inf), axis=1)
+                share = np.where(np.abs(change) > 0, np.abs(change) / left, 0.0)
+            result[:, c] = np.max(np.where(left > 0, share, np.inf), axis=1)
         return result

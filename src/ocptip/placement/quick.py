@@ -64,10 +64,12 @@ def friction_shares(
     best = np.full((N, M), NOT_HELD)
     rough = np.maximum(friction, _TINY)
     for _ in range(rounds):
-        room = rough * np.maximum(normal, 1e-2 * size[:, :, None])
+        friction_limits = rough * np.maximum(normal, 1e-2 * size[:, :, None])
         cheap = np.empty((N, M, n, 3))  # inverse costs
         cheap[:, :, :, 0] = (size**2)[:, :, None] / _PRESSING
-        cheap[:, :, :, 1:] = np.where(friction > 0, room**2 / np.maximum(weights, 1e-6), 0.0)[..., None]
+        cheap[:, :, :, 1:] = np.where(friction > 0, friction_limits**2 / np.maximum(weights, 1e-6), 0.0)[
+            ..., None
+        ]
         scaled = G * cheap.reshape(N, M, 1, 3 * n)
         matrix = scaled @ G.transpose(0, 1, 3, 2)
         matrix = matrix + 1e-12 * np.trace(matrix, axis1=2, axis2=3)[:, :, None, None] * np.eye(6)

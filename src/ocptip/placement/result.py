@@ -62,7 +62,7 @@ class Margin:
     @property
     def active(self) -> bool:
         """The constraint is at its limit or broken; equalities and yes-or-no are never at theirs."""
-        return self.relative < (ACTIVE if KINDS[self.kind].has_room else 0)
+        return self.relative < (ACTIVE if KINDS[self.kind].has_margin else 0)
 
     def __str__(self) -> str:
         name = self.full_name

@@ -91,7 +91,7 @@ def scan(
     work = _Scanner(Evaluator(problem), patch, parameters, groups)
     rng = np.random.default_rng(seed)
     for first in range(0, N, _CHUNK):
-        work.look_at(np.arange(first, min(first + _CHUNK, N)), rng)
+        work.evaluate(np.arange(first, min(first + _CHUNK, N)), rng)
     work.solve()
     return work.result()
 
@@ -112,7 +112,7 @@ class _Scanner:
         self.states = self.solved = 0
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
-    def look_at(self, numbers: np.ndarray, rng: np.random.Generator) -> None:
+    def evaluate(self, numbers: np.ndarray, rng: np.random.Generator) -> None:
         """Rough values of some placements."""
         margin, cause = worst(self.evaluator.ground(self.patch, self.parameters[numbers]), len(numbers))
         blocked = cause != _NO_CAUSE
@@ -125,22 +125,22 @@ class _Scanner:
                 self._sort(alive[who], *rough, q[:, None])
             return
         chosen, bound = np.empty((len(alive), 0, self.n)), []
-        room, why = np.full(len(alive), np.inf), np.full(len(alive), _NO_CAUSE, dtype=object)
+        smallest, why = np.full(len(alive), np.inf), np.full(len(alive), _NO_CAUSE, dtype=object)
         for t in range(self.tasks):
             q, who, (own, kind, values) = self._states(t, alive, rng)
             rank = np.where(kind == _NO_CAUSE, self.evaluator.totals(values), 1e6 - own)
             order = np.lexsort((rank, who))
             places, first = np.unique(who, return_index=True)
             at = order[first]
-            alive, chosen, room, why = alive[places], chosen[places], room[places], why[places]
+            alive, chosen, smallest, why = alive[places], chosen[places], smallest[places], why[places]
             bound = [values_[places] for values_ in bound] + [values[at]]
             chosen = np.concatenate([chosen, q[at][:, None]], axis=1)
-            why = np.where(own[at] < room, kind[at], why)
-            room = np.minimum(room, own[at])
+            why = np.where(own[at] < smallest, kind[at], why)
+            smallest = np.minimum(smallest, own[at])
         values = np.max(bound, axis=0)
         counts = [sum(c.counts for c in cases) for cases in self.evaluator.cases]
         values[:, 3] = np.average([b[:, 3] for b in bound], axis=0, weights=counts)
-        self._sort(alive, room, why, values, chosen)
+        self._sort(alive, smallest, why, values, chosen)
 
     def _states(
         self, t: int, numbers: np.ndarray, rng: np.random.Generator
@@ -160,9 +160,9 @@ class _Scanner:
         margin, cause = worst(found.rows, len(q))
         least = evaluator.least_criteria([found])
         if (limit := evaluator.problem.limits.GT) is not None:
-            room = 1 - least[:, CRITERIA.index("GT")] / limit
-            cause[room < np.minimum(margin, -FEASIBLE)] = SlipReserve.kind
-            margin = np.minimum(margin, room)
+            smallest = 1 - least[:, CRITERIA.index("GT")] / limit
+            cause[smallest < np.minimum(margin, -FEASIBLE)] = SlipReserve.kind
+            margin = np.minimum(margin, smallest)
         return q, who, (margin, cause, least)
 
     def _sort(

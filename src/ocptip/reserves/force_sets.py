@@ -76,7 +76,7 @@ class ForceSets:
         steepest = np.max(np.abs(self._slope), axis=1)
         self.grip = np.where(steepest > 0, np.minimum(1.0, steepest / _TINY_FRICTION), 1.0)
 
-    def room(self, normal_forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def distances(self, normal_forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of normal forces (N, n) from the lower and from the upper ends of their sets, N."""
         return normal_forces - self.lower, self.upper - normal_forces
 

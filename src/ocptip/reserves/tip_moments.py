@@ -35,7 +35,7 @@ LARGEST_FORCE = 1e3
 
 _TOLERANCE = 1e-10
 _PARALLEL = 1e-9
-_ROOM = 1e-12  # relative: intervals of the force along the axis that miss each other by less meet
+_MEETS = 1e-12  # relative: intervals of the force along the axis that miss each other by less meet
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +167,7 @@ class AddableMoments:
             low, high = np.maximum(low, ends[0]), np.minimum(high, ends[1])
             possible &= inside
         size = np.linalg.norm(force, axis=1) + np.linalg.norm(moment, axis=1) / abs(length)
-        return possible & (low <= high + _ROOM * size)
+        return possible & (low <= high + _MEETS * size)
 
     def _cone_interval(
         self, contact: int, base: np.ndarray, direction: np.ndarray

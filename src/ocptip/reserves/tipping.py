@@ -117,7 +117,7 @@ class TipOver:
         """
         if states.support is not self.support:
             raise InputError("states: belong to another support")
-        upwards, downwards = self._sets.room(states.contact_forces[:, :, 0])
+        upwards, downwards = self._sets.distances(states.contact_forces[:, :, 0])
         count, slopes = len(states), None
         if self.axes and not self.free_rotation and not self.on_plane:
             moments, slopes = self._in_general_position(states)

@@ -15,7 +15,7 @@ from scipy import sparse
 
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.late_joints import doings, worst_of_ways
+from ocptip.standing.within.late_joints import delay_cases, worst_options
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import INSIDE
 
@@ -92,9 +92,9 @@ class LateJoints:
         Args:
             x: (N + 1,), the timing.
         """
-        ways, made, places = self._ways(x)
-        number, values, slopes = worst_of_ways(
-            ways, self._cases, self._grid.robot.acting(places), (self._most - _FAR) * self._units
+        options, made, places = self._options(x)
+        number, values, slopes = worst_options(
+            options, self._cases, self._grid.robot.acting(places), (self._most - _FAR) * self._units
         )
         excess = values / self._units - self._most  # (N + 1, F)
         i, k = np.nonzero(excess > -_NEAR)
@@ -114,7 +114,7 @@ class LateJoints:
         rows = Couplings(sparse.csr_matrix(A), b, tuple(self._names[function] for function in k))
         return float(np.max(excess)), rows
 
-    def _ways(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray]:
+    def _options(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray]:
         """(D, n, K, 4) of what joints may be doing at nodes and the delay after them; what it is made of;
         where on the path, (D,)."""
         pace = np.sqrt(x)
@@ -135,25 +135,25 @@ class LateJoints:
                 found.append(self._at(at, last, time, share))
                 places.append(s[last] + share * (s[last + 1] - s[last]))
         made = [[way for _, way in own] for own in found]
-        ways = np.full((len(found), self._q.shape[1], max(map(len, made)), 4), np.nan)
+        options = np.full((len(found), self._q.shape[1], max(map(len, made)), 4), np.nan)
         for instant, own in enumerate(found):
-            ways[instant, :, : len(own)] = np.array([state for state, _ in own]).transpose(2, 0, 1)
-        return ways, made, np.array(places)
+            options[instant, :, : len(own)] = np.array([state for state, _ in own]).transpose(2, 0, 1)
+        return options, made, np.array(places)
 
     def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
         """What joints may be doing so much of an interval after a node: states (4, n), and their making."""
         first = int(np.searchsorted(at.t, time - self._delay - INSIDE))
         found = self._before_all(at, time - self._delay) if self._delay else []
-        for doing in doings(at.t[first : node + 1], time, self._delay, self._more > 0):
-            if doing.event is None:
+        for case in delay_cases(at.t[first : node + 1], time, self._delay, self._more > 0):
+            if case.event is None:
                 ends = ((node, 1 - share), (node + 1, share))[: 2 if share else 1]
                 parts = ((node, True, 1 - share), (node + 1, False, share))[: len(ends)]
             else:
-                event = first + doing.event
-                ends, parts = ((event, 1.0),), ((event, doing.steps > 0, 1.0),)
-                for begin in range(event, event - doing.steps, -1):
+                event = first + case.event
+                ends, parts = ((event, 1.0),), ((event, case.steps > 0, 1.0),)
+                for begin in range(event, event - case.steps, -1):
                     parts = (*parts, (begin, True, self._more), (begin, False, -self._more))
-            found.append(self._made(at, ends, parts, doing.room))
+            found.append(self._made(at, ends, parts, case.max_delay))
         return found
 
     def _before_all(self, at: _Nodes, time: float) -> list[tuple[tuple, _Made]]:
@@ -171,11 +171,11 @@ class LateJoints:
         at: _Nodes,
         ends: tuple[tuple[int, float], ...],
         parts: tuple[tuple[int, bool, float], ...],
-        room: float,
+        max_delay: float,
     ) -> tuple[tuple, _Made]:
         q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, at.qd))
         qdd = sum(factor * (at.after if part else at.before)[end] for end, part, factor in parts)
-        return (q, qd, qdd, np.full_like(self._q[0], room)), (ends, parts)
+        return (q, qd, qdd, np.full_like(self._q[0], max_delay)), (ends, parts)
 
 
 class _Nodes(NamedTuple):

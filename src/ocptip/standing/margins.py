@@ -110,7 +110,9 @@ class Margins:
             tipping_contacts=_pairs(tip_over)[tip.nearest_axis + 1],
             edge_distance=tip.edge_distances,
             normal_forces=shown.normal_forces,
-            min_foot_force=np.min(np.minimum(*ForceSets(states.support).room(shown.normal_forces)), axis=1),
+            min_foot_force=np.min(
+                np.minimum(*ForceSets(states.support).distances(shown.normal_forces)), axis=1
+            ),
             friction_used=shown.usage,
             note="" if unique else _ONE_OF_MANY if shown is slipping else _EQUAL,
         )
@@ -142,8 +144,8 @@ class Margins:
         return f"<Margins of {head}: {self[worst]._text()}>"
 
     def _text(self) -> str:
-        ways = [word for word, does in (("tips", self.tips), ("slips", self.slips)) if does]
-        verdict = "stable" if self.stable else " and ".join(ways) or "no contact state is known"
+        losses = [word for word, does in (("tips", self.tips), ("slips", self.slips)) if does]
+        verdict = "stable" if self.stable else " and ".join(losses) or "no contact state is known"
         first, second = self.tipping_contacts
         about = f" about contacts {first} and {second}" if first else ""
         moment, force = quantity(float(self.tipping_moment), "N m", 3), float(self.min_foot_force)

@@ -34,7 +34,7 @@ from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.trajectory import Trajectory
 
 MOTOR_SPEED, SINGULARITY = "motor_speed", "singularity"
-_LOOKS = 16  # instants per interval between events at which a motor's change of direction is looked for
+_SAMPLES = 16  # instants per interval between events at which a motor's change of direction is looked for
 _BISECTIONS = 40
 
 
@@ -199,7 +199,7 @@ class ParallelMechanism(StandingMechanism):
         intervals = motion.intervals
         if not len(intervals):
             return motion.quadrature(order)
-        shares = np.linspace(0.0, 1.0, _LOOKS + 1)
+        shares = np.linspace(0.0, 1.0, _SAMPLES + 1)
         times = intervals[:, :1] + shares * np.diff(intervals)
         left, right = times[:, :-1].ravel(), times[:, 1:].ravel()
         at_left, at_right = self._speeds_at(motion, left), self._speeds_at(motion, right)

@@ -140,17 +140,17 @@ class _Stand:
         assert slip.gradient is not None  # it was asked for
         along = per_unit[rows]
         contact = int(np.argmin(tip.normal_reserves[2]))
-        room = states.contact_forces[2, contact, 0]
-        sign = 1.0 if self._lets_go_below(contact, room, tip.normal_reserves[2, contact]) else -1.0
+        normal = states.contact_forces[2, contact, 0]
+        sign = 1.0 if self._lets_go_below(contact, normal, tip.normal_reserves[2, contact]) else -1.0
         force = sign * states.force_maps[2, contact, 0]
         ratio = tip.tip_ratio[0]  # M0 / (M0 + M)
         GN = tip.gradient[0] @ along[0] + (reference * ratio * (1 - ratio) if ratio < 1 else 0.0)
         return np.array([GN, slip.gradient[1] @ along[1], -force @ along[2]])
 
-    def _lets_go_below(self, contact: int, force: float, room: float) -> bool:
+    def _lets_go_below(self, contact: int, force: float, margin: float) -> bool:
         """Whether the nearer end of a contact's normal force is the lower one."""
         pieces = self.support.contacts[contact].force_pieces()
-        return abs(force - min(piece.normal_min for piece in pieces) - room) <= 1e-9 * (1 + abs(force))
+        return abs(force - min(piece.normal_min for piece in pieces) - margin) <= 1e-9 * (1 + abs(force))
 
 
 Changed = Callable[[float], _Stand]

@@ -93,7 +93,7 @@ def test_harder_cancels_load_the_base_more_and_take_less_time(case):
     worst = [np.max(one.GN) for one in found]
     assert worst[0] < worst[1] < worst[2]
     assert found[0].rests.max() > found[1].rests.max() > found[2].rests.max()
-    assert np.all(found[0].ways.max(axis=0) >= found[2].ways.max(axis=0))
+    assert np.all(found[0].displacements.max(axis=0) >= found[2].displacements.max(axis=0))
 
 
 def test_refinement_finds_no_less_than_a_dense_grid(case):

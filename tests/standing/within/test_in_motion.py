@@ -86,7 +86,7 @@ def test_three_feet_have_a_minimum_force_in_the_worst_case(case):
     )
     assert forces[:, foot - 1].min() - lets_go[foot - 1] >= found.value - 1e-3
     axis = int(np.flatnonzero(robot.tip_over.lifts[:, foot - 1])[0])
-    theta = cases.moments(at.s, np.full(len(at.s), axis), room=at.room).theta
+    theta = cases.moments(at.s, np.full(len(at.s), axis), max_delay=at.max_delay).theta
     attained = forces_of_three_feet(robot.support, cases.deviations.wrench(at.s, theta)[0])[:, foot - 1]
     assert attained.min() - lets_go[foot - 1] == pytest.approx(found.value, abs=1e-6)
 
@@ -127,9 +127,9 @@ def test_jumps_overshoot_together_if_nothing_is_late(task):
     acceleration = motion.states(np.array([1e-4]))[2][0]
     assert np.allclose(start, (1 + np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))) * acceleration)
     assert jump_states(motion, Uncertainty(tilt=0.01)).s.shape == (0, 18)
-    assert not on_time(motion, Uncertainty(damping=0.05), found.times).room.any()
-    assert not on_time(motion, Uncertainty(damping=0.05), found.times).room.any()
-    assert not on_time(motion, Uncertainty(damping=0.05), found.times).room.any()
+    assert not on_time(motion, Uncertainty(damping=0.05), found.times).max_delay.any()
+    assert not on_time(motion, Uncertainty(damping=0.05), found.times).max_delay.any()
+    assert not on_time(motion, Uncertainty(damping=0.05), found.times).max_delay.any()
 
 
 def test_late_joints_are_combined_in_all_ways(task):
@@ -139,7 +139,7 @@ def test_late_joints_are_combined_in_all_ways(task):
     moving = np.flatnonzero(motion.states(np.array([1e-4]))[2][0])
     assert len(first) == 2 ** len(moving)
     assert len(np.unique(first, axis=0)) == len(first)
-    assert "late" in found.words[0]
+    assert "delayed" in found.words[0]
 
 
 # C on its effective base, planned: joint 1 jumps twice within 4 ms (phi_e, speed, acceleration)
@@ -172,8 +172,8 @@ def test_the_last_of_two_near_jumps_overshoots_alone(close_jumps):
     for j, event in enumerate(at):
         before, after = (np.hstack(motion.states([event + side]))[0, j::6] for side in (-1e-6, 1e-6))
         state[j::6] = after + np.array([0, 0, WORKSHOP.overshoot]) * (after - before)
-    s, room = np.tile(state, (cases.axes, 1)), np.zeros((cases.axes, 6))
-    least = cases.moments(s, np.arange(cases.axes), room=room).values.min()
+    s, max_delay = np.tile(state, (cases.axes, 1)), np.zeros((cases.axes, 6))
+    least = cases.moments(s, np.arange(cases.axes), max_delay=max_delay).values.min()
     assert -0.03 < least < 0
     found = worst_within(robot, motion, WORKSHOP, motion.both_sides(0.01))
     assert found.tip.value >= float(cases.tip_ratio(least)) > 1
@@ -213,9 +213,9 @@ def test_the_check_looks_at_what_certificates_are_about(close_jumps, delay):
             most = max(most, len(branches))
             forms = [form.c for form in late._states(branches)]
             proved = [np.array([c[0] + side * c[K] + c[K + 2] for c in forms]).T for side in (-1, 1)]
-            state, room = own.s[:, j::n], own.room[:, j, None]
-            early = state - room * np.column_stack([state[:, 1:], np.zeros(len(state))])
-            early[:, :1] += room**2 / 2 * state[:, 2:]
+            state, max_delay = own.s[:, j::n], own.max_delay[:, j, None]
+            early = state - max_delay * np.column_stack([state[:, 1:], np.zeros(len(state))])
+            early[:, :1] += max_delay**2 / 2 * state[:, 2:]
             apart = np.abs(np.vstack([early, state])[:, None] - np.vstack(proved)[None]).max(axis=2)
             assert apart.min(axis=1).max() < 1e-4
             just = branches[-1].low[0] > t - 1e-6  # between having jumped not yet, and overshooting
@@ -229,7 +229,7 @@ def test_late_s_curves_are_no_worse_than_the_states_that_are_looked_at(task):
     delay, robot = 0.015, task.robot
     motion = slow(task, 1.3).with_rise_times(0.04)
     found = jump_states(motion, Uncertainty(delay=delay))
-    assert any("late" in words for words in found.words)
+    assert any("delayed" in words for words in found.words)
     rng = np.random.default_rng(4)
     times = rng.uniform(0, motion.end + delay, 4000)
     late = np.where(
@@ -305,8 +305,8 @@ def test_the_greatest_slips_are_those_of_all_states():
     motion = Trajectory.ending_together(np.zeros(6), np.full(6, 0.8), [None] * 6, *rates)
     cases, late = worst_case_of(robot, WORKSHOP), np.full((1, robot.n), WORKSHOP.delay)
     states = on_time(motion, WORKSHOP, np.linspace(0, motion.end, 60), robot).s
-    room = np.tile(late, (len(states), 1))
-    found, every = cases.greatest_slips(states, room), cases.estimated_slip(states, room)
+    max_delay = np.tile(late, (len(states), 1))
+    found, every = cases.greatest_slips(states, max_delay), cases.estimated_slip(states, max_delay)
     assert np.argmax(found) == np.argmax(every)
     assert every.max() < 1
     large = every > 0.95 * every.max()
@@ -324,10 +324,10 @@ def test_slip_at_the_worst_is_exact_where_it_is_large_and_costs_programs_there_o
     programs = []
     solve = ConeBatch.solve
     monkeypatch.setattr(ConeBatch, "solve", lambda self, A, b: programs.append(len(A)) or solve(self, A, b))
-    exact = cases.slip(at.s, room=at.room)
+    exact = cases.slip(at.s, max_delay=at.max_delay)
     all_programs = sum(programs)
     programs.clear()
-    found = cases.large_slips(at.s, at.room)
+    found = cases.large_slips(at.s, at.max_delay)
     assert sum(programs) < 0.5 * all_programs
     large = exact.values > 0.97 * exact.values.max()
     np.testing.assert_allclose(found.values[large], exact.values[large], rtol=1e-6)

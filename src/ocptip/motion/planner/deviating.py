@@ -19,7 +19,7 @@ from ocptip.motion.planner.event_order import EventOrder, unit_row
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.standing.limit_kinds.limit import DEVIATING
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.late_joints import combinations, doings
+from ocptip.standing.within.late_joints import combinations, delay_cases
 
 Steps = tuple[tuple[int, int, float], ...]
 """Deviating joints: which, a group of its steps, and how many times more than once this and all later ones
@@ -78,15 +78,15 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Uncertainty) -
         last = int(np.searchsorted(times, time + MEET, side="right")) - 1
         if after == 0.0 and last > event:
             continue  # the last of those that meet stands for all
-        ways = []
+        options = []
         for joint in moving:
             groups = order.corner_positions[joint]
             near = groups[(groups <= last) & (times[groups] >= time - max(delay, MEET) - MEET)]
             if len(near):
                 own = _apart(np.unique(near), times)
-                ways.append(_ways(joint, own, times[own].tolist(), time, delay, more))
-        if ways:
-            found += [Deviating(last, event, after, tuple(chain(*own))) for own in combinations(ways)]
+                options.append(_options(joint, own, times[own].tolist(), time, delay, more))
+        if options:
+            found += [Deviating(last, event, after, tuple(chain(*own))) for own in combinations(options)]
     return found
 
 
@@ -101,8 +101,8 @@ def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay:
         if after == share == 0.0 and last > event:
             continue  # the last of those that meet stands for all
         rising = np.any((order.corner_positions <= last) & (order.late_positions > before), axis=1)
-        ways: list[list[tuple[int, ...]]] = [[(), (joint,)] for joint in moving if rising[joint]]
-        late = [joints for own in combinations(ways) if (joints := tuple(chain(*own)))]
+        options: list[list[tuple[int, ...]]] = [[(), (joint,)] for joint in moving if rising[joint]]
+        late = [joints for own in combinations(options) if (joints := tuple(chain(*own)))]
         found += [
             Deviating(last, event, after, late=Late(joints, before, delay), share=share) for joints in late
         ]
@@ -114,7 +114,7 @@ def _apart(groups: np.ndarray, times: np.ndarray) -> list[int]:
     return groups[np.diff(times[groups], prepend=-np.inf) > MEET].tolist()
 
 
-def _ways(
+def _options(
     joint: int, groups: list[int], instants: list[float], time: float, delay: float, more: float
 ) -> list[Steps]:
     """What a joint may be doing at a time whose steps of these groups, at these instants, are in the delay.
@@ -122,8 +122,8 @@ def _ways(
     Being on time is between what it was before and overshooting, as far as nodes go.
     """
     found: list[Steps] = []
-    every = doings(instants, time, delay, more > 0)
-    own = [(doing.event, doing.steps) for doing in every if doing.event is not None]
+    every = delay_cases(instants, time, delay, more > 0)
+    own = [(case.event, case.steps) for case in every if case.event is not None]
     for event, steps in sorted(own, key=lambda one: (one[0], one[1] > 0, -one[1])):
         if steps:
             later = tuple((joint, group, -1.0 - more) for group in groups[event + 1 : event + 2])

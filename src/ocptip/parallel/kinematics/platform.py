@@ -179,7 +179,7 @@ class Kinematics:
             (u, error, used), origin = self.along.solve(z, guess)
             searched = tuple(range(len(self.legs))) if origin == "search" else ()
             return JointPositions(self.along.split(u)[0], error, used, origin, searched)
-        way, found, origins = self._ways(z), [], []
+        way, found, origins = self._paths(z), [], []
         for i, leg in enumerate(self.legs):
             start = None if guess is None else guess[i]
             attempt, origin = leg.find(way[i], start)
@@ -201,7 +201,7 @@ class Kinematics:
         if self.along is not None:
             return None
         found = []
-        for way, leg, start in zip(self._ways(z), self.legs, q, strict=True):
+        for way, leg, start in zip(self._paths(z), self.legs, q, strict=True):
             if (attempt := leg.followed(start, *way(1.0))) is None:
                 return None
             found.append(attempt[0])
@@ -215,7 +215,7 @@ class Kinematics:
         """
         z = self.coordinates("z", z)
         r, R = self.pose(z)
-        way, found, origins = self._ways(z), [], []
+        way, found, origins = self._paths(z), [], []
         for i, leg in enumerate(self.legs):
             if not leg.leg.serial or leg.locked:
                 raise InputError(f"leg {i + 1}: is branched or has redundant joints; use the complete leg")
@@ -229,7 +229,7 @@ class Kinematics:
             origins.append(origin)
         return _joint_positions(found, origins)
 
-    def _ways(self, z: np.ndarray) -> list[Way]:
+    def _paths(self, z: np.ndarray) -> list[Way]:
         """Per leg the straight line from home to z."""
         home = self.description.home
 

@@ -41,7 +41,7 @@ class Reach(Limit):
     """The gripper is at its pose."""
 
     kind = "reach"
-    has_room = False
+    has_margin = False
 
     def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
         wanted, base = self.problem.tasks[found.task], found.base

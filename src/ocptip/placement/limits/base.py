@@ -150,7 +150,7 @@ class OnGround(BaseLimit):
     """All feet touch uneven ground; the program's expressions take it for granted."""
 
     kind = "feet"
-    has_room = False
+    has_margin = False
 
     def margins(self, found: Standing) -> list[ConstraintRows]:
         if found.terrain.conforming is None:

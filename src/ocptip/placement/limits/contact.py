@@ -284,7 +284,7 @@ class Persistence(Limit):
     """All contacts persist in the contact solver's solution."""
 
     kind = "persistence"
-    has_room = False
+    has_margin = False
     by_solver = True
     verdicts = ("does not stand", "stands")
 

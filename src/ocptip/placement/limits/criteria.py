@@ -42,8 +42,8 @@ class ForceSpace(Limit):
         for i in at.layout.counting:
             if at.layout.cases[i].load >= 0:
                 own, change = self._torques(at, i)
-                room = np.where(change > 0, self.most - own, self.most + own)
-                shares.append(np.max(np.abs(change) / np.maximum(room, 1e-6 * self.most)))
+                most = np.where(change > 0, self.most - own, self.most + own)
+                shares.append(np.max(np.abs(change) / np.maximum(most, 1e-6 * self.most)))
         x[slack] = max(shares)
 
     def values(self, at: Point, block: Block) -> np.ndarray:
@@ -59,8 +59,8 @@ class ForceSpace(Limit):
         change_slope = at.slopes[block.of][self.joints] / self.most[:, None] - own_slope
         parts = []
         for sign in _SIGNS:
-            room = 1 - sign * own / self.most
-            parts.append(np.column_stack([sign * change_slope + t * sign * own_slope, -room]))
+            slack = 1 - sign * own / self.most
+            parts.append(np.column_stack([sign * change_slope + t * sign * own_slope, -slack]))
         return np.concatenate(parts)
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:

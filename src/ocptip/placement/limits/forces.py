@@ -107,12 +107,12 @@ class Piece:
         """
         F = forces.reshape(-1, 3)
         limit = self.radius + self.slope * F[:, 0]
-        square, room = np.sum(F[:, 1:] ** 2, axis=1), limit + ROUNDING
+        square, positive = np.sum(F[:, 1:] ** 2, axis=1), limit + ROUNDING
         slope = np.zeros((len(F), *F.shape))
         own = np.arange(len(F))
-        slope[own, own, 0] = -self.slope * (square / room**2 + bound**2)
-        slope[own, own, 1:] = 2 * F[:, 1:] / room[:, None]
-        return square / room - bound**2 * limit, slope.reshape(len(F), -1), -2 * bound * limit
+        slope[own, own, 0] = -self.slope * (square / positive**2 + bound**2)
+        slope[own, own, 1:] = 2 * F[:, 1:] / positive[:, None]
+        return square / positive - bound**2 * limit, slope.reshape(len(F), -1), -2 * bound * limit
 
     def hessian(
         self, forces: np.ndarray, bound: float, multipliers: np.ndarray
@@ -120,12 +120,14 @@ class Piece:
         """Second derivatives of multipliers . rows: (3 n, 3 n), (3 n,) by force and bound, twice by bound."""
         F = forces.reshape(-1, 3)
         limit = self.radius + self.slope * F[:, 0]
-        room = limit + ROUNDING
+        positive = limit + ROUNDING
         result, mixed = np.zeros((F.size, F.size)), np.zeros_like(F)
         for k, (_, *T) in enumerate(F):
             at = slice(3 * k, 3 * k + 3)
-            # square / room is |v|^2 with v = (K_t) / sqrt(room), its Hessian 2 B' B / room
-            B = np.array([[-T[0] * self.slope[k] / room[k], 1, 0], [-T[1] * self.slope[k] / room[k], 0, 1]])
-            result[at, at] = multipliers[k] * 2 / room[k] * (B.T @ B)
+            # square / positive is |v|^2 with v = K_t / sqrt(positive); its Hessian is 2 B' B / positive
+            B = np.array(
+                [[-T[0] * self.slope[k] / positive[k], 1, 0], [-T[1] * self.slope[k] / positive[k], 0, 1]]
+            )
+            result[at, at] = multipliers[k] * 2 / positive[k] * (B.T @ B)
         mixed[:, 0] = -2 * bound * multipliers * self.slope
         return result, mixed.ravel(), float(-2 * multipliers @ limit)

@@ -107,7 +107,7 @@ class Limit:
 
     Attributes:
         kind: its name in results.
-        has_room: it can be kept with more or less room; False for equalities and for yes-or-no.
+        has_margin: it can be kept with more or less room; False for equalities and for yes-or-no.
         many: it has so many names that results list only those that are near.
         together: in the search for the least-infeasible place all its rows give way by one amount.
         counted_once: of its violations in one task only the worst counts in the sum of violations.
@@ -117,7 +117,7 @@ class Limit:
     """
 
     kind = ""
-    has_room = True
+    has_margin = True
     many = False
     together = False
     counted_once = False

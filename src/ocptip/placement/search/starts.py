@@ -133,7 +133,7 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
         count //= _SEARCH_COSTS
     share = max(count // len(patches), 32)
 
-    def look_at(patch: int, parameters: np.ndarray) -> None:
+    def evaluate(patch: int, parameters: np.ndarray) -> None:
         nonlocal sampled, clear
         ground = smallest_margin(evaluator.ground(patch, parameters), len(parameters))
         near = ground >= -_SLIGHTLY
@@ -146,7 +146,7 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
 
     for _ in range(_ROUNDS):
         for patch in patches:
-            look_at(patch, _draw(evaluator, patch, rng, share))
+            evaluate(patch, _draw(evaluator, patch, rng, share))
         if reached() >= _ENOUGH:
             break
     for away in _AWAY:
@@ -154,7 +154,7 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
         best = best.select(spread(evaluator, best, _LEADERS, _APART, postures=True))
         for patch in np.unique(best.patches):
             own = best.select(np.flatnonzero(best.patches == patch))
-            look_at(patch, _beside(evaluator, own, rng, max(share // _BESIDE, 32), away))
+            evaluate(patch, _beside(evaluator, own, rng, max(share // _BESIDE, 32), away))
     if not reached():
         kept += [best_branches(evaluator, patch, p, ground, rng) for patch, p, ground in blocked]
     found = _best_of(kept)

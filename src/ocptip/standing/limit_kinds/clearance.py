@@ -10,7 +10,7 @@ import numpy as np
 from ocptip.robots.collision.gaps import GapLabel
 from ocptip.robots.geometry import FLOOR
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import LATE, AskedLimit, Look, StateLimit, Worst
+from ocptip.standing.limit_kinds.limit import LATE, AskedLimit, InstantAt, StateLimit, Worst
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limit_kinds.worst_case import WithinLimit
 from ocptip.standing.limits import CLEARANCE_WITHIN, Limits
@@ -45,8 +45,8 @@ class ClearanceLimit(AskedLimit):
     def measure(self, at: Instants) -> np.ndarray:
         return -self.robot.collision.least(at.angles)[:, None]
 
-    def detail(self, look: Look, time: float) -> str:
-        label = self.robot.collision.worst(look(time).angles)[1]
+    def detail(self, instant_at: InstantAt, time: float) -> str:
+        label = self.robot.collision.worst(instant_at(time).angles)[1]
         return "" if label is None else str(label)
 
     def refusals(self, at: Instants) -> list[str]:
@@ -61,8 +61,8 @@ class ClearanceLimit(AskedLimit):
         hint = _FLOOR_HINT if any(own.second.startswith(FLOOR) for own, _ in near.values()) else ""
         hint += _PARTS_HINT if any(apart and apart >= self.number for apart in meshes.values()) else ""
         if gap < 0:
-            said = [f"{name} overlap by {-1e3 * own:.1f} mm{seen[name]}" for name, (_, own) in near.items()]
-            return [f"collision: {', '.join(said)} (where that is meant: excluded_links{hint})"]
+            texts = [f"{name} overlap by {-1e3 * own:.1f} mm{seen[name]}" for name, (_, own) in near.items()]
+            return [f"collision: {', '.join(texts)} (where that is meant: excluded_links{hint})"]
         least = f"must be >= {1e3 * self.number:.1f} mm"
         return [
             f"{pair} are {1e3 * gap:.1f} mm apart{seen[f'{pair}']}, {least}; for less give clearance in "

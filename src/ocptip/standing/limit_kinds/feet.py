@@ -9,7 +9,14 @@ import numpy as np
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.jumps import AtJumps, Jumps
-from ocptip.standing.limit_kinds.limit import AskedLimit, Look, Sampled, WholeMotionLimit, Worst, WrenchLimit
+from ocptip.standing.limit_kinds.limit import (
+    AskedLimit,
+    InstantAt,
+    Sampled,
+    WholeMotionLimit,
+    Worst,
+    WrenchLimit,
+)
 from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -46,8 +53,8 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     def measure(self, at: Instants) -> np.ndarray:
         return -np.min(self.forces(at), axis=1, keepdims=True)
 
-    def detail(self, look: Look, time: float) -> str:
-        return f"contact {int(np.argmin(self.forces(look(time))[0])) + 1}"
+    def detail(self, instant_at: InstantAt, time: float) -> str:
+        return f"contact {int(np.argmin(self.forces(instant_at(time))[0])) + 1}"
 
     def refusals(self, at: Instants) -> list[str]:
         forces = self.forces(at)[0]

@@ -18,8 +18,8 @@ from ocptip.standing.limit_kinds.limit import (
     TOLERANCE,
     WHOLE,
     AskedLimit,
+    InstantAt,
     Limit,
-    Look,
     QuantityLimit,
     Sampled,
     Worst,
@@ -47,8 +47,8 @@ class TorqueLimit(QuantityLimit, AskedLimit):
     def measure(self, at: Instants) -> np.ndarray:
         return np.max(np.abs(at.torques) / self.units, axis=1)[:, None]
 
-    def detail(self, look: Look, time: float) -> str:
-        return f"joint {int(np.argmax(np.abs(look(time).torques[0]) / self.units)) + 1}"
+    def detail(self, instant_at: InstantAt, time: float) -> str:
+        return f"joint {int(np.argmax(np.abs(instant_at(time).torques[0]) / self.units)) + 1}"
 
     def refusals(self, at: Instants) -> list[str]:
         robot, torques, allowed = self.robot, np.abs(at.torques[0]), self.number * self.units
@@ -132,11 +132,11 @@ class AngleLimit(Limit):
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         low, high = at.motion.angle_ranges.T
-        room, found = np.minimum(low - self._low, self._high - high), []
+        slack, found = np.minimum(low - self._low, self._high - high), []
         for unit, name, scale in (("rad", "angle_margin_deg", 180 / np.pi), ("m", "position_margin_m", 1.0)):
             if (joints := np.flatnonzero(self._units == unit)).size:
-                j = joints[np.argmin(room[joints])]
-                least, short = float(scale * self._margin[j]), -float(scale * room[j])
+                j = joints[np.argmin(slack[joints])]
+                least, short = float(scale * self._margin[j]), -float(scale * slack[j])
                 found.append(Worst(name, least - short, np.nan, least, f"joint {j + 1}", short, least=True))
         return found
 
@@ -152,10 +152,10 @@ class AngleLimit(Limit):
         return found
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        room = 0.2 * (1 - share)
+        slack = 0.2 * (1 - share)
         near, joints = super().near(at, share), self.joints
         q = at.angles[:, joints]
-        near[:, joints] = (q <= self._low[joints] + room) | (q >= self._high[joints] - room)
+        near[:, joints] = (q <= self._low[joints] + slack) | (q >= self._high[joints] - slack)
         return near
 
     def use(self, at: Instants) -> np.ndarray:

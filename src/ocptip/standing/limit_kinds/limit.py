@@ -39,7 +39,7 @@ WHOLE, SAMPLED, WITHIN, LATE = range(4)
 """Scenarios in which a limit is evaluated, in the order of reports: the whole motion, exactly; its sampled
 instants; these within the uncertainty; and with delayed joints, each by itself."""
 
-Look = Callable[[float], Instants]
+InstantAt = Callable[[float], Instants]
 """What happens at one time, s."""
 
 
@@ -91,14 +91,14 @@ class Sampled:
         robot: as given, before a process that varies over the path is one over the motion's time.
         motion: of it.
         times: (N,), s.
-        look: what happens at one time.
+        instant_at: what happens at one time.
         memo: what limits compute of the motion for each other.
     """
 
     robot: StandingMechanism
     motion: Trajectory
     times: np.ndarray
-    look: Look
+    instant_at: InstantAt
     memo: dict[object, Any] = field(default_factory=dict)
 
 
@@ -290,14 +290,14 @@ class AskedLimit(Limit):
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         k = int(np.argmax(values[:, 0]))
         value, time = float(-values[k, 0] if self.least else values[k, 0]), float(at.times[k])
-        return [self.found(value, time, self.detail(at.look, time))]
+        return [self.found(value, time, self.detail(at.instant_at, time))]
 
     def found(self, value: float, time: float, detail: str) -> Worst:
         """A worst value and by how much it breaks the limit."""
         excess = self.number - value if self.least else value - self.number
         return Worst(self.result, value, time, self.number, detail, excess, self.least)
 
-    def detail(self, look: Look, time: float) -> str:
+    def detail(self, instant_at: InstantAt, time: float) -> str:
         """Where or what the worst value is."""
         return ""
 

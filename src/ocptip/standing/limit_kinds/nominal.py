@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import AskedLimit, Look, WrenchLimit
+from ocptip.standing.limit_kinds.limit import AskedLimit, InstantAt, WrenchLimit
 from ocptip.standing.limit_kinds.quantities import ContactQuantity, SlipQuantity, TipOverQuantity
 from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 from ocptip.standing.limits import Limits
@@ -68,8 +68,8 @@ class NominalLimit(WrenchLimit, ContactLimit):
     def measure(self, at: Instants) -> np.ndarray:
         return self.quantity.measure(at)[:, None]
 
-    def detail(self, look: Look, time: float) -> str:
-        return self.quantity.detail(look(time))
+    def detail(self, instant_at: InstantAt, time: float) -> str:
+        return self.quantity.detail(instant_at(time))
 
     def kept(self, at: Instants) -> bool:
         return self.quantity.kept(at)

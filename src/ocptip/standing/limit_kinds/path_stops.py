@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import Look, StateLimit, TableLimit
+from ocptip.standing.limit_kinds.limit import InstantAt, StateLimit, TableLimit
 from ocptip.standing.limit_kinds.nominal import ContactLimit
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
 from ocptip.standing.limits import Limits
@@ -48,8 +48,8 @@ class StopLimit(StateLimit, TableLimit, ContactLimit):
 
     # --- what happens -------------------------------------------------------------------------------------
 
-    def detail(self, look: Look, time: float) -> str:
-        points = self._points(look(time))
+    def detail(self, instant_at: InstantAt, time: float) -> str:
+        points = self._points(instant_at(time))
         worst = int(points.worst(self.quantity.largest(points)[:, None])[1][0, 0])
         if points.x[worst] == points.u[worst] == 0:
             return "rest after a stop"

@@ -22,7 +22,9 @@ from ocptip.standing.within.worst_case import WorstCase, WorstDeviations
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
 PATH_MARGIN_WITHIN = 0.05  # share of M0 that a path at rest keeps within an uncertainty
-ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments within an uncertainty take part
+NEAR_SHARE = (
+    0.5  # share of M0 within which, at a use of zero, rows of moments within an uncertainty take part
+)
 STARTS_AT_REST = 9  # wrenches from which the worst slip at rest is looked for
 FAR = 0.5  # use of the slip limit in stops by brakes where half spaces tell that it is kept
 
@@ -258,8 +260,8 @@ class TipOverQuantity(ContactQuantity):
         return cases.moments(s, k, theta)
 
     def uses_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> np.ndarray:
-        room = ROOM * (cases.reference or 1.0)
-        return 1 + (bound - cases.estimated_moments(s)) / room
+        reach = NEAR_SHARE * (cases.reference or 1.0)
+        return 1 + (bound - cases.estimated_moments(s)) / reach
 
     def kept_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> bool:
         return bool(np.all(cases.estimated_moments(s) >= bound))

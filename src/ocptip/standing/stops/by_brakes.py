@@ -73,18 +73,18 @@ class BrakeCheck(StopCheck):
         low, high = self._brakes
         qd = without_creep(qd)
         worst = self._box(q, qd, np.full(len(q), self._delay[1]), process)[3]
-        ways = [(low, self._delay[1]), (high, self._delay[0]), (worst, self._delay[1])]
+        cases = [(low, self._delay[1]), (high, self._delay[0]), (worst, self._delay[1])]
         if self._delay[1] > self._delay[0]:
-            ways.append((high, self._delay[1]))
-        torques = np.concatenate([np.broadcast_to(torque, q.shape) for torque, _ in ways])
-        delays = np.repeat([delay for _, delay in ways], len(q))
-        many = np.tile(q, (len(ways), 1)), np.tile(qd, (len(ways), 1))
-        owner = np.tile(np.arange(len(q)), len(ways))
+            cases.append((high, self._delay[1]))
+        torques = np.concatenate([np.broadcast_to(torque, q.shape) for torque, _ in cases])
+        delays = np.repeat([delay for _, delay in cases], len(q))
+        many = np.tile(q, (len(cases), 1)), np.tile(qd, (len(cases), 1))
+        owner = np.tile(np.arange(len(q)), len(cases))
         own = {"delay": delays, "process": of_owner(process, owner)}
         run = brake(self._robot.arm, *many, self._robot.support.gravity, torques, **own)
-        return self._judged(q, run, owner, process)
+        return self._checked(q, run, owner, process)
 
-    def _judged(
+    def _checked(
         self, q: np.ndarray, run: Braked, owner: np.ndarray, process: np.ndarray | None
     ) -> JointStops:
         going = np.any(run.speeds != 0, axis=2)
@@ -158,17 +158,17 @@ class BrakeCheck(StopCheck):
             must: (n,) joints that move, either way; the others may.
         """
         kinds = [(-1.0, 1.0) if moves else (-1.0, 0.0, 1.0) for moves in must]
-        ways = np.array(list(product(*kinds)))
-        ways = ways[np.any(ways != 0, axis=1)]
-        count = len(ways)
+        directions = np.array(list(product(*kinds)))
+        directions = directions[np.any(directions != 0, axis=1)]
+        count = len(directions)
         none = np.full(count, self._delay[1])
-        wrenches, _ = self._wrenches(np.tile(q, (count, 1)), ways * CREEPING, none)
+        wrenches, _ = self._wrenches(np.tile(q, (count, 1)), directions * CREEPING, none)
         owner = np.repeat(np.arange(count), wrenches.shape[1])
         GN, GT = np.zeros(count), np.zeros(count)
         for worst, values in zip((GN, GT), self._reserves(wrenches.reshape(-1, 6), owner), strict=True):
             np.maximum.at(worst, owner, values)
         best = int(np.argmin(np.maximum(GN / self._GN, GT / self._GT)))
-        return float(GN[best]), float(GT[best]), ways[best]
+        return float(GN[best]), float(GT[best]), directions[best]
 
     @staticmethod
     def response(

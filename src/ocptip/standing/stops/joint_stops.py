@@ -31,7 +31,7 @@ class JointStops:
         torques: (N, n), N m (sliding joints: N), then: of brakes, or of the drives.
         drives: (N,), largest share of a torque limit that a drive needs; zero where the drives are off.
         rests: (N,), s, until all joints rest; infinite if they do not.
-        ways: (N, n), rad (sliding joints: m): how far a joint gets at most.
+        displacements: (N, n), rad (sliding joints: m): how far a joint gets at most.
         outside: how far an angle is beyond its limits at most, rad (m), and the joint, 0-based; at most 0
             where none is.
         clearance: m, smallest distance of what may collide in `postures` postures; infinite if not known.
@@ -45,7 +45,7 @@ class JointStops:
     torques: np.ndarray
     drives: np.ndarray
     rests: np.ndarray
-    ways: np.ndarray
+    displacements: np.ndarray
     outside: tuple[float, int]
     clearance: float
     postures: int
@@ -64,7 +64,7 @@ class JointStops:
         return replace(self, **{name: getattr(self, name)[rows] for name in _BY_STOP})
 
 
-_BY_STOP = ("GN", "GT", "after", "wrenches", "torques", "drives", "rests", "ways")
+_BY_STOP = ("GN", "GT", "after", "wrenches", "torques", "drives", "rests", "displacements")
 
 
 class StopCheck:
@@ -112,8 +112,8 @@ class StopCheck:
         hit = np.flatnonzero(np.maximum(GN, GT) == greatest[row])[::-1]
         at[row[hit]] = hit
         known = at >= 0
-        ways, (angles, stop) = np.zeros((count, n)), reached
-        np.maximum.at(ways, stop, np.max(np.abs(angles - begun[stop]), axis=0))
+        displacements, (angles, stop) = np.zeros((count, n)), reached
+        np.maximum.at(displacements, stop, np.max(np.abs(angles - begun[stop]), axis=0))
         limits = self._robot.limits
         over = np.max(np.maximum(limits.angle_min - angles, angles - limits.angle_max), axis=(0, 1))
         joint = int(np.argmax(over))
@@ -125,7 +125,7 @@ class StopCheck:
             torques=np.where(known[:, None], torques.reshape(-1, n)[at], 0.0),
             drives=np.zeros(count),
             rests=np.zeros(count),
-            ways=ways,
+            displacements=displacements,
             outside=(float(over[joint]), joint),
             clearance=float(np.min(self._robot.collision.least(postures))),
             postures=len(postures),

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.standing.stops.by_cancel import Cancel, StopStates, stop_states
-from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_of_looked
-from ocptip.standing.within.late_joints import Looked, worst_of_ways
+from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_of_delayed
+from ocptip.standing.within.late_joints import DelayedStates, worst_options
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -38,24 +38,24 @@ def worst_of_cancels(
     rests = np.abs(start[1]) / rate
     since = at.after[:, None] - np.where(at.qdd != 0, 0.0, rests[at.owner])
     words = [_after(after) for after in at.after.tolist()]
-    looked = Looked(own, times[at.owner], np.clip(since, 0.0, late), words)
+    delayed = DelayedStates(own, times[at.owner], np.clip(since, 0.0, late), words)
     if late or cases.deviations.tolerance.overshoot:
-        ways, when, stop = _ways(start, at, rate, late, cases.deviations.tolerance.overshoot)
-        number, values, _ = worst_of_ways(ways, cases, process[stop])
+        options, when, stop = _options(start, at, rate, late, cases.deviations.tolerance.overshoot)
+        number, values, _ = worst_options(options, cases, process[stop])
         for k in range(values.shape[1]):
             rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
-            chosen = ways[rows[:, None], np.arange(ways.shape[1]), number[rows, k]]
+            chosen = options[rows[:, None], np.arange(options.shape[1]), number[rows, k]]
             s = np.hstack([chosen[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), process[stop[rows]]])
             step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in rows]
-            looked = looked.joined(Looked(s, times[stop[rows]], chosen[..., 3], step))
-    return worst_of_looked(cases, looked)
+            delayed = delayed.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
+    return worst_of_delayed(cases, delayed)
 
 
 def _after(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms after the joints began to decelerate"
 
 
-def _ways(
+def _options(
     start: tuple[np.ndarray, np.ndarray, np.ndarray],
     at: StopStates,
     rate: np.ndarray,
@@ -65,7 +65,7 @@ def _ways(
     """What each joint may be doing just after steps of accelerations.
 
     Returns:
-        (D, n, K, 4): angle, speed, acceleration and room, NaN where there are fewer; (D,), s, after the
+        (D, n, K, 4): angle, speed, acceleration and maximum delay, NaN beyond these; (D,), s, after the
         joints began to decelerate; (D,) the stop.
     """
     rows = np.flatnonzero(at.before | (at.after == 0))
@@ -79,15 +79,15 @@ def _ways(
     since = when[:, None] - np.where(moves, 0.0, rests)
     stops = ~moves & (since < late + _STEP)
     none, slower = np.zeros_like(q), -sign * rate
-    ways = [(*now, np.where(moves, slower, 0.0), np.clip(since, 0.0, late), np.ones_like(moves))]
+    options = [(*now, np.where(moves, slower, 0.0), np.clip(since, 0.0, late), np.ones_like(moves))]
     if late:
-        ways.append((q, qd, qdd, late - when[:, None] + none, from_start))
-        ways.append((ends, none, slower, np.minimum(late - since, rests), stops & (qd != 0)))
+        options.append((q, qd, qdd, late - when[:, None] + none, from_start))
+        options.append((ends, none, slower, np.minimum(late - since, rests), stops & (qd != 0)))
     if more:
-        ways.append((q, qd, slower + more * (slower - qdd), none, from_start))
-        ways.append((ends, none, -more * slower, none, stops & (qd != 0)))
-    found = np.stack([np.stack(np.broadcast_arrays(*way[:4]), axis=-1) for way in ways], axis=2)
-    known = np.stack([np.broadcast_to(way[4], q.shape) for way in ways], axis=2)
+        options.append((q, qd, slower + more * (slower - qdd), none, from_start))
+        options.append((ends, none, -more * slower, none, stops & (qd != 0)))
+    found = np.stack([np.stack(np.broadcast_arrays(*way[:4]), axis=-1) for way in options], axis=2)
+    known = np.stack([np.broadcast_to(way[4], q.shape) for way in options], axis=2)
     order = np.argsort(~known, axis=2, kind="stable")
     found = np.where(known[..., None], found, np.nan)
     return np.take_along_axis(found, order[..., None], axis=2), when, stop

@@ -166,17 +166,17 @@ class Deviations:
 
     # --- what is worst ------------------------------------------------------------------------------------
 
-    def greatest(self, room: np.ndarray | None) -> np.ndarray:
+    def greatest(self, max_delay: np.ndarray | None) -> np.ndarray:
         """(size,) maximum deviations; (N, size) with (N, n), s, maximum delays of joints."""
-        if room is None or "delay" not in self.places:
+        if max_delay is None or "delay" not in self.places:
             return self.high
-        high = np.tile(self.high, (len(room), 1))
-        high[:, self.places["delay"]] = room
+        high = np.tile(self.high, (len(max_delay), 1))
+        high[:, self.places["delay"]] = max_delay
         return high
 
-    def least(self, slopes: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
+    def least(self, slopes: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """Deviations (N, size) at which slopes (N, size) . theta is minimal; room as in `greatest`."""
-        theta, high = np.zeros(slopes.shape), self.greatest(room)
+        theta, high = np.zeros(slopes.shape), self.greatest(max_delay)
         own = self._intervals
         size = np.maximum(np.abs(self.low[own]), np.abs(high[..., own]))
         change = np.abs(slopes[:, own]) * size
@@ -201,7 +201,7 @@ class Deviations:
         return size * ((np.cos(angle) - 1) * down + np.sin(angle) * _unit(side))
 
     def missed(
-        self, s: np.ndarray, theta: np.ndarray, a: np.ndarray, room: np.ndarray | None = None
+        self, s: np.ndarray, theta: np.ndarray, a: np.ndarray, max_delay: np.ndarray | None = None
     ) -> np.ndarray:
         """(N,): by how much a . wrench may be less than at theta, at most, elsewhere within the tolerance.
 
@@ -210,13 +210,13 @@ class Deviations:
         """
         slopes = np.einsum("nw,nwt->nt", a, self.wrench_and_slopes(s, theta)[1])
         bend = np.abs(self.curvature(s, theta, a)[0].reshape(len(s), self.size, self.size))
-        span = np.broadcast_to(self.greatest(room) - self.low, theta.shape).copy()
+        span = np.broadcast_to(self.greatest(max_delay) - self.low, theta.shape).copy()
         for name, most in self._radii.items():
             span[:, self.places[name]] = 2 * most
         own = self._intervals
-        ways = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
+        inward = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
         lost = 0.5 * np.einsum("nij,nj->ni", bend, span)
-        rest = np.minimum(ways - lost[:, own], 0.0) * span[:, own]
+        rest = np.minimum(inward - lost[:, own], 0.0) * span[:, own]
         found = -np.sum(rest, axis=1)
         for name, most in self._radii.items():
             at = self.places[name]

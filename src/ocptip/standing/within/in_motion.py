@@ -21,7 +21,7 @@ from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.late_joints import Looked, jump_states, on_time
+from ocptip.standing.within.late_joints import DelayedStates, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
@@ -96,7 +96,7 @@ class WorstGap:
     joints: tuple[int, ...]
 
     def __str__(self) -> str:
-        late = f", joints {', '.join(map(str, self.joints))} late" if self.joints else ""
+        late = f", joints {', '.join(map(str, self.joints))} delayed" if self.joints else ""
         return f"{quantity(1e3 * self.value, 'mm', 3)} between {self.between}{late}, at {self.time:.3f} s"
 
 
@@ -166,32 +166,32 @@ def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> W
     """The same of an arm within the uncertainty of `cases`."""
     tolerance = cases.deviations.tolerance
     acting = cases.deviations.robot.during(motion)
-    looked = on_time(motion, tolerance, times, acting)
-    looked = looked.joined(jump_states(motion, tolerance, cases, acting))
+    delayed = on_time(motion, tolerance, times, acting)
+    delayed = delayed.joined(jump_states(motion, tolerance, cases, acting))
     tip, course = None, (np.empty(0), np.empty(0))
     if cases.axes:
-        worst, bad = _refined(cases, motion, acting, looked, _least_moments)
-        tip, course = _worst_tip(cases, worst), (looked.times, -bad[: len(looked.times)])
-    at = _refined(cases, motion, acting, looked, _greatest_slips)[0]
+        worst, bad = _refined(cases, motion, acting, delayed, _least_moments)
+        tip, course = _worst_tip(cases, worst), (delayed.times, -bad[: len(delayed.times)])
+    at = _refined(cases, motion, acting, delayed, _greatest_slips)[0]
     torque, gap = (
         _worst_torque(acting, motion, tolerance, times),
         _smallest_gap(acting, motion, tolerance, times),
     )
-    slip, alike = _worst_slip(cases, at), _least_if_alike(cases, looked)
-    force = _least_foot_force(cases, motion, acting, looked)
-    return WithinTolerance(tolerance, tip, slip, torque, gap, len(looked.times), alike, force, course)
+    slip, alike = _worst_slip(cases, at), _least_if_alike(cases, delayed)
+    force = _least_foot_force(cases, motion, acting, delayed)
+    return WithinTolerance(tolerance, tip, slip, torque, gap, len(delayed.times), alike, force, course)
 
 
-def worst_of_looked(cases: WorstCase, looked: Looked) -> tuple[WorstInstant | None, WorstInstant]:
+def worst_of_delayed(cases: WorstCase, delayed: DelayedStates) -> tuple[WorstInstant | None, WorstInstant]:
     """The worst of some states for tip-over (None where the base cannot tip) and for slip."""
     tip, slip = (
-        looked.some(np.argsort(-badness(cases, looked), kind="stable")[:EXACT])
+        delayed.some(np.argsort(-badness(cases, delayed), kind="stable")[:EXACT])
         for badness in ((_least_moments if cases.axes else _greatest_slips), _greatest_slips)
     )
     return _worst_tip(cases, tip) if cases.axes else None, _worst_slip(cases, slip)
 
 
-def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
+def _least_if_alike(cases: WorstCase, at: DelayedStates) -> Margin | None:
     """Minimum normal force of a foot if all gave alike, by slopes over the deviations."""
     if (shares := equal_normal_map(cases.footing.support)) is None:
         return None
@@ -199,12 +199,14 @@ def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
     forces = wrenches @ shares.T
     for k, share in enumerate(shares):
         change = np.einsum("w,nwt->nt", share, over)
-        forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, at.room))
+        forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, at.max_delay))
     row, foot = np.unravel_index(np.argmin(forces), forces.shape)
     return Margin(float(forces[row, foot]), float(at.times[row]), (int(foot) + 1,))
 
 
-def _least_foot_force(cases: WorstCase, motion: Trajectory, acting: Robot, looked: Looked) -> Margin | None:
+def _least_foot_force(
+    cases: WorstCase, motion: Trajectory, acting: Robot, delayed: DelayedStates
+) -> Margin | None:
     """Minimum distance of a normal force from where its contact lets go; None where other forces also decide
     it.
 
@@ -221,17 +223,17 @@ def _least_foot_force(cases: WorstCase, motion: Trajectory, acting: Robot, looke
         return None
     distances = np.abs(tip_over.lifts).sum(axis=1)
 
-    def pressed_least(cases: WorstCase, at: Looked) -> np.ndarray:
-        return -np.min(cases.estimated_moments(at.s, at.room) / distances, axis=1)
+    def pressed_least(cases: WorstCase, at: DelayedStates) -> np.ndarray:
+        return -np.min(cases.estimated_moments(at.s, at.max_delay) / distances, axis=1)
 
-    at = _refined(cases, motion, acting, looked, pressed_least)[0]
+    at = _refined(cases, motion, acting, delayed, pressed_least)[0]
     rows, axes = _every_axis(cases, at)
-    forces = cases.moments(at.s[rows], axes, room=at.room[rows]).values / distances[axes]
+    forces = cases.moments(at.s[rows], axes, max_delay=at.max_delay[rows]).values / distances[axes]
     k = int(np.argmin(forces))
     return Margin(float(forces[k]), float(at.times[rows[k]]), (int(np.argmax(lifted[axes[k]])) + 1,))
 
 
-def _every_axis(cases: WorstCase, at: Looked) -> tuple[np.ndarray, np.ndarray]:
+def _every_axis(cases: WorstCase, at: DelayedStates) -> tuple[np.ndarray, np.ndarray]:
     """Row and axis of every pair of a state and a tipping axis."""
     count = len(at.times)
     return np.repeat(np.arange(count), cases.axes), np.tile(np.arange(cases.axes), count)
@@ -313,41 +315,41 @@ def _worst_torque(robot: Robot, motion: Trajectory, tolerance: Uncertainty, time
     return found
 
 
-def _least_moments(cases: WorstCase, at: Looked) -> np.ndarray:
-    return -np.min(cases.estimated_moments(at.s, at.room), axis=1)
+def _least_moments(cases: WorstCase, at: DelayedStates) -> np.ndarray:
+    return -np.min(cases.estimated_moments(at.s, at.max_delay), axis=1)
 
 
-def _greatest_slips(cases: WorstCase, at: Looked) -> np.ndarray:
-    return cases.greatest_slips(at.s, at.room)
+def _greatest_slips(cases: WorstCase, at: DelayedStates) -> np.ndarray:
+    return cases.greatest_slips(at.s, at.max_delay)
 
 
 def _refined(
     cases: WorstCase,
     motion: Trajectory,
     acting: Robot,
-    looked: Looked,
-    badness: Callable[[WorstCase, Looked], np.ndarray],
-) -> tuple[Looked, np.ndarray]:
+    delayed: DelayedStates,
+    badness: Callable[[WorstCase, DelayedStates], np.ndarray],
+) -> tuple[DelayedStates, np.ndarray]:
     """The states that look worst, with instants around the worst one, and how bad all are in their order."""
-    bad = badness(cases, looked)
+    bad = badness(cases, delayed)
     for _ in range(NEARER):
         row = int(np.argmax(bad))
-        if looked.words[row]:
+        if delayed.words[row]:
             break
-        plain = np.array([not word for word in looked.words])
-        near = _around(np.sort(looked.times[plain]), looked.times[row])
+        plain = np.array([not word for word in delayed.words])
+        near = _around(np.sort(delayed.times[plain]), delayed.times[row])
         new = on_time(motion, cases.deviations.tolerance, near, acting)
-        looked, bad = looked.joined(new), np.concatenate([bad, badness(cases, new)])
-    return looked.some(np.argsort(-bad, kind="stable")[:EXACT]), bad
+        delayed, bad = delayed.joined(new), np.concatenate([bad, badness(cases, new)])
+    return delayed.some(np.argsort(-bad, kind="stable")[:EXACT]), bad
 
 
-def _worst_tip(cases: WorstCase, at: Looked) -> WorstInstant:
+def _worst_tip(cases: WorstCase, at: DelayedStates) -> WorstInstant:
     rows, axes = _every_axis(cases, at)
-    found = cases.moments(at.s[rows], axes, room=at.room[rows])
+    found = cases.moments(at.s[rows], axes, max_delay=at.max_delay[rows])
     k = int(np.argmin(found.values))
-    row, state, room = int(rows[k]), at.s[rows[k : k + 1]], at.room[rows[k : k + 1]]
+    row, state, max_delay = int(rows[k]), at.s[rows[k : k + 1]], at.max_delay[rows[k : k + 1]]
     theta, slopes = found.theta[k : k + 1], found.slopes[k : k + 1]
-    missed = float(cases.deviations.missed(state, theta, slopes, room)[0])
+    missed = float(cases.deviations.missed(state, theta, slopes, max_delay)[0])
     moment = float(found.values[k])
     first, second = sorted(c + 1 for c in cases.footing.tip_over.axes[axes[k]].contacts)
     left = f"{quantity(moment, 'N m', 3)} left about contacts {first} and {second}"
@@ -356,10 +358,10 @@ def _worst_tip(cases: WorstCase, at: Looked) -> WorstInstant:
     return WorstInstant(value, float(at.times[row]), _how(cases, found, k, at.words[row]), left, bound)
 
 
-def _worst_slip(cases: WorstCase, at: Looked) -> WorstInstant:
-    found = cases.slip(at.s, room=at.room)
+def _worst_slip(cases: WorstCase, at: DelayedStates) -> WorstInstant:
+    found = cases.slip(at.s, max_delay=at.max_delay)
     at = at.some(np.argsort(-found.values, kind="stable")[:FROM_MORE])
-    found = cases.slip(at.s, STARTS, room=at.room)
+    found = cases.slip(at.s, STARTS, max_delay=at.max_delay)
     k = int(np.argmax(found.values))
     left = f"slip GT {found.values[k]:.3g}{_kept(cases, at.s[k : k + 1], found.theta[k : k + 1])}"
     how = _how(cases, found, k, at.words[k])

@@ -8,9 +8,9 @@ any, and switching times and the longest delay after them. There the joints betw
 delay lies are combined completely. Where a motion has too many steps for that, the combinations are those
 that are worst by slopes and, at the worst instants, worse than all that differ in one joint.
 
-A state says where each joint is at the end of its stretch of times T without a step; `room` is how long that
-stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant. Where it is
-not, the value at t - d is another state; between two steps it lies between the values next to these.
+A state says where each joint is at the end of its stretch of times T without a step; `max_delay` is how long
+that stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant. Where it
+is not, the value at t - d is another state; between two steps it lies between the values next to these.
 """
 
 from __future__ import annotations
@@ -41,43 +41,45 @@ JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 T = TypeVar("T")
 
 _Way = tuple[float, float, float, float, str]
-"""What a joint may be doing: angle, speed, acceleration, room, word."""
+"""What a joint may be doing: angle, speed, acceleration, maximum delay, word."""
 
 
-class Doing(NamedTuple):
+class DelayCase(NamedTuple):
     """A possible state of a joint at an instant.
 
     Attributes:
         event: number of the switching time, of those in the delay before; None: it is on time.
         steps: how many of the last steps of the acceleration, with that of the switching time, it overshoots;
             0: it still is in the state before it.
-        room: s, further delay without another step.
+        max_delay: s, further delay without another step.
     """
 
     event: int | None
     steps: int
-    room: float
+    max_delay: float
 
 
-def doings(events: Sequence[float] | np.ndarray, t: float, delay: float, overshoots: bool) -> list[Doing]:
+def delay_cases(
+    events: Sequence[float] | np.ndarray, t: float, delay: float, overshoots: bool
+) -> list[DelayCase]:
     """Possible states at t of a joint with acceleration steps at `events`, s, increasing, in the delay before
     t.
     """
-    found: list[Doing] = []
+    found: list[DelayCase] = []
     low, at_once = t - delay, False
     for event, time in enumerate(events):
         if delay:
-            found.append(Doing(event, 0, max(time - low, 0.0)))
+            found.append(DelayCase(event, 0, max(time - low, 0.0)))
         low, at_once = max(time, low), t - time <= INSIDE
         if overshoots:
-            found += [Doing(event, steps, 0.0) for steps in range(1, event + 2)]
+            found += [DelayCase(event, steps, 0.0) for steps in range(1, event + 2)]
     if not (at_once and overshoots):  # that is between what it was before and overshooting
-        found.append(Doing(None, 0, min(max(t - low, 0.0), delay)))
+        found.append(DelayCase(None, 0, min(max(t - low, 0.0), delay)))
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class Looked:
+class DelayedStates:
     """States at times (N,), s, with room (N, n), s, for delays; the acceleration steps there, in words.
 
     States s (N, 3 n) are angles, speeds, accelerations; what a process is that varies, 6 more.
@@ -85,18 +87,20 @@ class Looked:
 
     s: np.ndarray
     times: np.ndarray
-    room: np.ndarray
+    max_delay: np.ndarray
     words: list[str]
 
-    def joined(self, other: Looked) -> Looked:
+    def joined(self, other: DelayedStates) -> DelayedStates:
         """Both."""
-        pairs = (self.s, other.s), (self.times, other.times), (self.room, other.room)
-        s, times, room = (np.concatenate(pair) for pair in pairs)
-        return Looked(s, times, room, [*self.words, *other.words])
+        pairs = (self.s, other.s), (self.times, other.times), (self.max_delay, other.max_delay)
+        s, times, max_delay = (np.concatenate(pair) for pair in pairs)
+        return DelayedStates(s, times, max_delay, [*self.words, *other.words])
 
-    def some(self, rows: np.ndarray) -> Looked:
+    def some(self, rows: np.ndarray) -> DelayedStates:
         """Those of some rows."""
-        return Looked(self.s[rows], self.times[rows], self.room[rows], [self.words[k] for k in rows])
+        return DelayedStates(
+            self.s[rows], self.times[rows], self.max_delay[rows], [self.words[k] for k in rows]
+        )
 
 
 class _Events:
@@ -113,7 +117,7 @@ class _Events:
         self.smooth = np.max(np.abs(self.step), axis=0, initial=0.0) <= self.small
         self.jumps[:, self.smooth] = False
 
-    def room(self, times: np.ndarray) -> np.ndarray:
+    def max_delay(self, times: np.ndarray) -> np.ndarray:
         """(N, n), s: maximum delay of joints at times without an acceleration step in between."""
         found = np.full((len(times), self.motion.n), self.delay)
         for j in range(self.motion.n):
@@ -123,29 +127,31 @@ class _Events:
             found[:, j] = np.clip(since, 0.0, self.delay)
         return found
 
-    def ways(self, t: float, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
+    def options(self, t: float, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
         """What one joint may be doing at t: (3,) its state there, and the delay before."""
         inside = (self.times >= t - self.delay - INSIDE) & (self.times <= t + INSIDE)
         if self.smooth[joint]:
-            return self._smooth_ways(inside, joint, own, then)
+            return self._smooth_options(inside, joint, own, then)
         jumps = np.flatnonzero(inside & self.jumps[:, joint])
         found: dict[_Way, None] = {}
         until = self.before[jumps[0], joint] if len(jumps) else own[2]
         if self.delay and abs(then[2] - until) > self.small[joint]:  # it changes without a jump, too
-            found[*then, 0.0, "late"] = None
-        for doing in doings(self.times[jumps], t, self.delay, self.more > 0):
-            if doing.event is None:
-                way = *own, doing.room, "on time"
+            found[*then, 0.0, "delayed"] = None
+        for case in delay_cases(self.times[jumps], t, self.delay, self.more > 0):
+            if case.event is None:
+                way = *own, case.max_delay, "on time"
             else:
-                e, steps = jumps[doing.event], jumps[doing.event + 1 - doing.steps : doing.event + 1]
+                e, steps = jumps[case.event], jumps[case.event + 1 - case.steps : case.event + 1]
                 more = self.more * np.sum(self.step[steps[::-1], joint])
-                acceleration = self.after[e, joint] + more if doing.steps else self.before[e, joint]
-                word = "overshooting" if doing.steps else "late"
-                way = self.q[e, joint], self.qd[e, joint], acceleration, doing.room, word
+                acceleration = self.after[e, joint] + more if case.steps else self.before[e, joint]
+                word = "overshooting" if case.steps else "delayed"
+                way = self.q[e, joint], self.qd[e, joint], acceleration, case.max_delay, word
             found[way] = None
         return list(found)
 
-    def _smooth_ways(self, inside: np.ndarray, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
+    def _smooth_options(
+        self, inside: np.ndarray, joint: int, own: np.ndarray, then: np.ndarray
+    ) -> list[_Way]:
         """Of an acceleration without step: on time, delayed, and where it was beyond in between."""
         between = self.after[inside, joint]
         low, high = sorted((own[2], then[2]))
@@ -156,21 +162,21 @@ class _Events:
         beyond = [part[places, joint] for part in (self.q, self.qd, self.after)]
         return [
             (*own, 0.0, "on time"),
-            *((*state, 0.0, "late") for state in (then, *zip(*beyond, strict=True))),
+            *((*state, 0.0, "delayed") for state in (then, *zip(*beyond, strict=True))),
         ]
 
 
 def on_time(
     motion: Trajectory, tolerance: Uncertainty, times: np.ndarray, robot: Robot | None = None
-) -> Looked:
+) -> DelayedStates:
     """States at instants, where joints are delayed only as far as there was no acceleration step.
 
     What acts on the gripper of a robot `during` the motion is never delayed: it keeps the clock of the
     motion.
     """
-    room = _Events(motion, tolerance).room(times)
+    max_delay = _Events(motion, tolerance).max_delay(times)
     acting = np.empty((len(times), 0)) if robot is None else robot.acting(times)
-    return Looked(np.hstack([*motion.states(times), acting]), times, room, [""] * len(times))
+    return DelayedStates(np.hstack([*motion.states(times), acting]), times, max_delay, [""] * len(times))
 
 
 def jump_states(
@@ -178,7 +184,7 @@ def jump_states(
     tolerance: Uncertainty,
     cases: WorstCase | None = None,
     robot: Robot | None = None,
-) -> Looked:
+) -> DelayedStates:
     """States around the switching times: at acceleration steps, and elsewhere with delays.
 
     Args:
@@ -203,22 +209,22 @@ def jump_states(
         for times in (instants + INSIDE, instants - events.delay - INSIDE)
     )
     for t, own, then in zip(instants, now, before, strict=True):
-        ways = [events.ways(t, j, own[j], then[j]) for j in range(n)]
-        joints = [j for j in range(n) if len(ways[j]) > 1 or ways[j][0][-1] != "on time"]
+        options = [events.options(t, j, own[j], then[j]) for j in range(n)]
+        joints = [j for j in range(n) if len(options[j]) > 1 or options[j][0][-1] != "on time"]
         if joints:
             acting = np.empty(0) if robot is None else robot.acting(np.array([t]))[0]
-            found.append(_Instant(t, joints, ways, acting))
-    if cases is not None and sum(prod(map(len, doing.ways)) for doing in found) > MOST_OF_ALL:
-        every = _worst_ways(found, cases)
+            found.append(_Instant(t, joints, options, acting))
+    if cases is not None and sum(prod(map(len, instant.options)) for instant in found) > MOST_OF_ALL:
+        every = _worst_combinations(found, cases)
     else:
         most = MOST if cases is None else MOST_OF_ALL
-        every = [doing.looked(combinations(doing.ways, most)) for doing in found]
+        every = [instant.combined(combinations(instant.options, most)) for instant in found]
     if not every:
         return on_time(motion, tolerance, np.empty(0), robot)
-    s, times, room = (
-        np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")
+    s, times, max_delay = (
+        np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "max_delay")
     )
-    return Looked(s, times, room, [word for one in every for word in one.words])
+    return DelayedStates(s, times, max_delay, [word for one in every for word in one.words])
 
 
 def _filled(instants: np.ndarray) -> np.ndarray:
@@ -237,49 +243,49 @@ class _Instant:
 
     t: float
     joints: list[int]
-    ways: list[list[_Way]]
+    options: list[list[_Way]]
     acting: np.ndarray
 
-    def looked(self, chosen: Sequence[Sequence[_Way]]) -> Looked:
+    def combined(self, chosen: Sequence[Sequence[_Way]]) -> DelayedStates:
         """The states of combinations of cases."""
         numbers = np.array([[way[:4] for way in own] for own in chosen])  # (C, n, 4)
         states = numbers[:, :, :3].transpose(0, 2, 1).reshape(len(chosen), -1)
         states = np.hstack([states, np.tile(self.acting, (len(chosen), 1))])
-        words = [_doing(self.joints, [own[j][4] for j in self.joints]) for own in chosen]
-        return Looked(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
+        words = [_words_of(self.joints, [own[j][4] for j in self.joints]) for own in chosen]
+        return DelayedStates(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
 
 
-def _worst_ways(every: list[_Instant], cases: WorstCase) -> list[Looked]:
+def _worst_combinations(every: list[_Instant], cases: WorstCase) -> list[DelayedStates]:
     """Of each instant the combinations that are the worst for a moment or for friction, by slopes.
 
     At the worst instants of each they are the worst that exchanging the case of one joint at a time leads to.
     """
-    n, size = len(every[0].ways), max(len(own) for doing in every for own in doing.ways)
-    ways = np.full((len(every), n, size, 4), np.nan)
-    for i, doing in enumerate(every):
-        for j, own in enumerate(doing.ways):
-            ways[i, j, : len(own)] = [way[:4] for way in own]
-    acting = np.array([doing.acting for doing in every])
-    number, values, _ = worst_of_ways(ways, cases, acting)
-    number = _exchanged(ways, cases, acting, number, values)
+    n, size = len(every[0].options), max(len(own) for instant in every for own in instant.options)
+    options = np.full((len(every), n, size, 4), np.nan)
+    for i, instant in enumerate(every):
+        for j, own in enumerate(instant.options):
+            options[i, j, : len(own)] = [way[:4] for way in own]
+    acting = np.array([instant.acting for instant in every])
+    number, values, _ = worst_options(options, cases, acting)
+    number = _exchanged(options, cases, acting, number, values)
     return [
-        doing.looked(
+        instant.combined(
             [
-                [own[k] for own, k in zip(doing.ways, choice, strict=True)]
+                [own[k] for own, k in zip(instant.options, choice, strict=True)]
                 for choice in np.unique(numbers, axis=0)
             ]
         )
-        for doing, numbers in zip(every, number, strict=True)
+        for instant, numbers in zip(every, number, strict=True)
     ]
 
 
-def worst_of_ways(
-    ways: np.ndarray, cases: WorstCase, acting: np.ndarray, matters: np.ndarray | None = None
+def worst_options(
+    options: np.ndarray, cases: WorstCase, acting: np.ndarray, matters: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which case of every joint is worst for each moment and for friction, by their slopes.
 
     Args:
-        ways: (D, n, K, 4) at D instants: angle, speed, acceleration, room; NaN where there are fewer.
+        options: (D, n, K, 4) at D instants: angle, speed, acceleration, maximum delay; NaN beyond these.
         cases: the functions, F of them.
         acting: (D, 6) what a process is that varies; else (D, 0).
         matters: (F,) where a function stays below this, by its slopes, it is not checked more closely.
@@ -288,20 +294,20 @@ def worst_of_ways(
         Numbers (D, F, n) of cases; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
         where a function does not matter, less precisely.
     """
-    count, n = ways.shape[:2]
+    count, n = options.shape[:2]
     functions = cases.axes + 1
-    number = np.repeat(np.sum(~np.isnan(ways[..., 0]), axis=2)[:, None] - 1, functions, axis=1)
+    number = np.repeat(np.sum(~np.isnan(options[..., 0]), axis=2)[:, None] - 1, functions, axis=1)
     values, slopes = np.empty((count, functions)), np.empty((count, functions, 3 * n))
     row, which = (own.ravel() for own in np.indices((count, functions)))
     for turn in range(1 + _CHOICES):
-        chosen = ways[row[:, None], np.arange(n), number[row, which]]  # (R, n, 4)
+        chosen = options[row[:, None], np.arange(n), number[row, which]]  # (R, n, 4)
         states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
         states = np.hstack([states, acting[row]])
         values[row, which], found = cases.function(states, which, chosen[..., 3])
         slopes[row, which] = found[:, : 3 * n]
         if turn < _CHOICES:
             over = slopes[row, which].reshape(-1, 3, n)
-            gains = np.einsum("rsj,rjks->rjk", over, ways[row][..., :3])
+            gains = np.einsum("rsj,rjks->rjk", over, options[row][..., :3])
             gains = np.where(np.isnan(gains), -np.inf, gains)
             gained = np.sum(np.max(gains, axis=2), axis=1) - np.einsum("rsj,rjs->r", over, chosen[..., :3])
             number[row, which] = np.argmax(gains, axis=2)
@@ -313,21 +319,21 @@ def worst_of_ways(
 
 
 def _exchanged(
-    ways: np.ndarray, cases: WorstCase, acting: np.ndarray, number: np.ndarray, values: np.ndarray
+    options: np.ndarray, cases: WorstCase, acting: np.ndarray, number: np.ndarray, values: np.ndarray
 ) -> np.ndarray:
     """Numbers (D, F, n) of cases of which, at the worst instants, no other of a single joint is worse."""
-    number, values, n = number.copy(), values.copy(), ways.shape[1]
+    number, values, n = number.copy(), values.copy(), options.shape[1]
     ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
     row, which = np.nonzero(ranks < _WORST)
     for _ in range(_EXCHANGES):
         own = number[row, which]  # (R, n)
-        other = np.arange(ways.shape[2]) != own[:, :, None]
-        r, joint, way = np.nonzero(other & ~np.isnan(ways[row][..., 0]))
+        other = np.arange(options.shape[2]) != own[:, :, None]
+        r, joint, way = np.nonzero(other & ~np.isnan(options[row][..., 0]))
         if not len(r):
             break
         tried = own[r]
         tried[np.arange(len(r)), joint] = way
-        chosen = ways[row[r][:, None], np.arange(n), tried]
+        chosen = options[row[r][:, None], np.arange(n), tried]
         states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
         states = np.hstack([states, acting[row[r]]])
         found = cases.function(states, which[r], chosen[..., 3])[0]
@@ -342,25 +348,25 @@ def _exchanged(
     return number
 
 
-def _doing(joints: list[int], what: list[str]) -> str:
-    """`"joints 1, 2 overshooting, joint 4 late"`."""
+def _words_of(joints: list[int], what: list[str]) -> str:
+    """`"joints 1, 2 overshooting, joint 4 delayed"`."""
     found = []
     for word in dict.fromkeys(what):
-        own = [f"{j + 1}" for j, doing in zip(joints, what, strict=True) if doing == word]
+        own = [f"{j + 1}" for j, one in zip(joints, what, strict=True) if one == word]
         found.append(f"joint{'s' if len(own) > 1 else ''} {', '.join(own)} {word}")
     return ", ".join(found)
 
 
-def combinations(ways: list[list[T]], most: int = MOST) -> list[tuple[T, ...]]:
+def combinations(options: list[list[T]], most: int = MOST) -> list[tuple[T, ...]]:
     """All combinations, or if they are more than `most`, those in which all joints but one have the same
     case.
     """
-    if prod(map(len, ways)) <= most:
-        return list(product(*ways))
+    if prod(map(len, options)) <= most:
+        return list(product(*options))
     found = []
-    for k in range(max(map(len, ways))):
-        usual = [own[min(k, len(own) - 1)] for own in ways]
+    for k in range(max(map(len, options))):
+        usual = [own[min(k, len(own) - 1)] for own in options]
         found.append(tuple(usual))
-        for j, own in enumerate(ways):
+        for j, own in enumerate(options):
             found += [(*usual[:j], other, *usual[j + 1 :]) for other in own if other is not usual[j]]
     return found

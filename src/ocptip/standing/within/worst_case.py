@@ -104,7 +104,7 @@ class WorstCase:
         s: np.ndarray,
         axis: np.ndarray,
         theta: np.ndarray | None = None,
-        room: np.ndarray | None = None,
+        max_delay: np.ndarray | None = None,
     ) -> WorstDeviations:
         """Minimum moments about tipping axes.
 
@@ -112,7 +112,7 @@ class WorstCase:
             s: (N, 3 n) states.
             axis: (N,) which axis of each.
             theta: (N, size) deviations; default: the worst.
-            room: (N, n), s: by how much joints can be late there at most; default: the whole delay.
+            max_delay: (N, n), s: by how much joints can be late there at most; default: the whole delay.
         """
         rows = np.arange(len(s))
         if theta is not None:
@@ -127,7 +127,7 @@ class WorstCase:
 
         found, slopes = at(np.zeros((len(s), self.deviations.size)))
         for _ in range(ROUNDS):
-            new, slopes = at(self.deviations.least(slopes, room))
+            new, slopes = at(self.deviations.least(slopes, max_delay))
             found = found.worse(new, -1.0)
         return found
 
@@ -137,14 +137,16 @@ class WorstCase:
         at = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
         return self.moments(s[at[0]], at[1]).values.reshape(count, axes)
 
-    def estimated_moments(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
+    def estimated_moments(self, s: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """(N, axes) the same up to products of deviations, several times faster."""
         over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
         values, slopes = self._map(over[0])
         found = np.empty(values.shape)
         for k in range(self.axes):
             change = np.einsum("nw,nwt->nt", slopes[:, k], over[1])
-            found[:, k] = values[:, k] + np.einsum("nt,nt->n", change, self.deviations.least(change, room))
+            found[:, k] = values[:, k] + np.einsum(
+                "nt,nt->n", change, self.deviations.least(change, max_delay)
+            )
         return found
 
     def slip(
@@ -152,7 +154,7 @@ class WorstCase:
         s: np.ndarray,
         starts: int = 1,
         theta: np.ndarray | None = None,
-        room: np.ndarray | None = None,
+        max_delay: np.ndarray | None = None,
     ) -> WorstDeviations:
         """Maximum friction utilisation of the search.
 
@@ -161,16 +163,16 @@ class WorstCase:
             starts: wrenches from which the worst is searched: that of the nominal model, then those with
                 gravity tilted and so on, along the axes of the force and the moment.
             theta: (N, size) deviations; default: the worst.
-            room: (N, n), s: by how much joints can be late there at most; default: the whole delay.
+            max_delay: (N, n), s: by how much joints can be late there at most; default: the whole delay.
         """
         if theta is not None:
             return self._slip_under(self.deviations.wrench(s, theta)[0], theta)
         found: WorstDeviations | None = None
-        for theta in self._starts(s, starts, room):
+        for theta in self._starts(s, starts, max_delay):
             new, slopes = self._slip_at(s, theta)
             found = new if found is None else found.worse(new, 1.0)
             for _ in range(ROUNDS):
-                new, slopes = self._slip_at(s, self.deviations.least(-slopes, room))
+                new, slopes = self._slip_at(s, self.deviations.least(-slopes, max_delay))
                 found = found.worse(new, 1.0)
         assert found is not None  # one start at least
         return found
@@ -193,36 +195,36 @@ class WorstCase:
                 theta = self.deviations.least(-np.einsum("nw,nwt->nt", a, over))
         return True
 
-    def estimated_slip(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
+    def estimated_slip(self, s: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """(N,) worst friction utilisation by its slopes at the nominal state."""
         found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
-        return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, room))
+        return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, max_delay))
 
-    def greatest_slips(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
+    def greatest_slips(self, s: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """(N,) the same where they are great; what matters less, see `large_slips`, may be less."""
 
         def values(some: np.ndarray) -> np.ndarray:
-            return self.estimated_slip(s[some], None if room is None else room[some])
+            return self.estimated_slip(s[some], None if max_delay is None else max_delay[some])
 
-        return self._where_large(s, room, values).values
+        return self._where_large(s, max_delay, values).values
 
-    def large_slips(self, s: np.ndarray, room: np.ndarray) -> WorstDeviations:
+    def large_slips(self, s: np.ndarray, max_delay: np.ndarray) -> WorstDeviations:
         """The same as :meth:`slip` where they are large; elsewhere by half spaces.
 
         What is at most 95 % of the maximum, and of 1, has a bound as its value, the deviations that are
         worst for the nearest half space, and its normal as the slopes, which have another length.
         """
         if self._slip_map is not None:
-            return self.slip(s, room=room)
+            return self.slip(s, max_delay=max_delay)
         theta, slopes = np.empty((len(s), self.deviations.size)), np.empty((len(s), 6))
         exact = np.zeros(len(s), dtype=bool)
 
         def values(some: np.ndarray) -> np.ndarray:
-            found = self.slip(s[some], room=room[some])
+            found = self.slip(s[some], max_delay=max_delay[some])
             theta[some], slopes[some], exact[some] = found.theta, found.slopes, True
             return found.values
 
-        near = self._where_large(s, room, values)
+        near = self._where_large(s, max_delay, values)
         return WorstDeviations(
             near.values,
             np.where(exact[:, None], theta, near.theta),
@@ -230,7 +232,7 @@ class WorstCase:
         )
 
     def _where_large(
-        self, s: np.ndarray, room: np.ndarray | None, values: Callable[[np.ndarray], np.ndarray]
+        self, s: np.ndarray, max_delay: np.ndarray | None, values: Callable[[np.ndarray], np.ndarray]
     ) -> WorstDeviations:
         """Values of the states at indices where friction utilisation is large, elsewhere those of half
         spaces.
@@ -249,7 +251,7 @@ class WorstCase:
             level = slip.level_below(float(maximum))
             rows, todo = slip.half_spaces(level), left
             if rows is not None:
-                near = self._nearest(rows, wrenches, over, room)
+                near = self._nearest(rows, wrenches, over, max_delay)
                 todo = left[near.values[left] > 0]
                 todo = todo[np.argsort(-near.values[todo], kind="stable")[:most]]
             found[todo], left = values(todo), np.setdiff1d(left, todo)
@@ -258,18 +260,20 @@ class WorstCase:
         return WorstDeviations(found, near.theta, near.slopes)
 
     def _nearest(
-        self, rows: np.ndarray, wrenches: np.ndarray, over: np.ndarray, room: np.ndarray | None
+        self, rows: np.ndarray, wrenches: np.ndarray, over: np.ndarray, max_delay: np.ndarray | None
     ) -> WorstDeviations:
         """How far wrenches are beyond half spaces with the deviations that are worst for the nearest one."""
         parts = np.array_split(wrenches, 1 + len(wrenches) // _CHUNK)
         nearest = rows[np.concatenate([np.argmax(part @ rows.T, axis=1) for part in parts])]
-        theta = self.deviations.least(-np.einsum("nw,nwt->nt", nearest, over), room)
+        theta = self.deviations.least(-np.einsum("nw,nwt->nt", nearest, over), max_delay)
         worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
         parts = np.array_split(worst, 1 + len(worst) // _CHUNK)
         beyond = np.concatenate([np.max(part @ rows.T, axis=1) for part in parts])
         return WorstDeviations(np.maximum(beyond, np.einsum("nw,nw->n", nearest, wrenches)), theta, nearest)
 
-    def function(self, s: np.ndarray, which: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def function(
+        self, s: np.ndarray, which: np.ndarray, max_delay: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The worst values near the maximum, (N,), and their slopes (N, 3 n) over the states.
 
         Where it is not, values may be bounds and slopes of another length, see :meth:`large_slips`.
@@ -277,29 +281,29 @@ class WorstCase:
         Args:
             s: (N, 3 n) states.
             which: (N,) of each: minus the moment about a tipping axis, or, = `axes`, friction utilisation.
-            room: (N, n), s: by how much joints can be late there at most.
+            max_delay: (N, n), s: by how much joints can be late there at most.
         """
         values, slopes = np.empty(len(s)), np.empty(s.shape)
         for own, sign in ((which < self.axes, -1.0), (which == self.axes, 1.0)):
             if own.any():
                 tips = sign < 0
                 found = (
-                    self.moments(s[own], which[own], room=room[own])
+                    self.moments(s[own], which[own], max_delay=max_delay[own])
                     if tips
-                    else self.large_slips(s[own], room[own])
+                    else self.large_slips(s[own], max_delay[own])
                 )
                 values[own] = sign * found.values
                 slopes[own] = self.deviations.state_slopes(s[own], found.theta, sign * found.slopes)[0]
         return values, slopes
 
-    def _starts(self, s: np.ndarray, count: int, room: np.ndarray | None) -> Iterator[np.ndarray]:
+    def _starts(self, s: np.ndarray, count: int, max_delay: np.ndarray | None) -> Iterator[np.ndarray]:
         still = np.zeros((len(s), self.deviations.size))
         yield still
         if count > 1:
             over = self.deviations.wrench_and_slopes(s, still)[1]
             for k in range(count - 1):
                 sign = 1.0 if k % 2 else -1.0
-                yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]], room)
+                yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]], max_delay)
 
     def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[WorstDeviations, np.ndarray]:
         """GT at deviations, large where it is not known, and its slopes over the deviations."""
