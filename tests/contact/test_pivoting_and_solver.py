@@ -40,7 +40,7 @@ every_space = pytest.mark.parametrize("planar", [True, False], ids=["planar", "s
 # ----------------------------------------------------------------------------------- random problems
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", some(2, range(10)))
 def test_random_problems_are_all_solved(seed):
     """20,000 problems in ten parts: all bindings, planar and spatial, exactly degenerate, 1e-9 to 1e6 N."""
     rng = np.random.default_rng([77, seed])
@@ -51,7 +51,7 @@ def test_random_problems_are_all_solved(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", some(4, range(20)))
 def test_many_more_random_problems_are_all_solved(seed):
     rng = np.random.default_rng([78, seed])
     for i in range(1000):

@@ -12,7 +12,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.placement.least_slip import LeastSlip
 from ocptip.reserves.slip import Slip
-from tests.quick import examples
+from tests.quick import examples, some
 from tests.reserves.test_mixed_friction import least_use, random_case
 
 
@@ -52,7 +52,7 @@ def test_bound_is_no_larger_than_the_reserve_and_near_to_it(count, seed):
     assert np.median(away) < 0.02
 
 
-@pytest.mark.parametrize("seed", range(0, 40, 2))
+@pytest.mark.parametrize("seed", some(4, range(0, 40, 2)))
 def test_bound_of_wheels_amid_casters_is_no_larger_than_that_of_a_cone_program(seed):
     support, wrenches = random_case(seed)
     least = LeastSlip(support)(wrenches)

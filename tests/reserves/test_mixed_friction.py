@@ -15,6 +15,7 @@ from ocptip.contact.verdict import equilibrium
 from ocptip.reserves import fractional
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.reserves.slip import Slip
+from tests.quick import some
 
 _AGREE = 1e-6
 
@@ -89,7 +90,7 @@ def random_case(seed):
     return support, wrenches
 
 
-@pytest.mark.parametrize("seed", range(120))
+@pytest.mark.parametrize("seed", some(24, range(120)))
 def test_best_sharing_and_verdict_are_those_of_a_cone_program(seed):
     support, wrenches = random_case(seed)
     states = solve_resting(support, wrenches)
@@ -123,9 +124,9 @@ def test_many_states_amid_casters_are_all_certified():
     wrenches = support.wrench([]) + rng.normal(size=(400, 6)) * [5, 5, 0, 10, 10, 1]
     slip = Slip(support).evaluate(solve_resting(support, wrenches))
     assert slip.solved.all()
-    some = range(0, 400, 40)
-    expected = [least_use(support, wrenches[i]) for i in some]
-    np.testing.assert_allclose(slip.GT[some], expected, atol=_AGREE)
+    chosen = range(0, 400, 40)
+    expected = [least_use(support, wrenches[i]) for i in chosen]
+    np.testing.assert_allclose(slip.GT[chosen], expected, atol=_AGREE)
 
 
 def test_a_state_on_a_plane_takes_one_program_and_has_the_value_of_the_iteration(monkeypatch):
@@ -138,7 +139,7 @@ def test_a_state_on_a_plane_takes_one_program_and_has_the_value_of_the_iteration
 
     monkeypatch.setattr(ConeBatch, "solve", counted)
     needed, iterated, compared = [], [], 0
-    for seed in range(0, 160, 2):
+    for seed in range(0, 40, 2):
         support, wrenches = random_case(seed)
         slip, states = Slip(support, "full"), solve_resting(support, wrenches)
         for i in range(len(states)):
@@ -155,6 +156,6 @@ def test_a_state_on_a_plane_takes_one_program_and_has_the_value_of_the_iteration
             assert slow.solved.all()
             np.testing.assert_allclose(direct.GT, slow.GT, rtol=0, atol=1e-9)
             compared += bool(state.persistent[0])
-    assert compared > 200
+    assert compared > 50
     assert max(needed) == 1  # 0 where nothing can be shared
     assert max(iterated) > 6

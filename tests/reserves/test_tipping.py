@@ -17,7 +17,7 @@ from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver, largest_least
 from studies.contact.random_supports import random_support, random_wrenches
-from tests.quick import examples
+from tests.quick import examples, some
 from tests.reserves.reserve_scenes import (
     CLAMPS,
     GRAVITY,
@@ -273,7 +273,7 @@ def test_a_rotation_that_a_rigid_clamp_blocks_is_no_axis():
     assert tip_over.axes == ()
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", some(8, range(40)))
 def test_largest_least_is_that_of_a_linear_program(seed):
     rng = np.random.default_rng(seed)
     m, n = rng.integers(1, 12, size=2)
