@@ -79,6 +79,7 @@ def test_imports_of_python_block(name):
     [
         pytest.param(code, id=name, marks=pytest.mark.slow if any(call in code for call in SLOW) else ())
         for name, code in BLOCKS.items()
+        if not name.startswith("docs/python.md")  # these are one script, see tests/api
     ],
 )
 def test_python_block_runs(folder, code):

@@ -54,6 +54,7 @@ def test_the_page_about_python_runs(folder, monkeypatch):
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     assert len(blocks) == 3
+    assert len(blocks[0].strip().splitlines()) <= 10
     names: dict[str, object] = {}
     for block in blocks:  # a placement takes seconds, and the example of `place` is the same
         exec(re.sub(r"^.*\bplaced\b.*$", "", block, flags=re.MULTILINE), names)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import ocptip
+from ocptip.basics.write import MARK
 from ocptip.cli.main import main
 from ocptip.cli.terminal import _kernels_are_compiled
 from ocptip.contact import pivoting, verdict
@@ -469,6 +470,7 @@ def test_plot_formats(scene_file, tmp_path, suffix, start):
     target = tmp_path / f"stand{suffix}"
     assert main(["stand", str(scene_file), "--plot", str(target)]) == 0
     assert target.read_bytes().startswith(start)
+    assert MARK.encode() in target.read_bytes()  # so that it may be replaced
 
 
 def test_process_exit_codes(scenes, tmp_path):
@@ -506,16 +508,6 @@ def test_closed_pipe_is_no_error(scene_file):
     os.close(write_end)
     assert result.returncode == 0
     assert not [line for line in result.stderr.splitlines() if not line.startswith(b"ocptip stand: compil")]
-
-
-def test_help_and_version_load_no_numerics():
-    code = (
-        "import sys\nfrom ocptip.cli.main import main\n"
-        "try:\n    main(sys.argv[1:])\nexcept SystemExit as stop:\n    assert not stop.code, stop.code\n"
-        "loaded = {'numpy', 'numba', 'scipy', 'matplotlib'} & set(sys.modules)\nassert not loaded, loaded\n"
-    )
-    for option in ("--help", "--version"):
-        subprocess.run([sys.executable, "-c", code, option], check=True, capture_output=True)
 
 
 def test_cold_kernels_are_recognised(capsys, scene_file, tmp_path):
@@ -556,7 +548,7 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
     assert job.startswith("python3 -m venv .venv && ")
     assert job.endswith("/ocptip plan A")
     assert tests.startswith("python3 -m venv .venv && ")
-    assert tests.endswith(".venv/bin/pytest -q -n auto")
+    assert tests.endswith(".venv/bin/pytest -q -n auto --dist worksteal")
     ci = (root / ".ci" / "run").read_text(encoding="utf-8")
     assert "README.md" in ci  # it reads the commands from there
     assert "set -euo pipefail" in ci
@@ -603,14 +595,6 @@ def test_docs_show_what_stand_prints(root, scenes, capsys):
         assert any(text.startswith(line) for text in shown)
         assert any(text.startswith(line) for text in printed)
     assert (root / "docs" / "stand.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_first_python_example_runs(root, capsys):
-    page = (root / "docs" / "python.md").read_text(encoding="utf-8")
-    code = re.search(r"```python\n(.*?)```", page, flags=re.DOTALL)[1]
-    assert len(code.strip().splitlines()) <= 10
-    exec(compile(code, "python.md", "exec"), {})
-    assert "True" in capsys.readouterr().out
 
 
 def test_docs_list_every_binding_and_its_keys(root):

@@ -320,14 +320,11 @@ def test_files_of_the_user_are_not_replaced(plan, capfd, arguments):
 
 
 def test_what_ocptip_wrote_is_replaced(plan):
-    """By the mark in it, which every format has."""
+    """By the mark in it, which every format has; those of figures are in `test_cli`."""
     scene = str(EXAMPLES / "scenes" / "rover_on_slope.toml")
-    Path("a.pdf").write_text("mine")
     for *arguments, name in (
         ["stand", scene, "--plot", "a.png"],
         ["stand", scene, "--plot", "a.png"],
-        ["stand", scene, "--plot", "a.svg"],
-        ["stand", scene, "--overwrite", "--plot", "a.pdf"],
         ["export", "plan", "--urdf", "a.urdf"],
         ["export", "plan", "--mjcf", "a.xml"],
         ["export", "plan", "--mjcf", "a.xml"],

@@ -4,40 +4,43 @@ import json
 import subprocess
 import sys
 
-import pytest
-
 from ocptip.cli.commands import COMMANDS
 from studies.common import EXAMPLES
 
 LOADED = """
 import contextlib, io, json, sys
 from ocptip.cli.main import main
+codes = []
 with contextlib.redirect_stdout(io.StringIO()):
-    try:
-        code = main(sys.argv[1:])
-    except SystemExit as end:
-        code = end.code
-print(json.dumps([code, sorted(sys.modules)]))
+    for arguments in json.loads(sys.argv[1]):
+        try:
+            codes.append(main(arguments))
+        except SystemExit as end:
+            codes.append(end.code)
+print(json.dumps([max(codes), sorted(sys.modules)]))
 """
 
 
-def loaded(*arguments: str) -> tuple[int, set[str]]:
+def loaded(*calls: list[str]) -> tuple[int, set[str]]:
+    """The largest exit code of calls, one after the other in a process, and the modules loaded then."""
     found = subprocess.run(
-        [sys.executable, "-c", LOADED, *arguments], capture_output=True, text=True, check=True
+        [sys.executable, "-c", LOADED, json.dumps(calls)], capture_output=True, text=True, check=True
     )
     code, modules = json.loads(found.stdout)
     return code, set(modules)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], *([c.name, "--help"] for c in COMMANDS)])
-def test_help_loads_no_numerics(arguments):
-    code, modules = loaded(*arguments)
+def test_help_and_version_load_no_numerics():
+    """All in one process: what one of them loads stays there."""
+    asked = [["--help"], ["--version"], *([command.name, "--help"] for command in COMMANDS)]
+    code, modules = loaded(*asked)
     assert code == 0
+    assert "ocptip.cli.commands" in modules
     assert not modules & {"numpy", "scipy", "casadi", "numba", "matplotlib", "pinocchio", "clarabel"}
 
 
 def test_stand_loads_what_it_needs():
-    code, modules = loaded("stand", str(EXAMPLES / "scenes" / "rover_on_slope.toml"))
+    code, modules = loaded(["stand", str(EXAMPLES / "scenes" / "rover_on_slope.toml")])
     assert code == 0
     assert modules >= {"numpy", "clarabel"}
     assert not modules & {"casadi", "numba", "matplotlib", "pinocchio", "scipy.optimize", "scipy.sparse"}
@@ -45,7 +48,7 @@ def test_stand_loads_what_it_needs():
 
 
 def test_plan_begins_without_what_only_some_tasks_need():
-    code, modules = loaded("plan", "missing.toml", "--jobs", "1")
+    code, modules = loaded(["plan", "missing.toml", "--jobs", "1"])
     assert code == 2
     assert modules >= {"ocptip.motion.plan", "casadi", "numba"}
     assert not modules & {f"scipy.{name}" for name in ("interpolate", "optimize", "sparse", "spatial")}
