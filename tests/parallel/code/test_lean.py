@@ -96,7 +96,7 @@ def test_five_forms_are_one_equation(kind):
     assert np.linalg.eigvalsh(S["M"])[0] > 0
 
 
-@pytest.mark.parametrize("convention", CONVENTIONS)
+@pytest.mark.parametrize("convention", some(2, CONVENTIONS))
 def test_conventions(convention):
     state = random_state("6UPS", 3, convention)
     motion = state.kinematics.motion(state.z, state.s, state.joints, complete=False)
@@ -141,7 +141,7 @@ def _power_functions():
     return lean_function(robot, ("tau", "M", "qd"), form="A"), ParallelRobot(robot)
 
 
-@pytest.mark.parametrize("kind", ["3RPR", "4PRRR", "6UPS"])
+@pytest.mark.parametrize("kind", some(1, ["6UPS", "3RPR", "4PRRR"]))
 def test_drives_friction_and_external_wrench(kind):
     state = random_state(kind, 7)
     rng = np.random.default_rng(11)
@@ -171,7 +171,7 @@ def test_drives_friction_and_external_wrench(kind):
     assert error(found["W_joint"] @ terms.ravel("F"), rows.T @ efforts) < SAME
 
 
-@pytest.mark.parametrize(("kind", "dynpar"), some(3, [("3RPR", 2), ("4PRRR", 3), ("Delta", 2), ("6UPS", 3)]))
+@pytest.mark.parametrize(("kind", "dynpar"), some(2, [("Delta", 2), ("4PRRR", 3), ("3RPR", 2), ("6UPS", 3)]))
 def test_regressor(kind, dynpar):
     state = random_state(kind, 9)
     names = ("tau", "M", "c", "g", "W", "W_M", "W_c", "W_g")
