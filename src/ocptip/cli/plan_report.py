@@ -57,7 +57,7 @@ class PlanReport(Report):
         yield from self.plan.write(self.directory, **how)
 
     def to_text(self) -> str:
-        """Verdict, margins, robustness; with -v how the motion was found. ASCII only, but for names."""
+        """Verdict, margins, robustness; with -v details of the search. ASCII only, but for names."""
         plan, motion = self.plan, self.plan.planned
         more = [self._interrupted()] if motion.interrupted else []
         more += [] if plan.executions[0].controller == "ramps" else [self._controller()]
@@ -93,7 +93,7 @@ class PlanReport(Report):
         return whole.headline
 
     def found(self) -> list[tuple[str, str]]:
-        """How the motions were found, in detail."""
+        """Details of the search for the motions."""
         plan = self.plan.planned
         lines = [("starts", self._starts())]
         lines += [("", f"start {one.number} {one.status}") for one in plan.lost]

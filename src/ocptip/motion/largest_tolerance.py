@@ -1,7 +1,7 @@
-"""How much of a tolerance a motion can have: bisection, by planning, of what was too much for those found.
+"""The largest uncertainty that a motion can have: bisection, by planning, of what was too much.
 
-Where none was verified, the best of the motions found can have less than they were planned for: that
-narrows the bracket from below, too.
+Where no plan was verified, the best motion withstands less than it was planned for: that also narrows the
+bracket, from below.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ SECONDS = 300.0  # after which no further plan is begun
 
 @dataclass(frozen=True, eq=False)
 class LargestTolerance:
-    """What bisection by planning found.
+    """The result of bisection by planning.
 
     Attributes:
         had: the largest tolerance with which there is a motion, and no more than what was asked for.
         factor: of what was asked for.
-        not_had: the least with which none was found; None: there was one with all of it.
-        plan: with `had`; None: it is what the best motion found before can have.
+        not_had: the smallest without one; None: there was one with all of it.
+        plan: with `had`; None: `had` is what the best earlier motion withstands.
         plans, starts: how many were planned, with how many starts each.
         at_rest: with more than this not even start and goal stand; None: they do with what was asked for.
-        interrupted: by Ctrl-C, which keeps what was found before.
+        interrupted: by Ctrl-C, which keeps earlier results.
     """
 
     had: Uncertainty
@@ -48,7 +48,7 @@ class LargestTolerance:
     interrupted: bool = False
 
     def __str__(self) -> str:
-        """What was found; that nothing was found proves nothing."""
+        """The result in words; no result proves nothing."""
         cost = f", {self.plan.energy:.1f} J" if self.plan else ""
         nothing = self.plan is None and self.factor == 0
         found = "no motion with any of it" if nothing else f"a motion with {self.had}{cost}"
@@ -77,11 +77,11 @@ def largest_tolerance(
 ) -> LargestTolerance:
     """Bisect what was too much, alone if it was so alone, by a few plans that are checked and not proved.
 
-    An interrupt (Ctrl-C) ends it with what was found so far.
+    An interrupt (Ctrl-C) ends it with the result so far.
 
     Args:
-        task: for which no motion within its tolerance was found.
-        error: that said so.
+        task: without a motion within its uncertainty.
+        error: that reports it.
         starts: of each plan.
         seconds: wall time after which no further plan is begun.
         how: further arguments of `plan_motion`.

@@ -20,7 +20,8 @@ class MotionPlan:
 
     Attributes:
         task: what was asked for; of a motion with the start and goal that were chosen.
-        motion: the exact ramp motion; of a cycle the motions of the planned segments and the rests between.
+        motion: the exact motion, by velocity profiles; of a cycle the motions of the planned segments and the
+            rests between.
         check: of all limits, on the dense grid, with a certificate if it is proved and no interrupt came; of
             a cycle the worst of all segments, and the energy and duration of all with the rests.
         starts: what became of each start that finished, by number; of a cycle those of all segments.

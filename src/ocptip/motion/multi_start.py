@@ -71,13 +71,13 @@ class Start:
 
 
 class MultiStart:
-    """The state of a search: its starts, and the changes of the best that are under way.
+    """The state of a search: its starts, and the running changes of the best.
 
     Args:
         task: what is to be planned.
         numbers, seed: of the starts; they decide the random motions.
-        progress: called as progress(done, steps, least cost so far or None). A start is two steps: until its
-            promise is known, and until it has ended. A change is one.
+        progress: called as progress(done, steps, minimum cost so far or None). A start is two steps: until
+            its promise is known, and until it has ended. A change is one.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class MultiStart:
 
     @property
     def best(self) -> Start | None:
-        """The start whose verified motion costs least; of equals, the first one."""
+        """The start whose verified motion has the minimum cost; of equals, the first one."""
         return min((one for one in self.starts if one.verified), key=lambda one: one.rank, default=None)
 
     def run(self, jobs: Jobs, tasks: list[MotionTask], prove: Prove | None) -> None:
@@ -171,7 +171,7 @@ class MultiStart:
             self._hops_begun += 1
 
     def _hop(self, jobs: Jobs) -> None:
-        """Change the best at random, `HOPS` at once: each begins from the best before those under way."""
+        """Change the best at random, `HOPS` at once: each begins from the best before the running ones."""
         self._begin_hops(jobs, HOPS, self.starts)
         while self._hopping:
             start, job = self._hopping.popleft()
@@ -181,7 +181,9 @@ class MultiStart:
             self._begin_hops(jobs, self._hops_begun + 1, self.starts)
 
     def _change_rise_time(self, jobs: Jobs, best: Start) -> None:
-        """Solve the best again with the rise times next to its own, as long as one of them costs less."""
+        """Solve the best again with the rise times next to the present one, as long as one of them costs
+        less.
+        """
         tried = {best.task.rise_times}
         while candidates := [task for task in others(best.task) if task.rise_times not in tried]:
             tried |= {task.rise_times for task in candidates}
@@ -275,10 +277,10 @@ def plan_segment(
 
 
 class ToleranceError(PlanningError):
-    """No motion within a tolerance was found, though motions were.
+    """The search ended without a motion within the uncertainty, but with nominal motions.
 
     Attributes:
-        too_much: the quantity that alone was too much for the best motion found, else everything.
+        too_much: the quantity that alone was too much for the best motion, else everything.
         factor: of it that this motion can have, 0 to 1.
         at_rest: of it that start and goal can have at rest, 0 to 1: no motion can have more.
     """

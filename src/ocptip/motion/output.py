@@ -53,10 +53,10 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
     """Return a plan, and by what it is run, as plain data for strict JSON; what is not finite is None.
 
     `start` (degrees), `commands` (degrees and seconds) and `rise_time_s` are read back by
-    `Trajectory.from_dict`; if some coordinates are lengths, `units` says which. `worst`
-    holds per quantity `value`, `time` (s), `limit` and `detail`; the exact limits of the ramps have no time.
-    `reference` holds energy and duration of the task's reference motion and the ratio of the plan's energy
-    to it, or is None.
+    `Trajectory.from_dict`; if some coordinates are lengths, `units` says which. `worst` holds per quantity
+    `value`, `time` (s), `limit` and `detail`; the exact limits of the velocity profiles have no time.
+    `reference` holds energy and duration of the task's reference motion and the ratio of the plan's energy to
+    it, or is None.
     """
     checked, units = plan.check, plan.task.robot.units
     if execution is not None and execution.controller == "ramps":
@@ -102,10 +102,10 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
 
 
 def sample_motion(robot: StandingMechanism, motion: Trajectory, step: float = STEP) -> MotionSamples:
-    """Sample a motion every `step` seconds and on both sides of every event.
+    """Sample a motion every `step` seconds and on both sides of every switching time.
 
-    At events inside the motion accelerations, torques, power and reserves jump: their time appears twice,
-    first with the limit from the left, then with that from the right.
+    At switching times inside the motion accelerations, torques, power and margins have steps: these times
+    appear twice, first with the limit from the left, then with that from the right.
 
     Args:
         robot: the arm on its support.
@@ -133,11 +133,11 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
     Columns, joints and contacts counted from 1: `time_s`; per joint `q1_deg`, `qd1_deg_s`, `qdd1_deg_s2`,
     `tau1_Nm`, `power1_W` (all joints of one quantity, then the next); `GN`, `GT`, `clearance_m`; per contact
     `normal1_N` (of equally compliant feet where rigid ones leave it open), `friction_use1` (in the best
-    sharing; nan for a contact without load); `total_power_W`, the sum of all drives; the
-    gripper's pose in the base frame, `gripper_x_m` and so on and its axes as a quaternion `gripper_qx`,
-    `gripper_qy`, `gripper_qz`, `gripper_qw`; what a force-torque sensor in the base measures, `sensor_fx_N`
-    and so on, `sensor_mx_Nm` and so on, under its own name for `sensor`, see `standing.sensor.WrenchSensor`.
-    See :func:`sample_motion` for times that appear twice. Coordinates that are lengths have m for deg, linear
+    sharing; nan for a contact without load); `total_power_W`, the sum of all drives; the gripper's pose in
+    the base frame, `gripper_x_m` and so on and its axes as a quaternion `gripper_qx`, `gripper_qy`,
+    `gripper_qz`, `gripper_qw`; what a force-torque sensor in the base measures, `sensor_fx_N` and so on,
+    `sensor_mx_Nm` and so on, under the name that `sensor` has, see `standing.sensor.WrenchSensor`. See
+    :func:`sample_motion` for times that appear twice. Coordinates that are lengths have m for deg, linear
     motors N for Nm; further quantities of the mechanism follow at the end under their names.
 
     Raises:
@@ -199,8 +199,8 @@ def write_folder(
 class _OneSided:
     """A motion whose accelerations at N given instants are limits from inside their intervals, (N, 2), s.
 
-    Not simply those from one side of the instant: events within 0.1 us, as joints that end together up to
-    rounding, are one event, but between them some joints have jumped and others not.
+    Not simply those from one side of the instant: switching times within 0.1 us, as of joints that end
+    together up to rounding, are one, but between them some joints have switched and others not.
     """
 
     def __init__(self, motion: Trajectory, intervals: np.ndarray) -> None:
@@ -232,7 +232,9 @@ def _instants(motion: Trajectory, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _intervals(motion: Trajectory, times: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """The interval between events of each instant, (N, 2), s; at an event the one before it if `left`."""
+    """The interval between switching times of each instant, (N, 2), s; at one of these the interval before it
+    if `left`.
+    """
     intervals = motion.intervals if len(motion.event_times) > 1 else np.array([[0.0, 0.0]])
     before, upto = (np.searchsorted(intervals[:, 0], times, side=side) for side in ("left", "right"))
     return intervals[np.where(left, before, upto) - 1]
@@ -270,7 +272,7 @@ def csv_blocks(samples: MotionSamples) -> list[tuple[str, np.ndarray]]:
 
 
 def _steady(poses: np.ndarray) -> np.ndarray:
-    """Poses (N, 7) whose quaternions, the same up to sign, do not jump from one to the next."""
+    """Poses (N, 7) whose quaternions, the same up to sign, are continuous from one to the next."""
     axes = poses[:, 3:]
     flips = np.sum(axes[1:] * axes[:-1], axis=1) < 0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])

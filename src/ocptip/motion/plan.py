@@ -40,7 +40,7 @@ def plan_motion(
     progress: Progress | None = None,
     prove: Prove | None = None,
 ) -> MotionPlan:
-    """Plan the ramp motion of least cost that keeps all limits of a task; of a cycle those of all segments.
+    """Plan the motion of minimum cost that keeps all limits of a task; of a cycle those of all segments.
 
     The stages are those of `ocptip.motion.multi_start`: random starts, changes of the best, rise times where
     the task gives none, and with `prove` the certificate. Where that leaves something open, the motion is
@@ -52,8 +52,8 @@ def plan_motion(
     is such a change. (Of an executor that breaks with its worker, such as a ProcessPoolExecutor, the death
     ends the planning like an interrupt, with a RuntimeWarning.)
 
-    Where the poses of a cycle leave a choice of postures, the most promising ways through them get two starts
-    per segment; the best way, by the cost of its verified plans, gets the others. An interrupt leaves all
+    Where the poses of a cycle leave a choice of postures, the most promising sequences get two starts per
+    segment; the best one, by the cost of its verified plans, gets the others. An interrupt leaves all
     segments, with fewer starts, or the first ones.
 
     Args:
@@ -61,10 +61,10 @@ def plan_motion(
         starts: number of random starts, of a cycle per segment.
         seed: of the random motions.
         executor: runs the starts: any `concurrent.futures` executor, such as `dask_client.get_executor()`.
-            Default is a process pool of its own; as always with process pools, a script needs its `if
-            __name__ == "__main__":` then.
+            Default is a new process pool; as always with process pools, a script needs its `if __name__ ==
+            "__main__":` then.
         jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
-        progress: called as progress(done, steps, least cost of a verified plan so far or None); a start is
+        progress: called as progress(done, steps, minimum cost of a verified plan so far or None); a start is
             one step until its promise is known, and one until it is finished or left out. Of a cycle steps
             are starts, and the cost is that of the segment.
         prove: gives the best its certificate, as `ocptip.certificate.checks.certified` does; `proved` gives
@@ -153,7 +153,7 @@ def _proved_segment(plan: MotionPlan, prove: Prove) -> MotionPlan:
 
 
 class _Legs:
-    """The segments between the postures of some ways, and their plans so far."""
+    """The segments between the postures of some sequences, and their plans so far."""
 
     def __init__(
         self,
@@ -171,7 +171,7 @@ class _Legs:
         self._done = 0
 
     def run(self, pool: Executor | None) -> None:
-        """All starts: two of every leg, the others of the best way.
+        """All starts: two of every leg, the others of the best sequence.
 
         Raises:
             PlanningError: a segment has no verified plan.
@@ -189,7 +189,7 @@ class _Legs:
                 raise PlanningError(f"{self._task.titles()[leg[0]]}: {self._errors[leg]}")
 
     def parts(self) -> list[MotionPlan]:
-        """Plans of the best way, up to the first segment that has none."""
+        """Plans of the best sequence, up to the first segment that has none."""
         parts = []
         for leg in _legs(self._best()):
             if leg not in self._plans:
@@ -198,7 +198,7 @@ class _Legs:
         return parts
 
     def _best(self) -> Way:
-        """The way of least cost over legs with plans; one without all of them: the most promising."""
+        """The sequence of minimum cost over legs with plans; one without all of them: the most promising."""
 
         def cost(k: int, i: int, j: int) -> float:
             plan = self._plans.get((k, i, j))

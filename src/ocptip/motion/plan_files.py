@@ -57,7 +57,8 @@ def write_plan(
         directory: made if it does not exist; the one above it must.
         plan: the plan.
         executions: what runs the segments; motion.csv and trajectory.json are of their motions. Default:
-            drives with ramps or S-curves, and trajectory.json is for a controller that runs them as they are.
+            drives with velocity profiles or S-curves, and trajectory.json is for a controller that runs them
+            exactly.
         samples: of :func:`task_samples`; computed if None.
         effort: see `ocptip.motion.output.joint_trajectory`.
         extra: more entries of plan.json; they win.
@@ -104,9 +105,9 @@ def run_by(plan: MotionPlan, executions: Sequence[Execution]) -> Trajectory:
 def planned_to_dict(plan: MotionPlan, executions: Sequence[Execution], check: CycleCheck) -> dict[str, Any]:
     """Return a plan, and by what it is run, as plain data for strict JSON.
 
-    That of a motion is `plan_to_dict`. Of a cycle, `segments` holds that of each segment,
-    in times of its own, and `name`, `begin_s`, `rest_s`, `rest_energy_J`, and `goal_offset_m` where the
-    goal's pose is free; all else is of the whole, in times from the first begin.
+    That of a motion is `plan_to_dict`. Of a cycle, `segments` holds that of each segment, in times from its
+    begin, and `name`, `begin_s`, `rest_s`, `rest_energy_J`, and `goal_offset_m` where the goal's pose is
+    free; all else is of the whole, in times from the first begin.
     """
     if not plan.task.is_cycle:
         return plan_to_dict(plan, executions[0])
@@ -150,7 +151,7 @@ def _freed(task: CycleTask, end: int, part: MotionPlan) -> dict[str, Any]:
 def task_samples(task: Task, motion: Trajectory) -> list[MotionSamples]:
     """Samples of every segment as `sample_motion` takes them, and of both ends of the rest after it.
 
-    Times are those of the cycle. Each segment is sampled with its own robot.
+    Times are those of the cycle. Each segment is sampled with the robot of this segment.
     """
     found = []
     for segment, own, begin, pause in zip(
@@ -168,7 +169,7 @@ def task_samples(task: Task, motion: Trajectory) -> list[MotionSamples]:
 
 
 def samples_joined(parts: Sequence[Any]) -> Any:
-    """Samples, or states or reserves in them, one after the other: arrays by rows, all else of the first."""
+    """Samples, or states or margins in them, one after the other: arrays by rows, all else of the first."""
     first = parts[0]
     values = {}
     for field in dataclasses.fields(first):
@@ -210,7 +211,7 @@ def _trajectory(
 
 
 def _task_text(task: Task, source: TaskSource) -> str:
-    """The task's file with its limits and objectives, whatever the file said."""
+    """The task's file with the limits and objectives of the task, which replace those of the file."""
     if not task.is_cycle:
         rises = cast(tuple[float, ...] | None, task.segments[0].task.rise_times)
         return source.text(task.name, task.limits, task.objective, rises)

@@ -117,7 +117,7 @@ def _by_name(
 def _pace(path: JointPath, given: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Places on the path and ds/dt, (M,) each, of the motion that the path was taken from.
 
-    Its postures are found on the path one after the other; the speed is that along the path there.
+    Its postures are located on the path one after the other; the speed is that along the path there.
     """
     times = np.linspace(0.0, given.end, SAMPLES)
     q, rates, _ = given.states(times)

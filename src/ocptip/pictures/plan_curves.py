@@ -102,7 +102,7 @@ class PlanCurves:
         return {row.name: row for row in motion_margins(self.plan.task.robot, self.plan.check)}
 
     def moments(self, samples: MotionSamples) -> np.ndarray:
-        """(N,), N m: least moment about a tipping axis; 0 where the base tips."""
+        """(N,), N m: minimum moment about a tipping axis; 0 where the base tips."""
         return np.maximum(samples.tip.moments.min(axis=1), 0.0)
 
     def friction(self, samples: MotionSamples) -> np.ndarray:
@@ -111,7 +111,7 @@ class PlanCurves:
 
     @cached_property
     def worst_moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (K,), s, and the least moments there in the worst case, N m; none without uncertainty.
+        """Times (K,), s, and the minimum moments there in the worst case, N m; none without uncertainty.
 
         Of states at nearly one instant, such as those of delayed joints, the worst.
         """

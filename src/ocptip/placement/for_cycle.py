@@ -72,8 +72,8 @@ class CyclePlacements:
     """Places ranked by the cost of the cycle there.
 
     Attributes:
-        ranked: the least cost first; those without verified plan last.
-        static: what the placement at rest found.
+        ranked: the minimum cost first; those without verified plan last.
+        static: result of the placement at rest.
     """
 
     ranked: tuple[CyclePlacement, ...]
@@ -81,7 +81,7 @@ class CyclePlacements:
 
     @property
     def best(self) -> CyclePlacement:
-        """The place with the least cost; check whether it is verified."""
+        """The place with the minimum cost; check whether it is verified."""
         return self.ranked[0]
 
 
@@ -98,7 +98,7 @@ def place_for_cycle(
     placement_starts: int = 5,
     progress: Callable[[str], None] | None = None,
 ) -> CyclePlacements:
-    """Find the place from which a cycle costs least.
+    """Find the place of minimum cost of a cycle.
 
     Candidates are the distinct optima at rest (all poses, all constraints) and, where these are fewer than
     asked for, the best sampled places apart from them that keep all constraints. On each the cycle is
@@ -148,7 +148,7 @@ def place_for_cycle(
 def sampled_places(
     problem: PlacementProblem, static: PlacementResult, count: int, seed: int
 ) -> list[Placement]:
-    """Sampled placements that keep all constraints, at places of their own; the best first."""
+    """Sampled placements that keep all constraints, at distinct places; the best first."""
     if count < 1:
         return []
     evaluator, found = Evaluator(problem), list[Placement]()

@@ -30,7 +30,7 @@ class MotionPlacement:
 
     Attributes:
         placement: with the joint angles at which the motions start and end.
-        plans: one per leg; None where no verified motion was found.
+        plans: one per leg; None without a verified motion.
         refusals: one sentence per leg, empty where there is a plan.
     """
 
@@ -70,8 +70,8 @@ class MotionPlacementResult:
     """Placements ranked by the energy of their motions.
 
     Attributes:
-        ranked: the least energy first; those without plan last.
-        static: what the placement at rest found.
+        ranked: the minimum energy first; those without plan last.
+        static: result of the placement at rest.
     """
 
     ranked: tuple[MotionPlacement, ...]
@@ -79,7 +79,7 @@ class MotionPlacementResult:
 
     @property
     def best(self) -> MotionPlacement:
-        """The placement with the least planned energy."""
+        """The placement with the minimum planned energy."""
         return self.ranked[0]
 
     def to_dict(self) -> dict[str, Any]:
@@ -99,10 +99,10 @@ def place_for_motion(
     commands: int = 3,
     placement_starts: int = 5,
 ) -> MotionPlacementResult:
-    """Find the placement from which the arm moves from gripper task to gripper task with the least energy.
+    """Find the placement from which the arm moves from gripper task to gripper task with minimum energy.
 
-    The best distinct placements at rest (all tasks, all constraints) are candidates. On each the branches of
-    the tasks are chosen so that the joint ways, in seconds at full speed, are shortest, and every leg is
+    The best distinct placements at rest (all tasks, all constraints) are candidates. On each the IK solutions
+    of the tasks are chosen so that the joint paths, in seconds at full speed, are shortest, and every leg is
     planned by `ocptip.motion.plan.plan_motion`, unloaded, within the same limits.
 
     Args:
@@ -117,7 +117,7 @@ def place_for_motion(
     Raises:
         InputError: fewer than two tasks, or a tolerance of the base.
         NoPlacementError: no placement serves all tasks at rest.
-        PlanningError: no candidate has a verified motion; the message names what is in the way on each.
+        PlanningError: no candidate has a verified motion; the message names the limit that fails on each.
     """
     require_way(problem)
     numbers = {"candidates": candidates, "starts": starts, "jobs": 1 if jobs is None else jobs}
@@ -148,7 +148,7 @@ def place_for_motion(
 def placed_robot(placement: Placement) -> Robot:
     """The robot at its place: gravity and obstacles of the world in base axes.
 
-    Its tip-over reserve keeps the reference moment of the problem's robot.
+    Its tip-over index keeps the reference moment of the problem's robot.
     """
     return robot_at(placement.problem, placement.patch, placement.parameters)
 
@@ -168,9 +168,9 @@ def robot_at(problem: PlacementProblem, patch: int, parameters: np.ndarray) -> R
 
 
 def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> Placement:
-    """The same placement with the branches between which the joints move least, judged again.
+    """The same placement with the IK solutions between which joint motion is minimal, checked again.
 
-    Only branches that keep all constraints of their task count; where a task has none besides the given one,
+    Only solutions that keep all constraints of their task count; where a task has none besides the given one,
     that one stays.
     """
     limits = evaluator.arm.limits

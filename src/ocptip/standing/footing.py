@@ -41,7 +41,7 @@ class Footing:
         return Footing(support, self.tip_over.reference_moment, self.slip.redistribution)
 
     def weakest(self, tolerance: Uncertainty) -> Footing:
-        """The same on contacts with the least friction that is possible."""
+        """The same on contacts with the minimum possible friction."""
         if not tolerance.friction:
             return self
         return self.on(self.support.varied(tolerance.contacts(self.support.contacts)))

@@ -65,7 +65,7 @@ class WorstCase:
         tolerance: of it.
 
     Attributes:
-        footing: the base on contacts with the least friction.
+        footing: the base on contacts with the minimum friction.
         deviations: of it.
         reference: M0 of the tip-over index, N m; of the nominal robot.
         axes: number of tipping axes.
@@ -112,7 +112,7 @@ class WorstCase:
             s: (N, 3 n) states.
             axis: (N,) which axis of each.
             theta: (N, size) deviations; default: the worst.
-            max_delay: (N, n), s: by how much joints can be late there at most; default: the whole delay.
+            max_delay: (N, n), s: maximum delay of joints there; default: the whole delay.
         """
         rows = np.arange(len(s))
         if theta is not None:
@@ -163,7 +163,7 @@ class WorstCase:
             starts: wrenches from which the worst is searched: that of the nominal model, then those with
                 gravity tilted and so on, along the axes of the force and the moment.
             theta: (N, size) deviations; default: the worst.
-            max_delay: (N, n), s: by how much joints can be late there at most; default: the whole delay.
+            max_delay: (N, n), s: maximum delay of joints there; default: the whole delay.
         """
         if theta is not None:
             return self._slip_under(self.deviations.wrench(s, theta)[0], theta)
@@ -281,7 +281,7 @@ class WorstCase:
         Args:
             s: (N, 3 n) states.
             which: (N,) of each: minus the moment about a tipping axis, or, = `axes`, friction utilisation.
-            max_delay: (N, n), s: by how much joints can be late there at most.
+            max_delay: (N, n), s: maximum delay of joints there.
         """
         values, slopes = np.empty(len(s)), np.empty(s.shape)
         for own, sign in ((which < self.axes, -1.0), (which == self.axes, 1.0)):
