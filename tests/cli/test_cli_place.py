@@ -93,7 +93,7 @@ def test_summary(task, search, capsys):
         "; ".join(map(str, best.active)) or "none: no limit is reached"
     )
     assert re.fullmatch(r"masses +base [\d.]+ kg, arm [\d.]+ kg; together [\d.]+ kg", lines["masses"])
-    assert lines["written"].endswith("ocptip-place-press/: placement.json")
+    assert lines["Files"].endswith("ocptip-place-press/: placement.json")
     assert out.count("\n") < 30
     assert out.isascii()
 

@@ -29,8 +29,8 @@ def test_page_of_a_task_stands_alone_and_lists_its_cases(tmp_path, capsys, cases
     out = tmp_path / "report.html"
     assert main(["report", TASK, "--cases", cases, "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert "2 of 4 load cases stand" in said
-    assert "does not stand: start +0 kg 40 deg 0 N" in said
+    assert "2 of 4 load cases are stable" in said
+    assert "not stable: start +0 kg 40 deg 0 N" in said
     page = out.read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=['\"](?!data:)", page)
     for words in ("claims no conformity", "Tilt by direction", "40&nbsp;deg", "ocptip report ur5_cart.toml"):

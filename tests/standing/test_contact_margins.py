@@ -110,7 +110,6 @@ def test_it_is_said_where_rigid_bodies_leave_open_whether_the_base_stands(case):
     assert found.later(2.0).first_weak == 2 + times[weak[0]]
     both = found.worse(found)
     assert (both.weak, both.first_weak) == (2 * found.weak, found.first_weak)
-    assert found.lines()[-1].startswith(f"weak: at {len(weak)} instants, first at {times[weak[0]]:.3f} s")
 
 
 def test_what_has_no_meaning_is_left_out(case):
@@ -119,8 +118,7 @@ def test_what_has_no_meaning_is_left_out(case):
     assert nothing.to_dict()["least_moment_Nm"] is None
     one = ContactMargins.of(Instants.at_rest(case.robot, case.start[None]), np.zeros(1))
     assert nothing.worse(one).force == one.worse(nothing).force == one.force
-    shared = ContactMargins(one.force, None, None, None, unique=False)
-    assert shared.lines()[0].endswith("leaves it open; a declared stiffness of the feet makes it definite")
+    assert one.lines()[0].startswith("minimum foot force ")
 
 
 def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_springs_lift_one(case):
@@ -143,13 +141,12 @@ def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_
     states = still, still, wrenches, still[:, :0], still, still
     of = lambda rows: ContactMargins.of(Instants(robot, *(part[rows] for part in states)), times[rows])  # noqa: E731
     assert of(lifts | True).alike.value == pytest.approx(alike.min())
-    assert "would have to pull" in of(lifts).lines()[1]
+    assert of(lifts).lines()[0].startswith("minimum foot force -")
     assert of(lifts).differs.startswith("with equally compliant feet one lifts")
     assert of(lifts).force.value == 0
     standing = of(~lifts)
     rows = np.flatnonzero(~lifts & solve_many(support, wrenches).persistent)
-    assert standing.lines()[0].startswith("minimum normal force")
-    assert "of equally compliant feet" in standing.lines()[0]
+    assert standing.lines()[-1].startswith("the same with equally compliant feet")
     assert standing.force.value == pytest.approx(shared.forces[rows, :, 0].min())
     standing = of(rows)
     used = standing.to_dict()["equal_compliance"]["friction_use"]["value"]

@@ -17,6 +17,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck, Proof
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of
+from ocptip.motion.cycles.task import Task
 from ocptip.trajectories.read import CERTIFICATE
 
 
@@ -26,13 +27,13 @@ class Certified:
 
     Attributes:
         name: of the motion's file.
-        task: name of the task.
+        task: whose motion it is.
         checked: the sampled check with the certificates, by segments; a motion has one.
         assumed: what the file does not say.
     """
 
     name: str
-    task: str
+    task: Task
     checked: CycleCheck
     assumed: tuple[str, ...]
 
@@ -53,7 +54,7 @@ class Certified:
 
     def __repr__(self) -> str:
         """Verdict, what is proved, what is broken."""
-        rows = [f"{self.name} on {self.task}: {self.check.headline}"]
+        rows = [f"{self.name} on {self.task.name}: {self.check.headline}"]
         rows += [f"  proof: {self.certificate}"] if self.certificate else []
         return "\n".join([*rows, *(f"  broken: {text}" for text in self.check.violations)])
 
@@ -61,7 +62,7 @@ class Certified:
         """The check with the certificate's bounds, plain data for JSON."""
         return {
             "motion": self.name,
-            "task": self.task,
+            "task": self.task.name,
             **self.checked.to_dict(),
             "assumed": list(self.assumed),
             "versions": versions(),
@@ -116,7 +117,7 @@ def certify(
     with naming(name):
         sequence = segments_of(task, given)
         checked = certified_cycle(task, sequence, check_cycle(task, sequence))
-    return Certified(name, task.name, checked, given.assumed)
+    return Certified(name, task, checked, given.assumed)
 
 
 def read_certificate(path: str | os.PathLike[str]) -> dict[str, Any] | None:

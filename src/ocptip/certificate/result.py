@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -18,9 +19,14 @@ AT_LIMIT = 1e-6
 LATE = "delayed joints", "overshoot after acceleration steps"
 """Among what is sampled only: bounds within a tolerance are of all joints on time then."""
 
-_WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
+_CLAIMS = (
+    ("Tipping margin", "N m", "GN", TIP_WITHIN),
+    ("Friction used", "%", "GT", SLIP_WITHIN),
+    ("Joint torque", "%", "torque_ratio", TORQUE_WITHIN),
+    ("Clearance", "mm", "clearance", CLEARANCE),
+)
+"""Title, unit, keys of the bounds: nominal, and in the worst case."""
 _LEAST = ("clearance", CLEARANCE)  # bounds from below
-_WITHIN = {TIP_WITHIN: "GN", SLIP_WITHIN: "GT", TORQUE_WITHIN: "torque / limit"}
 
 
 @dataclass(frozen=True)
@@ -116,6 +122,7 @@ class Certificate:
                 tuple(problem for verdict in verdicts for problem in verdict.problems),
                 bounds,
                 sum(verdict.intervals for verdict in verdicts),
+                moments=_least_moments(verdicts),
             ),
             all(part.kept for part in parts),
             tuple(
@@ -135,7 +142,7 @@ class Certificate:
             first = self.undecided[0] if self.undecided else self.verdict.problems[0]
             more = f", and {len(self.undecided) - 1} more" if len(self.undecided) > 1 else ""
             return f"not proved for all instants: {first}{more}"
-        bounds = claims(self.verdict.bounds, on_time=set(LATE) <= set(self.sampled))
+        bounds = claims(self.verdict, on_time=set(LATE) <= set(self.sampled))
         found = f"at every instant {bounds} ({self.verdict.intervals} intervals)"
         found += "" if self.kept else "; beyond the limits"
         return found + (f"; sampled only: {', '.join(self.sampled)}" if self.sampled else "")
@@ -153,21 +160,47 @@ class Certificate:
         }
 
 
-def claims(bounds: Mapping[str, float], on_time: bool = False) -> str:
-    """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit.
+def _least_moments(verdicts: Sequence[Verdict]) -> dict[str, float]:
+    """By name, where each has one."""
+    names = set.intersection(*(set(verdict.moments) for verdict in verdicts))
+    return {name: min(verdict.moments[name] for verdict in verdicts) for name in sorted(names)}
 
-    Those within the uncertainty may be of all joints on time only.
+
+def claims(verdict: Verdict, on_time: bool = False) -> str:
+    """What is proved, in a line; see `claim_rows`. The worst case may be that of all joints on time."""
+    rows = claim_rows(verdict)
+    within = [f" (worst case {worst})" if worst != "-" else "" for _, _, worst in rows]
+    parts = [f"{name[:1].lower()}{name[1:]} {own}" for name, own, _ in rows]
+    text = ", ".join(part + more for part, more in zip(parts, within, strict=True))
+    return text + ("; worst case with all joints on time" if on_time and any(within) else "")
+
+
+def claim_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
+    """Of every quantity what is proved: nominal, and in the worst case ("-": nothing).
+
+    Rounded to the safe side; what exceeds a limit by rounding is the limit.
     """
-    most = {name: np.ceil(1e4 * bound / (1 + 2 * AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
-    parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
-    apart, apart_within = (
-        [f"clearance >= {_tenths(bounds[name]):.1f} mm"] if name in bounds else [] for name in _LEAST
-    )
-    parts += apart
-    if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
-        world = "within the uncertainty" + " with all joints on time" * on_time
-        parts[-1] += f"; {world} {', '.join(within + apart_within)}"
-    return ", ".join(parts)
+    rows = []
+    for title, at_least, *keys in _CLAIMS:
+        texts = [_proved(verdict, key, at_least) for key in keys]
+        if texts[0] != "-":
+            rows.append((title, *texts))
+    return rows
+
+
+def _proved(verdict: Verdict, key: str, at_least: str) -> str:
+    """A bound with its sign and unit: ">= 5.943 N m", "<= 63.65 %"."""
+    if key not in (verdict.moments if at_least == "N m" else verdict.bounds):
+        return "-"
+    bound = verdict.bounds[key]
+    if at_least == "mm":
+        return f">= {_tenths(bound):.1f} mm"
+    share = bound / (1 + 2 * AT_LIMIT)
+    if at_least == "N m":  # the moment is unit (1 / GN - 1)
+        moment = verdict.moments[key] * (1 / share - 1) / (1 / bound - 1)
+        digits = 10.0 ** (3 - math.floor(math.log10(moment)))
+        return f">= {math.floor(moment * digits) / digits:.4g} N m"
+    return f"<= {np.ceil(1e4 * share) / 100:.2f} %"
 
 
 def _tenths(distance: float) -> float:

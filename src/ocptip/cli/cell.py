@@ -146,8 +146,6 @@ class CellReport(Report):
             lines.append(("", "none of it in the search for places"))
         if self.best is None:
             return summary(head, lines, self.written)
-        lines.append(("look", f"ocptip view {self.best.directory}"))
-        lines.append(("check", f"ocptip check {self.best.directory}"))
         self.best.written, self.best.verbose = self.written, self.verbose
         return "\n".join([summary(head, lines, []), "", self.best.to_text()])
 

@@ -12,15 +12,17 @@ from ocptip.api.certify import Certified, certify, read_certificate
 from ocptip.api.given import task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import table
 from ocptip.basics.write import versions
 from ocptip.certificate.describe import tolerance_words
-from ocptip.certificate.result import claims
+from ocptip.certificate.result import claim_rows
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, under
+from ocptip.cli.layout import files_lines
+from ocptip.cli.motion_summary import notes, wrapped
 from ocptip.cli.options import given_columns, given_limits, naming_options
 from ocptip.cli.terminal import say_if_compiling
-from ocptip.standing.limits import TIP_WITHIN
+from ocptip.motion.summary import margin_table, motion_line
 from ocptip.standing.tolerance import NONE
 
 _MOST = 8  # undecided intervals that are listed
@@ -82,20 +84,22 @@ class VerdictReport(Report):
         """The verdict."""
         if not self.verdict.holds:
             return "\n".join(
-                [f"{self.name}   DOES NOT HOLD", *(f"  {text}" for text in self.verdict.problems)]
+                [f"{self.name}   PROOF DOES NOT HOLD", *(f"  {text}" for text in self.verdict.problems)]
             )
-        own = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
         tolerance = self.verdict.tolerance
-        words = "none: the nominal model only" if tolerance is None else tolerance_words(tolerance)
-        rows = [("proof", own)]
-        if left := self.verdict.moments:
-            more = f", within the uncertainty {left[TIP_WITHIN]:.4g} N m" if len(left) > 1 else ""
-            rows.append(("left", f"at least {left['GN']:.4g} N m about every tipping axis{more}"))
-        rows.append(("uncertainty", words))
+        scope = "the nominal model only (no uncertainty)" if tolerance is None else "the uncertainty below"
+        rows = [["", "nominal", "worst case"], *map(list, claim_rows(self.verdict))]
+        if tolerance is None:
+            rows = [row[:2] for row in rows]
+        lines = [f"{self.name}   PROVED for {scope}", "", *table(rows, left=(0, 1, 2))]
+        proof = f"at every instant, rest before and after included ({self.verdict.intervals} intervals)"
+        lines += ["", *wrapped("Proof", [proof])]
+        if tolerance is not None:
+            lines += wrapped("Within", [tolerance_words(tolerance)])
         if "clearance" in self.verdict.bounds:
             none = "no floor or wall: what reaches below the contacts is not excluded"
-            rows.append(("planes", f"{self.planes} (floors and walls)" if self.planes else none))
-        return f"{self.name}   HOLDS\n" + "\n".join(named(rows))
+            lines += wrapped("Planes", [f"{self.planes} (floors and walls)" if self.planes else none])
+        return "\n".join(lines)
 
 
 @dataclass
@@ -120,24 +124,22 @@ class CertifyReport(Report):
         return self.found.to_dict()
 
     def to_text(self) -> str:
-        """The verdict, what is proved, and where something is missing."""
-        checked, proof, segments = self.found.check, self.found.certificate, self.found.checked
-        lines = [f"{self.found.name} on {self.found.task}   {checked.headline}"]
-        lines += [f"  {violation}" for violation in checked.violations]
+        """The verdict, margins, what is proved, and where something is missing."""
+        found, checked, proof = self.found, self.found.check, self.found.certificate
+        head = [f"{found.name} on {found.task.name}   {checked.headline}", motion_line(checked)]
+        lines = [*head, *wrapped("Broken", checked.violations), ""]
+        lines += margin_table(found.task.robot, checked)
         if proof is not None:
-            parts = zip(segments.names, segments.segments, strict=True)
-            rows = [
-                ("proof", f"{proof}"),
-                *((name, f"{part.certificate}") for name, part in parts if name),
-                ("time", f"{proof.seconds:.2f} s"),
-            ]
-            rows += under("assumed", self.found.assumed)
-            rows += under("undecided", [f"{one}" for one in proof.undecided[:_MOST]])
+            parts = zip(found.checked.names, found.checked.segments, strict=True)
+            segments = [f"{name}: {part.certificate}" for name, part in parts if name]
+            undecided = [f"{one}" for one in proof.undecided[:_MOST]]
             if len(proof.undecided) > _MOST:
-                rows.append(("", f"and {len(proof.undecided) - _MOST} more"))
-            rows += under("written", [f"{path}" for path in self.written])
-            lines += ["", *named(rows)]
-        return "\n".join(lines)
+                undecided.append(f"and {len(proof.undecided) - _MOST} more")
+            lines += ["", *wrapped("Proof", [f"{proof}", *segments, f"took {proof.seconds:.2f} s"])]
+            lines += wrapped("Missing", undecided)
+        lines += wrapped("Note", notes(checked))
+        lines += wrapped("Assumed", found.assumed)
+        return "\n".join([*lines, *files_lines(self.written)])
 
     def write(self) -> Iterator[Path]:
         """The certificate."""

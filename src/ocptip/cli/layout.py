@@ -21,7 +21,8 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
     from ocptip.standing.sensitivity import Sensitivity
 
 
-_WRITTEN = "written"
+_NAMED = 3  # names of files in the last lines
+_WIDEST = 7  # characters of the names of lines, at least
 _COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
 _HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
 
@@ -89,14 +90,6 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     texts += [f"worst {name}: {at}" for name, at in (("tipping", within.tip), ("slip", within.slip)) if at]
     if within.gap:
         texts.append(f"minimum clearance: {within.gap}")
-    if within.alike:
-        from ocptip.standing.contact_margins import if_alike
-
-        texts.append(if_alike(within.alike))
-    if "foot_force_N" in checked.worst:
-        texts.append("compliant feet: forces and lifts are checked in the nominal model only")
-    if "GN_gears" in checked.worst:
-        texts.append("elastic joints: vibrations are checked in the nominal model only")
     return under("uncertainty", texts)
 
 
@@ -161,9 +154,15 @@ def _values(check: Any) -> list[str]:
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:
     """A headline and named lines, the written files last: an early answer has none and is the beginning."""
-    if written:
-        folder = written[0].parent
-        parts = (path.relative_to(folder).parts for path in written)
-        names = dict.fromkeys(f"{first}{os.sep}" if below else first for first, *below in parts)
-        lines = [*lines, (_WRITTEN, f"{folder}{os.sep}: {', '.join(names)}")]
-    return "\n".join([head, *named(lines, len(_WRITTEN))])
+    return "\n".join([head, *named(lines, _WIDEST), *files_lines(written)])
+
+
+def files_lines(written: Sequence[Path], following: str = "") -> list[str]:
+    """The last lines of an answer: what was written, and which commands come next, "{}" being its folder."""
+    if not written:
+        return []
+    folder = written[0].parent
+    names = [*dict.fromkeys(path.relative_to(folder).parts[0] for path in written)]
+    others = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    lines = ["", f"Files   {folder}{os.sep}: {', '.join(names[:_NAMED])}{others}"]
+    return lines + ([f"Next    {following.format(folder)}"] if following else [])

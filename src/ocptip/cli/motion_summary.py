@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.text import percent, some
-from ocptip.cli.layout import named, segment_table, stop_table, under
+from ocptip.cli.layout import files_lines, segment_table, stop_table, under
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
@@ -18,7 +18,8 @@ from ocptip.motion.summary import WIDTH, Answer, margin_table, rises, robustness
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
-_NAMED = 3  # names of files in the last lines
+_FIXED = "\xa0"  # a space at which no line ends
+_UNIT = re.compile(r"(?<=\d) (?=%|[a-zA-Z])")  # between a number and its unit
 
 
 def notes(checked: MotionCheck) -> list[str]:
@@ -44,15 +45,16 @@ def notes(checked: MotionCheck) -> list[str]:
     return found
 
 
-def wrapped(name: str, texts: Iterable[str]) -> list[str]:
-    """Texts with a name before the first, broken at 80 columns."""
-    lines = []
-    for text in texts:
-        first = f"{name:<8}" if not lines else " " * 8
+def wrapped(name: str, texts: Iterable[str], wide: int = 8) -> list[str]:
+    """Texts with a name before the first, in so wide a column, broken at 80 columns."""
+    lines, below = [], " " * wide
+    for text in (_UNIT.sub(_FIXED, text) for text in texts):
+        first = below if lines else f"{name:<{wide}}"
         lines += textwrap.wrap(
-            text, WIDTH, initial_indent=first, subsequent_indent=" " * 8, break_on_hyphens=False
-        )
-    return lines
+            text, WIDTH, initial_indent=first, subsequent_indent=below, break_on_hyphens=False,
+            break_long_words=False,
+        )  # fmt: skip
+    return [line.replace(_FIXED, " ") for line in lines]
 
 
 def motion_text(
@@ -81,6 +83,7 @@ def motion_text(
         written: files; an answer that is printed before they are written has none and is the beginning.
     """
     checked, robot = found.check, found.task.robot
+    widest = max((len(name) for name, _ in details), default=0) + 2
     broken = (*checked.violations, *(text for stops in found.stops.values() for text in stops.violations))
     parts = [
         [*head, *wrapped("Broken", broken)],
@@ -99,16 +102,11 @@ def motion_text(
             ),
         ],
         *tables,
-        named(details) if details else [],
+        [line for name, text in details for line in wrapped(name, [text], widest)],
     ]
     text = "\n\n".join("\n".join(part) for part in parts if part)
-    if not written:
-        return text
-    folder = written[0].parent
-    names = [*dict.fromkeys(path.relative_to(folder).parts[0] for path in written)]
-    others = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    next_line = f"Next    ocptip view {folder}, ocptip check {folder} --stops path"
-    return "\n".join([text, "", f"Files   {folder}{os.sep}: {', '.join(names[:_NAMED])}{others}", next_line])
+    following = "ocptip view {0}, ocptip check {0} --stops path"
+    return "\n".join([text, *files_lines(written, following)])
 
 
 def _stops(segment: str, stops: Stops) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,18 +15,27 @@ from ocptip.basics.errors import naming
 from ocptip.basics.outputs import require_replaceable_file
 from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.sums import SUMS, read_sums
-from ocptip.basics.text import quantity, ratio
+from ocptip.basics.text import percent, quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
 from ocptip.cli import report_page as html
 from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
-from ocptip.cli.layout import certificate_rows, masses, segment_rows, tolerated_lines, within_rows
+from ocptip.cli.layout import (
+    certificate_rows,
+    files_lines,
+    masses,
+    segment_rows,
+    tolerated_lines,
+    within_rows,
+)
+from ocptip.cli.motion_summary import notes
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.load_cases import (
     MOST_TILT,
     LoadCase,
 )
+from ocptip.motion.summary import margin_rows, margin_table, motion_line
 from ocptip.reserves.equal_compliance import equal_normal_map
 
 ENDINGS = (".html", ".pdf")
@@ -36,7 +44,11 @@ _OVERVIEWS = {
     "ground.png": "What the ground feels.",
     "drives.png": "What the drives do.",
 }
-_TITLES = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "minimum force", "worst direction")
+_TITLES = (
+    "pose", "payload", "tilt", "push", "stable", "tipping margin", "friction used", "min foot force",
+    "worst direction", "GN", "GT",
+)  # fmt: skip
+_FORCE = _TITLES.index("min foot force")
 _NOT = (
     "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
     "and no test of the real machine is replaced by it."
@@ -84,6 +96,8 @@ class Document:
         """All sections."""
         yield html.heading(f"Stability of {self.about.task.name}", 1)
         yield html.paragraph(f"{self.about.headline}.")
+        if self.about.checked is not None:
+            yield from self._margins(self.about.checked)
         yield html.paragraph(_NOT)
         yield from self._machine()
         yield from self._assumed()
@@ -92,6 +106,13 @@ class Document:
         yield from self._rest()
         yield from self._tests()
         yield from self._again()
+
+    def _margins(self, checked: MotionCheck) -> Iterator[str]:
+        """What the commands print first: duration and energy, margins, notes."""
+        yield html.paragraph(f"{motion_line(checked)}.")
+        titles, *rows = margin_rows(self.about.task.robot, checked)
+        yield html.grid(titles, rows)
+        yield html.items([*checked.violations, *notes(checked)])
 
     def _machine(self) -> Iterator[str]:
         robot, support = self.about.task.robot, self.about.task.robot.support
@@ -128,17 +149,16 @@ class Document:
 
     def _motion(self, checked: MotionCheck) -> Iterator[str]:
         yield html.heading("Motion")
-        energy = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
-        yield html.paragraph(f"{energy}; checked at {checked.samples} instants.")
         if self.about.segments is not None and self.about.task.is_cycle:
             titles, *rows = segment_rows(self.about.task, self.about.segments)
             yield html.grid(titles, rows)
         yield html.items(map(_labelled, certificate_rows(checked)))
         for stage in self.about.stages:
             yield html.items(_said(stage, map(_labelled, within_rows(stage.checked or checked))))
+        yield html.items(checked.contacts.lines())
+        yield html.paragraph("All limits, with the published indices GN of tip-over and GT of friction:")
         titles, *rows = worst_rows(checked)
         yield html.grid(titles, rows)
-        yield html.items(checked.contacts.lines())
         for name, caption in _OVERVIEWS.items() if self.about.folder is not None else ():
             if (image := self.about.folder.path / name).is_file():
                 with only_inside(self.about.folder.path):
@@ -160,8 +180,8 @@ class Document:
         yield html.heading("Load cases")
         yield html.paragraph(
             "At rest in each pose, with more payload at the gripper, the floor tilted and the gripper pushed "
-            "in the worst directions together. GN: use of the margin against tipping, GT: of the friction; "
-            "1: lost. Directions in degrees from the base's x axis towards y."
+            "in the worst directions together. Directions in degrees from the base's x axis towards y. GN, "
+            "GT: published indices; 1: a contact is lost."
         )
         support = self.about.task.robot.support
         equal = equal_normal_map(support) is not None
@@ -177,7 +197,7 @@ class Document:
                 "and GT do not depend on it."
             )
         rows = [_TITLES, *map(_case_row, self.about.cases)]
-        titles, *rows = ([*row[:-2], row[-1]] for row in rows) if shared else rows
+        titles, *rows = ([*row[:_FORCE], *row[_FORCE + 1 :]] for row in rows) if shared else rows
         yield html.grid(titles, rows)
         yield html.heading("Tilt by direction")
         for stage in self.about.stages:
@@ -233,11 +253,13 @@ class DocumentReport(Report):
         """The headline, the load cases that do not stand, and the file."""
         cases = self.document.about.cases
         fallen = [case for case in cases if not case.stands]
-        lines = [
-            f"{self.document.about.headline}. {len(cases) - len(fallen)} of {len(cases)} load cases stand."
-        ]
-        lines += [f"  does not stand: {' '.join(_case_row(case)[:4])}" for case in fallen]
-        lines += [f"written    {os.fspath(path)}" for path in self.written]
+        count = f"{len(cases) - len(fallen)} of {len(cases)}"
+        lines = [f"{self.document.about.headline}. {count} load cases are stable."]
+        if self.document.about.checked is not None:
+            robot = self.document.about.task.robot
+            lines += ["", *margin_table(robot, self.document.about.checked), ""]
+        lines += [f"  not stable: {' '.join(_case_row(case)[:4])}" for case in fallen]
+        lines += files_lines(self.written)
         return "\n".join(lines)
 
     def write(self) -> Iterator[Path]:
@@ -258,9 +280,15 @@ def _case_row(case: LoadCase) -> tuple[str, ...]:
     words = [f"{word} {_direction(np.array(side))}" for word, side in named if any(side)]
     return (
         case.pose, f"+{case.payload:g} kg", f"{np.degrees(case.tilt):g} deg", f"{case.push:g} N",
-        "yes" if case.stands else "NO", ratio(case.GN), ratio(case.GT), f"{case.least_force:.1f} N",
-        ", ".join(words) or "-",
+        "yes" if case.stands else "NO", _margin(case), percent(case.GT) if case.GT < 1 else "slips",
+        f"{case.least_force:.1f} N", ", ".join(words) or "-", ratio(case.GN), ratio(case.GT),
     )  # fmt: skip
+
+
+def _margin(case: LoadCase) -> str:
+    if case.tipping_margin is None:
+        return "cannot tip"
+    return quantity(case.tipping_margin, "N m", 3) if case.GN < 1 else "tips"
 
 
 def _vector(values: Any) -> str:

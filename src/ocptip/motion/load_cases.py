@@ -52,10 +52,11 @@ class LoadCase:
     Attributes:
         pose: its name.
         payload, tilt, push: kg, rad, N.
-        GN, GT: uses of the reserves; 1 and more, or NaN: a contact is lost.
+        GN, GT: published indices of it and of the friction used; 1 and more, or NaN: a contact is lost.
         least_force: N, the minimum normal force of a contact; rigid feet as if equally compliant.
         stands: no contact is lost in any direction.
         downhill, towards: of the floor and of the push, in base axes, where it is worst; zero without.
+        tipping_margin: N m, minimum moment about a tipping axis; 0 where the base tips, None where it cannot.
     """
 
     pose: str
@@ -68,11 +69,13 @@ class LoadCase:
     stands: bool
     downhill: tuple[float, ...]
     towards: tuple[float, ...]
+    tipping_margin: float | None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, the tilt in degrees."""
         data = dict(vars(self))
-        return {**data, "tilt": float(np.degrees(self.tilt))}
+        margin = data.pop("tipping_margin")
+        return {**data, "tilt": float(np.degrees(self.tilt)), "tipping_margin_Nm": margin}
 
 
 class RestLoads:
@@ -183,12 +186,14 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
     states = robot.contact_states(wrenches)
     GN = robot.tip_over.evaluate(states).GN
     GT = _slips(robot, states)
+    reference, worst = robot.tip_over.reference_moment, float(np.max(GN))
+    margin = None if reference is None else reference * (1 / worst - 1) if worst < 1 else 0.0
     use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
     i, k = pairs[int(np.argmax(use)) // len(loads.process)]
     return LoadCase(
-        name, float(payload), float(tilt), float(push), float(np.max(GN)), float(np.max(GT)),
+        name, float(payload), float(tilt), float(push), worst, float(np.max(GT)),
         float(np.min(reported_normal_forces(states))), bool(np.all(use < 1)),
-        tuple(downhill[i].tolist()), tuple(towards[k].tolist()),
+        tuple(downhill[i].tolist()), tuple(towards[k].tolist()), margin,
     )  # fmt: skip
 
 

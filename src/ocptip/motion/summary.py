@@ -60,7 +60,13 @@ def brief(title: str, found: Answer) -> str:
 
 
 def margin_table(robot: StandingMechanism, checked: MotionCheck) -> list[str]:
-    """Margins: nominal, in the worst case, their limits, the critical one marked."""
+    """Lines of `margin_rows`."""
+    rows = margin_rows(robot, checked)
+    return table(rows, left=tuple(range(len(rows[0]))))
+
+
+def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str]]:
+    """Titles, then margins: nominal, in the worst case, their limits, the critical one marked."""
     margins = motion_margins(robot, checked)
     decisive = critical(margins)
     within = checked.within is not None
@@ -69,7 +75,7 @@ def margin_table(robot: StandingMechanism, checked: MotionCheck) -> list[str]:
         values = [row.nominal, *([row.worst_case] if within else [])]
         mark = "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive else ""
         rows.append([TITLES[row.name], *(at_text(row, value) for value in values), _limit(row, within), mark])
-    return table(rows, left=tuple(range(len(rows[0]))))
+    return rows
 
 
 def at_text(row: MotionMargin, at: At | None) -> str:

@@ -145,47 +145,15 @@ class ContactMargins:
         }
 
     def lines(self) -> list[str]:
-        """In words, one line per quantity that has a meaning."""
-        found = []
-        if self.force:
-            shared = "" if self.unique else _EQUAL if self.alike else _OPEN
-            found.append(f"minimum normal force {quantity(self.force.value, 'N', 3)} {self.force}{shared}")
-        if self.alike and self.alike.value < 0:
-            found.append(if_alike(self.alike))
-        if self.moment:
-            found.append(f"{quantity(self.moment.value, 'N m', 3)} left about a tipping axis {self.moment}")
-        if self.edge:
-            edge = quantity(1e3 * self.edge.value, "mm", 3)
-            found.append(f"zero-moment point {edge} from the edge of the support polygon {self.edge}")
-        if self.friction:
-            best = ", shared optimally" if self.equal_friction else ""
-            found.append(f"{percent(self.friction.value)} of the friction used {self.friction}{best}")
-        if self.equal_friction:
-            used = percent(self.equal_friction.value)
-            found.append(f"{used} of the friction used with equally compliant feet {self.equal_friction}")
-        if self.weak:
-            found.append(
-                f"weak: at {self.weak} instants, first at {self.first_weak:.3f} s, forces can hold the base, "
-                "but the contact laws may let it slide or tip as well: rigid bodies leave that open"
-            )
-        return found
-
-
-_EQUAL = ", of equally compliant feet; a declared stiffness of the feet makes the sharing definite"
-_OPEN = (
-    "; one possible sharing, rigid ground leaves it open; a declared stiffness of the feet makes it definite"
-)
-
-
-def if_alike(margin: Margin) -> str:
-    """The minimum normal force of equally compliant feet, in words."""
-    force = quantity(abs(margin.value), "N", 3)
-    if margin.value >= 0:
-        return f"minimum normal force of equally compliant feet {force} {margin}"
-    return (
-        f"with equally compliant feet, one would have to pull {force} {margin}: "
-        "it lifts for a while, and the others hold the base"
-    )
+        """At which contacts, and when; what equally compliant feet do beside the best sharing."""
+        named = (
+            ("minimum foot force", self.alike or self.force, lambda value: quantity(value, "N", 3)),
+            ("minimum tipping margin", self.moment, lambda value: quantity(value, "N m", 3)),
+            ("zero-moment point to the edge", self.edge, lambda value: quantity(1e3 * value, "mm", 3)),
+            ("maximum friction used", self.friction, percent),
+            ("the same with equally compliant feet", self.equal_friction, percent),
+        )
+        return [f"{name} {text(own.value)} {own}" for name, own, text in named if own]
 
 
 def _least(
