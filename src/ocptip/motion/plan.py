@@ -14,8 +14,8 @@ import numpy as np
 
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import Prove
-from ocptip.motion.cycles.choices import Way, best_ways, layers_of, likely_ways, rest_cost
-from ocptip.motion.cycles.free_poses import moved_ways
+from ocptip.motion.cycles.choices import Way, best_sequences, layers_of, likely_sequences, rest_cost
+from ocptip.motion.cycles.free_poses import moved_sequences
 from ocptip.motion.cycles.task import CycleTask, Task, require_way_plannable
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import MaybeWorkers, Progress, plan_segment
@@ -96,12 +96,12 @@ def _planned_cycle(
     began = time.perf_counter()
     with one_thread:
         layers = layers_of(task)
-        ways = likely_ways(task, layers)
+        sequences = likely_sequences(task, layers)
         choices: dict[str, Any] = {"postures": [len(layer) for layer in layers]}
-        require_way_plannable(task, _postures(layers, ways[0]))
-        layers, ways = moved_ways(task, layers, ways)
-        choices["ways"] = len(ways)
-    legs, interrupted = _Legs(task, layers, ways, starts, seed, progress), False
+        require_way_plannable(task, _postures(layers, sequences[0]))
+        layers, sequences = moved_sequences(task, layers, sequences)
+        choices["ways"] = len(sequences)
+    legs, interrupted = _Legs(task, layers, sequences, starts, seed, progress), False
     try:
         with workers as pool:
             legs.run(pool)
@@ -159,12 +159,12 @@ class _Legs:
         self,
         task: CycleTask,
         layers: Sequence[np.ndarray],
-        ways: Sequence[Way],
+        sequences: Sequence[Way],
         starts: int,
         seed: int,
         progress: Progress | None,
     ) -> None:
-        self._task, self._layers, self._ways = task, layers, ways
+        self._task, self._layers, self._sequences = task, layers, sequences
         self._seed, self._progress, self._starts = seed, progress, starts
         self._plans: dict[Leg, MotionPlan] = {}
         self._errors: dict[Leg, PlanningError] = {}
@@ -177,7 +177,7 @@ class _Legs:
             PlanningError: a segment has no verified plan.
             KeyboardInterrupt: it was interrupted; what is finished is kept.
         """
-        legs = list(dict.fromkeys(leg for way in self._ways for leg in _legs(way)))
+        legs = list(dict.fromkeys(leg for way in self._sequences for leg in _legs(way)))
         first = min(FIRST, self._starts)
         total = len(legs) * first + len(self._task.segments) * (self._starts - first)
         for leg in legs:
@@ -209,8 +209,8 @@ class _Legs:
             return (own + rest_cost(segment, plan.motion.goal)) / segment.task.objective.size
 
         sizes = [len(layer) for layer in self._layers]
-        found = best_ways(sizes, cost, self._task.closed, 1)
-        return found[0][1] if found else self._ways[0]
+        found = best_sequences(sizes, cost, self._task.closed, 1)
+        return found[0][1] if found else self._sequences[0]
 
     def _plan(self, leg: Leg, first: int, count: int, total: int, pool: Executor | None) -> None:
         """Run starts of one leg; an interrupt is passed on after its plan is kept."""

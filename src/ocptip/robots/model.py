@@ -279,11 +279,13 @@ class ArmModel:
     @property
     def reach(self) -> float:
         """Upper bound, m, of the distance from Q_1 to the TCP; endless slides do not count."""
-        ways = np.maximum(np.abs(self.limits.angle_min), np.abs(self.limits.angle_max))
+        lengths = np.maximum(np.abs(self.limits.angle_min), np.abs(self.limits.angle_max))
         if self.coupling is not None:
-            ways = np.abs(self.coupling.ratios) * ways[self.coupling.leaders] + np.abs(self.coupling.offsets)
-        ways = ways[self.slides]
-        return float(np.linalg.norm(self.offsets, axis=1).sum() + ways[np.isfinite(ways)].sum())
+            lengths = np.abs(self.coupling.ratios) * lengths[self.coupling.leaders] + np.abs(
+                self.coupling.offsets
+            )
+        lengths = lengths[self.slides]
+        return float(np.linalg.norm(self.offsets, axis=1).sum() + lengths[np.isfinite(lengths)].sum())
 
     @property
     def may_collide(self) -> bool:

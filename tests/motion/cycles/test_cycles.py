@@ -19,7 +19,7 @@ from ocptip.cli.main import main
 from ocptip.motion import plan as planning
 from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
-from ocptip.motion.cycles.choices import CANDIDATES, best_ways, layers_of, likely_ways
+from ocptip.motion.cycles.choices import CANDIDATES, best_sequences, layers_of, likely_sequences
 from ocptip.motion.execution import execute
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import plan_motion
@@ -234,7 +234,7 @@ def test_best_ways_are_those_of_enumeration(data):
     ways = [way for way in itertools.product(*map(range, sizes)) if not closed or way[0] == way[-1]]
     legs = {way: [costs[k, i, j] for k, (i, j) in enumerate(itertools.pairwise(way))] for way in ways}
     every = sorted((sum(own), way) for way, own in legs.items() if np.isfinite(own).all())
-    found = best_ways(sizes, lambda *leg: costs[leg], closed, 3)
+    found = best_sequences(sizes, lambda *leg: costs[leg], closed, 3)
     assert [cost for cost, _ in found] == [cost for cost, _ in every[:3]]
     assert all(entry in every for entry in found)
 
@@ -253,9 +253,9 @@ def test_the_way_through_postures_is_chosen_with_all_segments_in_view(plan):
     open_task = dataclasses.replace(task, segments=segments, closed=False)
     layers = layers_of(open_task)
     assert [len(layer) for layer in layers] == [1, 2, 1]
-    best = likely_ways(open_task, layers)[0]
+    best = likely_sequences(open_task, layers)[0]
     np.testing.assert_array_equal(layers[1][best[1]], between)
-    assert likely_ways(task, layers_of(task)) == [(0, 0, 0)]
+    assert likely_sequences(task, layers_of(task)) == [(0, 0, 0)]
 
 
 def test_of_many_postures_those_on_short_ways_are_looked_at(plan):

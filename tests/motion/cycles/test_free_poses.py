@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ocptip.cli.main import main
-from ocptip.motion.cycles.choices import layers_of, leg_cost, likely_ways
-from ocptip.motion.cycles.free_poses import MovedWay, free_ends, moved_ways, posture_near
+from ocptip.motion.cycles.choices import layers_of, leg_cost, likely_sequences
+from ocptip.motion.cycles.free_poses import MovedWay, free_ends, moved_sequences, posture_near
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import write_plan
 from ocptip.robots.kinematics import gripper_pose
@@ -48,7 +48,7 @@ def plans(with_pose, tmp_path_factory):
 
 def first_way(task):
     layers = layers_of(task)
-    return [layer[i] for layer, i in zip(layers, likely_ways(task, layers)[0], strict=True)]
+    return [layer[i] for layer, i in zip(layers, likely_sequences(task, layers)[0], strict=True)]
 
 
 @pytest.mark.slow
@@ -126,8 +126,8 @@ def test_a_gripper_that_may_be_turned_is(with_pose, tmp_path):
 def test_ways_as_they_are_stay_among_those_that_are_planned(with_pose, tmp_path):
     task = load_cycle(written(tmp_path, with_pose(FREE)))
     layers = layers_of(task)
-    ways = likely_ways(task, layers)
-    more, moved = moved_ways(task, layers, ways)
+    ways = likely_sequences(task, layers)
+    more, moved = moved_sequences(task, layers, ways)
     assert moved[-1] == ways[0]
     assert moved[0] != ways[0]
     assert all(way[0] == way[-1] for way in moved)

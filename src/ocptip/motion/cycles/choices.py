@@ -19,7 +19,7 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.standing.arm import Robot
 
 CANDIDATES = 12  # postures per pose, at most: those through which the shortest ways lead
-LOOKED_AT = 32
+COMPARED = 32
 """Pairs of postures per segment: those with the shortest joint paths, and the shortest of each posture."""
 PLANNED, WORSE = 4, 1.15
 """Maximum number of sequences of postures, and their maximum default cost relative to the best."""
@@ -79,7 +79,7 @@ def _speeds(segment: Segment) -> np.ndarray:
     return np.where(np.isfinite(speed), speed, 1.0)
 
 
-def likely_ways(task: CycleTask, layers: Sequence[np.ndarray]) -> list[Way]:
+def likely_sequences(task: CycleTask, layers: Sequence[np.ndarray]) -> list[Way]:
     """The most promising paths through the layers, best first; the only one if there is no choice."""
     if all(len(layer) == 1 for layer in layers):
         return [(0,) * len(layers)]
@@ -87,12 +87,14 @@ def likely_ways(task: CycleTask, layers: Sequence[np.ndarray]) -> list[Way]:
         _costs(segment, before, after)
         for segment, before, after in zip(task.segments, layers[:-1], layers[1:], strict=True)
     ]
-    found = best_ways([len(layer) for layer in layers], lambda k, i, j: costs[k][i, j], task.closed, PLANNED)
+    found = best_sequences(
+        [len(layer) for layer in layers], lambda k, i, j: costs[k][i, j], task.closed, PLANNED
+    )
     least = found[0][0]
     return [way for cost, way in found if cost <= WORSE * least]
 
 
-def best_ways(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -> list[tuple[float, Way]]:
+def best_sequences(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -> list[tuple[float, Way]]:
     """The cheapest paths through layers of postures, with their costs, best first; exact.
 
     Args:
@@ -138,15 +140,15 @@ def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarra
     """(k, l) of the synchronised default motions, in units of the objective's size; infinite where not
     checked.
     """
-    ways = np.sum(np.abs(after[None] - before[:, None]) / _speeds(segment), axis=2)
-    shortest = np.full(ways.shape, False)
-    shortest.ravel()[np.argsort(ways, axis=None, kind="stable")[:LOOKED_AT]] = True
-    shortest[np.arange(len(before)), np.argmin(ways, axis=1)] = True
-    shortest[np.argmin(ways, axis=0), np.arange(len(after))] = True
-    costs = np.full(ways.shape, np.inf)
+    lengths = np.sum(np.abs(after[None] - before[:, None]) / _speeds(segment), axis=2)
+    shortest = np.full(lengths.shape, False)
+    shortest.ravel()[np.argsort(lengths, axis=None, kind="stable")[:COMPARED]] = True
+    shortest[np.arange(len(before)), np.argmin(lengths, axis=1)] = True
+    shortest[np.argmin(lengths, axis=0), np.arange(len(after))] = True
+    costs = np.full(lengths.shape, np.inf)
     for i, j in zip(*np.nonzero(shortest), strict=True):
         cost = leg_cost(segment, before[i], after[j])
-        costs[i, j] = cost if np.isfinite(cost) else NEVER + ways[i, j]
+        costs[i, j] = cost if np.isfinite(cost) else NEVER + lengths[i, j]
     return costs
 
 

@@ -29,8 +29,8 @@ _SAME = 1e-6  # rad, m
 _DEPENDENT = 1e-6  # smaller singular values, relative to the largest, are zero
 
 
-def moved_ways(
-    task: CycleTask, layers: Sequence[np.ndarray], ways: Sequence[Way]
+def moved_sequences(
+    task: CycleTask, layers: Sequence[np.ndarray], sequences: Sequence[Way]
 ) -> tuple[list[np.ndarray], list[Way]]:
     """The layers with the postures of moved sequences, and these sequences, best first; then the best unmoved
     one.
@@ -40,11 +40,13 @@ def moved_ways(
     Args:
         task: the cycle.
         layers: postures at start and goals, (k, n) each.
-        ways: through them, best first.
+        sequences: through them, best first.
     """
     if not (free := free_ends(task)):
-        return list(layers), list(ways)
-    moved = [MovedWay(task, free, [layer[i] for layer, i in zip(layers, way, strict=True)]) for way in ways]
+        return list(layers), list(sequences)
+    moved = [
+        MovedWay(task, free, [layer[i] for layer, i in zip(layers, way, strict=True)]) for way in sequences
+    ]
     for own in moved:
         own.descend()
     moved.sort(key=lambda own: own.cost)
@@ -55,7 +57,7 @@ def moved_ways(
         found.append((*way[:-1], way[0] if task.closed else way[-1]))
     if task.closed:
         rows[-1] = rows[0]
-    return [np.array(own) for own in rows], list(dict.fromkeys([*found, ways[0]]))
+    return [np.array(own) for own in rows], list(dict.fromkeys([*found, sequences[0]]))
 
 
 def free_ends(task: CycleTask) -> dict[int, PoseTarget]:
