@@ -58,7 +58,7 @@ def _room(grasp, wrench, limits, half):
         found = np.einsum("aik,i->ak", h, wrench) - half * np.abs(h).sum(axis=1)
         return np.min(ends, axis=0) + found
 
-    return float(twists.room(least, patient=True)[0])
+    return float(twists.slack(least, patient=True)[0])
 
 
 @pytest.mark.parametrize("seed", some(2, range(6)))

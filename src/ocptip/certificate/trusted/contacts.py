@@ -96,12 +96,12 @@ class Contacts:
                 ends carries none.
             share: of the friction.
         """
-        room = np.full(wrench.r.shape[-1], np.inf)
+        slack = np.full(wrench.r.shape[-1], np.inf)
         for pattern, here in patterns(np.any(forces != 0, axis=(0, 2))):
             columns = np.repeat(pattern, 3)
             correction, defect = self.inverse(columns)
             if not np.isfinite(defect):  # these contacts cannot hold every wrench
-                room[here] = -np.inf
+                slack[here] = -np.inf
                 continue
             ends = forces[:, pattern][..., here].reshape(2, -1, len(here)) * self.bears[columns][:, None]
             chosen = Form.of(0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]))
@@ -113,10 +113,10 @@ class Contacts:
             for k, contact in enumerate(np.flatnonzero(pattern)):
                 force = f[3 * k : 3 * k + (3 if self.bears[3 * contact + 1] else 1)]
                 own = [self._inside(force, *piece, share) for piece in self.sets[contact]]
-                room[here] = np.minimum(room[here], np.max(own, axis=0))
+                slack[here] = np.minimum(slack[here], np.max(own, axis=0))
             if not self.idle(pattern):
-                room[here] = -np.inf
-        return room
+                slack[here] = -np.inf
+        return slack
 
     def idle(self, pattern: np.ndarray) -> bool:
         """Whether all contacts but these (contacts,) may carry nothing."""

@@ -147,8 +147,8 @@ class Checker:
         found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
         found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
         low, high = at.q.range
-        room = np.minimum(low - limits["angle_min"][:, None], limits["angle_max"][:, None] - high)
-        found["angle"] = np.min(room, axis=0) + ANGLE
+        slack = np.minimum(low - limits["angle_min"][:, None], limits["angle_max"][:, None] - high)
+        found["angle"] = np.min(slack, axis=0) + ANGLE
         if len(self.pairs):
             asked = bounds["clearance"]
             gaps = distances(loads.frames, self.bodies, self.pairs, asked, directions)
@@ -162,8 +162,8 @@ class Checker:
                 np.array([none if x is None else x for x in self.program[key]])[:, None]
                 for key, none in (("lower", -np.inf), ("upper", np.inf))
             )
-            room = np.minimum(low - least + RELATIVE * np.abs(least), most - high + RELATIVE * np.abs(most))
-            found["singularity, motor speed"] = np.min(room, axis=0)
+            slack = np.minimum(low - least + RELATIVE * np.abs(least), most - high + RELATIVE * np.abs(most))
+            found["singularity, motor speed"] = np.min(slack, axis=0)
         return {name: known(value) for name, value in found.items()}
 
     def _late_places(self, at: Intervals) -> Form | None:

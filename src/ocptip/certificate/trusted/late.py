@@ -169,7 +169,7 @@ class Late:
             apart: (N, n) joints whose cases are rows of their combinations; the cases of other joints become
                 one box, with any of their accelerations at any T. None: all joints.
         """
-        branches, boxes, chosen, interval, ways = self._combined(starts, ends, apart)
+        branches, boxes, chosen, interval, counted = self._combined(starts, ends, apart)
         states, spread = self._states(branches), np.zeros(len(branches))
         if boxes:
             placed, more = self._boxes(boxes)
@@ -181,7 +181,7 @@ class Late:
             here = np.flatnonzero(group == k)
             q, qd, qdd = self._placed(states, chosen[:, here], spread)
             when = np.stack([starts[interval[here]], ends[interval[here]]])
-            found.append(Rows(here, interval[here], ways[:, here], q, qd, qdd, when))
+            found.append(Rows(here, interval[here], counted[:, here], q, qd, qdd, when))
         return found
 
     def places(self, starts: np.ndarray, ends: np.ndarray) -> Form:
@@ -203,7 +203,7 @@ class Late:
         """
         branches: list[_Branch] = []
         boxes: list[_Box] = []
-        interval, chosen, ways, most = [], [], [], 0
+        interval, chosen, counted, most = [], [], [], 0
         for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
             own, counts = [], []
             for joint in range(self.joints):
@@ -220,10 +220,10 @@ class Late:
             for combination in product(*own):
                 interval.append(number)
                 chosen.append(combination)
-                ways.append(counts)
+                counted.append(counts)
         index = np.array(chosen).T
         index = np.where(index < 0, len(branches) - 1 - index, index)
-        return branches, boxes, index, np.array(interval), np.array(ways).T
+        return branches, boxes, index, np.array(interval), np.array(counted).T
 
     def _states(self, branches: list[_Branch]) -> list[Form]:
         """Coordinates, speeds and accelerations (cases,), with one coefficient of e and one of e s."""

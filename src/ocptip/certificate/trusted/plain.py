@@ -114,10 +114,10 @@ def require_motion(motion: Mapping[str, Any], joints: int) -> None:
     require(times[1:, 0] == times[:-1, 1], "motion: times between pieces are missing")
     rate = np.where(half > 0, 1 / np.where(half > 0, half, 1.0), 0.0)[:, None]
     order, sign = np.arange(c.shape[2]), (-1.0) ** np.arange(c.shape[2])
-    ways = np.sum(np.abs((c @ sign)[1:] - c.sum(axis=2)[:-1]), axis=0)
+    gaps = np.sum(np.abs((c @ sign)[1:] - c.sum(axis=2)[:-1]), axis=0)
     speeds = np.sum(np.abs((rate * (c @ (order * -sign)))[1:] - (rate * (c @ order))[:-1]), axis=0)
-    add_up = f"gaps add up to {np.max(ways):.3g} and {np.max(speeds):.3g} per s"
-    require((ways <= JUMP) & (speeds <= 100 * JUMP), f"motion: pieces do not meet, {add_up}")
+    add_up = f"gaps add up to {np.max(gaps):.3g} and {np.max(speeds):.3g} per s"
+    require((gaps <= JUMP) & (speeds <= 100 * JUMP), f"motion: pieces do not meet, {add_up}")
 
 
 def require_process(arm: Mapping[str, Any] | None, motion: Mapping[str, Any]) -> None:

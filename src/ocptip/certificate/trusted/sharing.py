@@ -103,7 +103,7 @@ class Sharing:
         facets: Sequence[int] = FACETS,
     ) -> np.ndarray:
         """The same contact by contact, (contacts, R); cones by as many facets as are needed of these."""
-        room = np.full((self.contacts.count, terms.size.shape[1]), np.inf)
+        slack = np.full((self.contacts.count, terms.size.shape[1]), np.inf)
         couple = np.zeros(6) if couple is None else couple
         for pattern, here in patterns(np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)):
             own, some = Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
@@ -113,20 +113,20 @@ class Sharing:
                 at, pieces = slice(3 * k, 3 * k + 3), self.contacts.sets[contact]
                 place = own.rule[:, at], constant[:, at], error[at]
                 cones = facets if self.contacts.bears[3 * contact + 1] else ()  # else nothing is tangential
-                ways = [self._inside(some, place, piece, share, cones) for piece in pieces]
-                room[contact, here] = np.max(ways, axis=0)
+                by_piece = [self._inside(some, place, piece, share, cones) for piece in pieces]
+                slack[contact, here] = np.max(by_piece, axis=0)
             if not self.contacts.idle(pattern):
-                room[:, here] = -np.inf
-        return room
+                slack[:, here] = -np.inf
+        return slack
 
     def _held_on_a_plane(
         self, terms: Terms, forces: np.ndarray, weights: np.ndarray, share: float, patient: bool
     ) -> np.ndarray:
         """(R,): how far normal forces by the rule are inside their sets, and friction of them is enough."""
-        room = np.full(terms.size.shape[1], np.inf)
+        slack = np.full(terms.size.shape[1], np.inf)
         for pattern, here in patterns(np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)):
             if not self.contacts.idle(pattern):
-                room[here] = -np.inf
+                slack[here] = -np.inf
                 continue
             rule, some = Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
             ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
@@ -135,10 +135,10 @@ class Sharing:
             for k, contact in enumerate(np.flatnonzero(pattern)):
                 place = rule.rule[:, 3 * k : 3 * k + 1], normal[:, k : k + 1], error[k : k + 1]
                 pieces = self.contacts.sets[contact]
-                ways = np.array([self._pressed(some, place, piece) for piece in pieces])
-                room[here] = np.minimum(room[here], np.max(ways, axis=0))
-                radius[:, k], slope[:, k] = np.array(pieces)[np.argmax(ways, axis=0), 2:].T * share
-            going = np.flatnonzero(room[here] >= 0)
+                by_piece = np.array([self._pressed(some, place, piece) for piece in pieces])
+                slack[here] = np.minimum(slack[here], np.max(by_piece, axis=0))
+                radius[:, k], slope[:, k] = np.array(pieces)[np.argmax(by_piece, axis=0), 2:].T * share
+            going = np.flatnonzero(slack[here] >= 0)
             if not len(going):
                 continue
             own, h = some.some(going), rule.rule[going, ::3]
@@ -155,20 +155,20 @@ class Sharing:
             )
             rough = self.contacts.bears[1::3]  # the others have no limits, and bear nothing
             if not np.any(pattern & rough):
-                room[here[going]] = -np.inf
+                slack[here[going]] = -np.inf
                 continue
             kept, columns = rough[pattern], np.repeat(pattern & rough, 3)
             limits = Limits(limits.rule[:, kept], limits.constant[..., kept], limits.error[:, kept])
             grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
             twists = Twists(grasp, rounded, own.centre, own.half, limits)
-            found = twists.room(
+            found = twists.slack(
                 lambda rows, h, constant, closely, own=own: self._within.least(
                     own.some(rows), h, constant, closely
                 ),
                 patient,
             )
-            room[here[going]] = np.minimum(room[here[going]], found / self.contacts.scale)
-        return room
+            slack[here[going]] = np.minimum(slack[here[going]], found / self.contacts.scale)
+        return slack
 
     def _pressed(
         self,
@@ -186,11 +186,11 @@ class Sharing:
         rows = [(np.array([1.0]), -low), (np.array([-1.0]), high)]
         rows += [(np.array([slope]), radius)] if slope != 0 else []
         rows = [row for row in rows if np.isfinite(row[1])]
-        room = self.least(terms, place, rows, in_box=True)
-        if len(left := np.flatnonzero(~(room >= 0))):
+        slack = self.least(terms, place, rows, in_box=True)
+        if len(left := np.flatnonzero(~(slack >= 0))):
             own = place[0][left], place[1][..., left], place[2][..., left]
-            room[left] = self.least(terms.some(left), own, rows)
-        return room
+            slack[left] = self.least(terms.some(left), own, rows)
+        return slack
 
     def _inside(
         self,
@@ -203,8 +203,8 @@ class Sharing:
         """(R,): of one contact and one piece of its set."""
         low, high, radius, slope = piece
         normal = [(np.array([1.0, 0.0, 0.0]), -low), (np.array([-1.0, 0.0, 0.0]), high)]
-        room = self.least(terms, place, [row for row in normal if np.isfinite(row[1])])
-        rows = np.flatnonzero(room >= 0)
+        slack = self.least(terms, place, [row for row in normal if np.isfinite(row[1])])
+        rows = np.flatnonzero(slack >= 0)
         for count in facets:
             if not len(rows):
                 break
@@ -214,9 +214,9 @@ class Sharing:
             own = place[0][rows], place[1][..., rows], place[2][..., rows]
             found = self.least(terms.some(rows), own, cone)
             done = (found >= 0) | (count == facets[-1])
-            room[rows[done]] = np.minimum(room[rows], found)[done]
+            slack[rows[done]] = np.minimum(slack[rows], found)[done]
             rows = rows[~done]
-        return room
+        return slack
 
     def least(
         self,

@@ -107,7 +107,7 @@ class Twists:
         blurred = np.delete(rounded, np.s_[::3], axis=1) + 8 * U * np.abs(tangential)
         self._blur += most @ (blurred.T @ np.abs(basis)).reshape(-1, 2, 3).sum(axis=1)  # of velocities
 
-    def room(self, least: Least, patient: bool) -> np.ndarray:
+    def slack(self, least: Least, patient: bool) -> np.ndarray:
         """(R,): the minimum over all twists, or the value that prevents a proof; proved where >= 0.
 
         Args:
@@ -116,8 +116,11 @@ class Twists:
             patient: more subdivisions before a row is given up.
         """
         most, deepest = _MOST[patient], _DEPTH[patient]
-        room, lost = np.full(len(self._middle), np.inf), np.zeros(len(self._middle), dtype=bool)
-        rows, which = np.repeat(np.arange(len(room)), len(_FIRST)), np.tile(np.arange(len(_FIRST)), len(room))
+        slack, lost = np.full(len(self._middle), np.inf), np.zeros(len(self._middle), dtype=bool)
+        rows, which = (
+            np.repeat(np.arange(len(slack)), len(_FIRST)),
+            np.tile(np.arange(len(_FIRST)), len(slack)),
+        )
         corners = _FIRST  # of different triangles; those of rows are some of them
         for depth in range(deepest + 1):
             h, constant, error, gap = self._functionals(rows, which, corners)
@@ -129,17 +132,17 @@ class Twists:
                 found[left] = np.min(value - error[left], axis=1)
                 lost[rows[left[np.min(value + gap[left], axis=1) < 0]]] = True
                 left = np.flatnonzero(~(found >= 0))
-            lost |= np.bincount(rows[left], minlength=len(room)) > most
+            lost |= np.bincount(rows[left], minlength=len(slack)) > most
             ended = (found >= 0) | lost[rows] | (depth == deepest)
-            np.minimum.at(room, rows[ended], found[ended])
-            left = np.flatnonzero(~ended & (room[rows] >= 0))
+            np.minimum.at(slack, rows[ended], found[ended])
+            left = np.flatnonzero(~ended & (slack[rows] >= 0))
             if not len(left):
                 break
             rows = np.repeat(rows[left], 4)
             used, which = np.unique(which[left], return_inverse=True)
             which = (4 * which.reshape(-1, 1) + np.arange(4)).reshape(-1)
             corners = np.einsum("qkc,pcy->pqky", _QUARTERS, corners[used]).reshape(-1, 3, 3)
-        return room
+        return slack
 
     def _functionals(
         self, rows: np.ndarray, which: np.ndarray, corners: np.ndarray
