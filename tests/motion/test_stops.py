@@ -16,6 +16,7 @@ from ocptip.cli.main import main
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.check import check_motion
 from ocptip.motion.multi_start import plan_segment
+from ocptip.motion.objective import TIME
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
@@ -356,6 +357,20 @@ def test_a_cancel_is_a_third_scenario(capsys, motion_file):
     text = " ".join(capsys.readouterr().out.split())
     assert "LIMITS BROKEN in stops" in text
     assert "s, must be <= 2 s" in text
+
+
+@pytest.mark.slow
+def test_plans_for_cancels_keep_the_contacts_in_them(task):
+    """Of case A: the fastest plan without tips when it is cancelled at the acceleration limits."""
+    fast = replace(task, objective=TIME)
+    limits = StopRules().safe(task.limits, task.robot, "cancel")
+    plain = plan_motion(fast, starts=1, jobs=1)
+    broken = check_motion(task.robot, plain.motion, limits).worst["GN_cancel"]
+    plan = plan_motion(replace(fast, limits=limits), starts=1, jobs=1)
+    assert broken.value > 1
+    assert plan.check.verified
+    assert plan.check.worst["GN_cancel"].value <= 0.9
+    assert check_stops(task.robot, plan.motion, limits, StopRules(), plan.check, "cancel").verified
 
 
 def test_files_have_the_deceleration_of_a_cancel(case_file, task):

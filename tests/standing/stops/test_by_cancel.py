@@ -10,6 +10,8 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.motion.cancels import rounded_down, safe_decelerations
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.limit_kinds.cancel import WorstCancelLimit
+from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion, stop_states
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.cancelled import worst_of_cancels
@@ -135,6 +137,13 @@ def test_within_an_uncertainty_nothing_sampled_is_worse(case):
     plain, _ = worst_of_cancels(worst_case_of(robot, Uncertainty(arm_mass=1e-9)), motion, cancel, times)
     assert plain.value == pytest.approx(np.max(cancelled_motion(robot, motion, cancel)[1].GN), rel=0.02)
     assert tip.value > plain.value
+    asked = replace(case.limits, cancel=cancel, tolerance=own)
+    sampled = Sampled(robot, motion, times, lambda time: None)
+    limits = WorstCancelLimit.of(robot, asked, tuple(range(6)))
+    results = [worst for limit in limits for worst in limit.worst(np.empty(0), sampled)]
+    assert [worst.name for worst in results] == ["GN_cancel_worst_case", "GT_cancel_worst_case"]
+    assert [worst.value for worst in results] == [tip.bound, slip.value]
+    assert pytest.approx(cancel.GN - 0.02) == limits[0].tightened(asked, 0.02).cancel.GN
     rng, rates = np.random.default_rng(0), np.array(cancel.decelerations)
     theta = rng.uniform(cases.deviations.low, cases.deviations.high, (4000, cases.deviations.size))
     for name in ("gravity", "delay"):
@@ -156,8 +165,8 @@ def test_within_an_uncertainty_nothing_sampled_is_worse(case):
         s[:, k] = np.where(passed < 0, part[:, each, each], s[:, k])
     s = s.reshape(count, -1)
     moments = cases._map(cases.deviations.wrench(s, theta)[0])[0]
-    sampled = robot.tip_over.reference_moment / (robot.tip_over.reference_moment + moments.min())
-    assert sampled <= tip.value + 1e-6
+    worst = robot.tip_over.reference_moment / (robot.tip_over.reference_moment + moments.min())
+    assert worst <= tip.value + 1e-6
     assert slip.value > 0
 
 

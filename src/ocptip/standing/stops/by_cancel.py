@@ -23,9 +23,11 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
+from ocptip.numerics.batch import BatchFunction
 from ocptip.standing.arm import Robot
 from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
 from ocptip.trajectories.trajectory import Trajectory
@@ -79,6 +81,8 @@ class StopStates(NamedTuple):
         after: (M,), s, since the joints began to decelerate.
         before: (M,) True just before a joint rests, False just after, and in between.
         q, qd, qdd: (M, n).
+        moves: (M, n) True for joints that still decelerate.
+        weights: (M, n), of the times that the joints need, whose sum is `after`.
     """
 
     owner: np.ndarray
@@ -87,6 +91,8 @@ class StopStates(NamedTuple):
     q: np.ndarray
     qd: np.ndarray
     qdd: np.ndarray
+    moves: np.ndarray
+    weights: np.ndarray
 
 
 def stop_states(q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray) -> StopStates:
@@ -94,7 +100,8 @@ def stop_states(q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray) -> Sto
     count, n = q.shape
     qd = without_creep(qd)
     rests = np.abs(qd) / decelerations  # (N, n), s
-    ends = np.sort(rests, axis=1)
+    order = np.argsort(rests, axis=1)
+    ends = np.take_along_axis(rests, order, axis=1)
     begins = np.hstack([np.zeros((count, 1)), ends[:, :-1]])
     after = begins[:, :, None] + INSIDE * (ends - begins)[:, :, None]  # (N, n, K)
     middle = 0.5 * (begins + ends)
@@ -113,6 +120,10 @@ def stop_states(q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray) -> Sto
     moves = (rests[owner] > middle[owner, phase][:, None]) & ~last[:, None]
     way = np.minimum(after[:, None], rests[owner])
     rate = np.sign(qd)[owner] * decelerations
+    weights, rows, share = np.zeros((len(owner), n)), np.arange(len(owner)), INSIDE[place]
+    weights[rows, order[owner, phase]] = share
+    later = phase > 0
+    weights[rows[later], order[owner[later], phase[later] - 1]] = 1 - share[later]
     return StopStates(
         owner,
         after,
@@ -120,7 +131,59 @@ def stop_states(q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray) -> Sto
         q[owner] + way * (qd[owner] - 0.5 * rate * way),
         np.where(moves, qd[owner] - rate * way, 0.0),
         np.where(moves, -rate, 0.0),
+        moves,
+        weights,
     )
+
+
+@lru_cache(maxsize=8)
+def cancel_slopes(robot: Robot, decelerations: tuple[float, ...]) -> CancelSlopes:
+    """Those of a robot; their functions take a second to build."""
+    return CancelSlopes(robot, decelerations)
+
+
+class CancelSlopes:
+    """Derivatives of functions of the wrench in a state of a stop, over the state s where it begins.
+
+    Which joints still move, in which direction, and which joints' stops say when it is, is fixed.
+
+    Args:
+        robot: the arm on its support.
+        decelerations: n.
+    """
+
+    def __init__(self, robot: Robot, decelerations: tuple[float, ...]) -> None:
+        n = robot.n
+        size = 3 * n + 6 * (robot.varying is not None)
+        s, on_wrench, rate = cs.SX.sym("s", size), cs.SX.sym("on_wrench", 6), cs.DM(decelerations)
+        sign, moves, weights = (cs.SX.sym(name, n) for name in ("sign", "moves", "weights"))
+        q, qd, _, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
+        rests = sign * qd / rate
+        after = cs.dot(weights, rests)
+        own = moves * after + (1 - moves) * rests
+        state = (
+            q + own * (qd - sign * rate * own / 2),
+            moves * (qd - sign * rate * after),
+            -moves * sign * rate,
+        )
+        _, wrench = robot.load_expressions(*state, *process)
+        hessian, gradient = cs.hessian(cs.dot(on_wrench, wrench), s)
+        arguments = [s, sign, moves, weights, on_wrench]
+        self._wrench = BatchFunction(cs.Function("cancel_wrench", arguments[:4], [wrench]))
+        self._gradient = BatchFunction(cs.Function("cancel_slopes", arguments, [gradient]))
+        self._hessian = BatchFunction(cs.Function("cancel_bends", arguments, [hessian]))
+
+    def wrenches(self, s: np.ndarray, *chosen: np.ndarray) -> np.ndarray:
+        """(P, 6) of states s (P, 3 n); chosen: sign, moves, weights, (P, n) each."""
+        return self._wrench(s, *chosen)[0]
+
+    def gradient(self, s: np.ndarray, *chosen: np.ndarray) -> np.ndarray:
+        """Slopes (P, 3 n) of on_wrench . wrench; chosen: as above, and on_wrench (P, 6)."""
+        return self._gradient(s, *chosen)[0]
+
+    def hessian(self, s: np.ndarray, *chosen: np.ndarray) -> np.ndarray:
+        """Curvature (P, 3 n, 3 n) of the same."""
+        return self._hessian(s, *chosen)[0]
 
 
 class CancelCheck(StopCheck):

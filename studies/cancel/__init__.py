@@ -1,0 +1,1 @@
+"""Cancelled trajectories in MuJoCo against the verdicts of `check --stops cancel`."""
