@@ -16,22 +16,20 @@ from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
-from ocptip.motion.check import MotionCheck, Proof
-from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of, with_rises
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import CycleTask, Task
-from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.objective import TIME
 from ocptip.motion.output import csv_blocks, joint_trajectory
 from ocptip.motion.plan_files import samples_joined, task_samples
 from ocptip.motion.stop_rules import SCENARIOS, Kinds
-from ocptip.motion.stops import Stops, stops_by_segment, stops_to_dict
-from ocptip.motion.summary import brief
+from ocptip.motion.stops import stops_by_segment, stops_to_dict
+from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import REACHED, MotionTask
-from ocptip.motion.tolerated import Tolerated, robustness
+from ocptip.motion.tolerated import robustness
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import TORQUE_WITHIN
-from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.bags import write_bag
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path_fit import path_of_motion
@@ -47,56 +45,25 @@ _SCALE = 1e6  # factors of time up to this and down to its inverse
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Check:
+class Check(CheckedMotion):
     """What is known about a given motion, or cycle.
 
     Attributes:
         name: of the motion's file.
-        task: the robot and the limits.
         motion: that was checked, as it was given.
-        checked: the check of the motion as it is, by segments; a motion has one.
         time_scale: factors with the checks of the same path with all times multiplied by each.
         offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
             difference of the motion's start and of its goal from the task's.
         misses: where segments of a cycle do not end where the task wants it, one sentence each.
-        robustness: deviations, one at a time, that lose no contact.
-        stops: what becomes of the base when the motion is stopped, by the name of the segment, "" for a
-            motion; empty: not asked for.
-        sensitivities: what changes would do; empty: not asked for.
         retimed: what another timing of the path of a motion that fails would be; empty: not known.
     """
 
     name: str
-    task: Task
     motion: Trajectory
-    checked: CycleCheck
     time_scale: tuple[tuple[float, MotionCheck], ...] = ()
     offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     misses: tuple[str, ...] = ()
-    robustness: tuple[Tolerated, ...] = ()
-    stops: Mapping[str, Stops] = field(default_factory=dict)
-    sensitivities: tuple[Sensitivity, ...] = ()
     retimed: str = ""
-
-    @property
-    def check(self) -> MotionCheck:
-        """Of a cycle the worst of all segments."""
-        return self.checked.whole
-
-    @property
-    def margins(self) -> tuple[MotionMargin, ...]:
-        """What is left in N m, N, m and shares: nominal, in the worst case, and the limits."""
-        return motion_margins(self.task.robot, self.check)
-
-    @property
-    def certificate(self) -> Proof | None:
-        """What is proved for all instants; None where a limit is broken, or accelerations are estimates."""
-        return self.check.certificate
-
-    @property
-    def verified(self) -> bool:
-        """The motion as it is keeps all limits, stops included where they are asked for."""
-        return self.check.verified and all(stops.verified for stops in self.stops.values())
 
     @property
     def assumed(self) -> list[str]:
@@ -240,16 +207,16 @@ def check(
         offsets, misses = offsets_of(given, alone), ()
     return Check(
         name,
-        task,
         given,
-        checked,
         tuple(scaled),
         offsets,
         misses,
-        robust,
-        stopped,
-        sensitivities_of(alone, given) if sensitivities and alone else (),
         "" if alone is None else retimed(alone, given, checked.whole),
+        task=task,
+        checked=checked,
+        robustness=robust,
+        stops=stopped,
+        sensitivities=sensitivities_of(alone, given) if sensitivities and alone else (),
     )
 
 

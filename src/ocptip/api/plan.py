@@ -15,27 +15,25 @@ from ocptip.basics.outputs import remove_figures
 from ocptip.basics.write import plain
 from ocptip.certificate.checks import certified
 from ocptip.motion.cancels import SafeDecelerations
-from ocptip.motion.check import MotionCheck, Proof, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
-from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import (
-    Stops,
     cancels_by_segment,
     cancels_to_dict,
     stops_by_segment,
     stops_to_dict,
 )
-from ocptip.motion.summary import brief
+from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import MotionTask
-from ocptip.motion.tolerated import Tolerated, robustness
+from ocptip.motion.tolerated import robustness
 from ocptip.pictures.cycle import seen_plan
 from ocptip.pictures.plan import draw_plan
 from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
@@ -58,18 +56,14 @@ Progress = Callable[[int, int, float | None], None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan:
+class Plan(CheckedMotion):
     """A planned motion, or cycle, as it is run, and all that is known about it.
 
     Attributes:
         planned: result of the search: commands, starts, seed. Of a cycle `parts` has one per segment.
         executions: what runs the motion of each segment; a motion has one segment.
-        checked: the check of what is run, by segments.
         time_scale: factors with the checks of the plan run that much slower.
-        robustness: deviations, one at a time, that lose no contact.
-        stops: by the name of the segment, "" for a motion; empty: not asked for.
         price: what stops cost, plain data; empty: they cost nothing, or were not asked for.
-        sensitivities: what changes would do; empty: not asked for.
         cancels: safe decelerations of a cancelled controller, by the name of the segment; empty: `stops` has
             them, or the robot is no arm.
     """
@@ -77,12 +71,8 @@ class Plan:
     command: ClassVar[str] = "plan"
     planned: MotionPlan
     executions: tuple[Execution, ...]
-    checked: CycleCheck
     time_scale: tuple[tuple[float, CycleCheck], ...] = ()
-    robustness: tuple[Tolerated, ...] = ()
-    stops: Mapping[str, Stops] = field(default_factory=dict)
     price: Mapping[str, Any] = field(default_factory=dict)
-    sensitivities: tuple[Sensitivity, ...] = ()
     cancels: Mapping[str, SafeDecelerations] = field(default_factory=dict)
 
     @classmethod
@@ -118,19 +108,17 @@ class Plan:
         return cls(
             planned,
             tuple(replace(run, check=own) for run, own in pairs),
-            checked,
             tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
-            robustness(task, motion),
-            stops,
             price or {},
-            sensitivities_of(task.segments[0].task, motion.segments[0]) if sensitivities else (),
             {} if known else cancels_by_segment(task, motion),
+            task=planned.task,
+            checked=checked,
+            robustness=robustness(task, motion),
+            stops=stops,
+            sensitivities=sensitivities_of(task.segments[0].task, motion.segments[0])
+            if sensitivities
+            else (),
         )
-
-    @property
-    def task(self) -> Task:
-        """What was asked for, with the start and goal that were chosen."""
-        return self.planned.task
 
     @property
     def motion(self) -> Trajectory:
@@ -138,35 +126,10 @@ class Plan:
         return run_by(self.planned, self.executions)
 
     @property
-    def check(self) -> MotionCheck:
-        """The check of what is run, of a cycle the worst of all segments."""
-        return self.checked.whole
-
-    @property
-    def margins(self) -> tuple[MotionMargin, ...]:
-        """What is left in N m, N, m and shares: nominal, in the worst case, and the limits."""
-        return motion_margins(self.task.robot, self.check)
-
-    @property
-    def certificate(self) -> Proof | None:
-        """What is proved for all instants; None where a limit is broken."""
-        return self.check.certificate
-
-    @property
-    def energy(self) -> float:
-        """Electric energy, J."""
-        return self.check.energy
-
-    @property
-    def duration(self) -> float:
-        """Duration, s."""
-        return self.check.duration
-
-    @property
     def verified(self) -> bool:
         """Everything is planned, and what is run keeps all limits, stops included where asked for."""
-        kept = all(one.verified for one in (*self.executions, *self.stops.values()))
-        return self.planned.complete and self.check.verified and kept
+        run = all(one.verified for one in self.executions)
+        return self.planned.complete and run and super().verified
 
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""

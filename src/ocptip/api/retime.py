@@ -213,7 +213,12 @@ def retime(
     motion = run_by(planned, executions)
     checked = cycle_check(planned.task, motion, [run.check for run in executions])
     return RetimedPlan(
-        planned, executions, checked, robustness=robustness(planned.task, motion), timings=tuple(timings)
+        planned,
+        executions,
+        timings=tuple(timings),
+        task=planned.task,
+        checked=checked,
+        robustness=robustness(planned.task, motion),
     )
 
 

@@ -14,7 +14,7 @@ from ocptip.cli.layout import files_lines, segment_table, stop_table, under
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
-from ocptip.motion.summary import WIDTH, Answer, margin_table, rises, robustness_lines
+from ocptip.motion.summary import WIDTH, CheckedMotion, margin_table, rises, robustness_lines
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -58,7 +58,7 @@ def wrapped(name: str, texts: Iterable[str], wide: int = 8) -> list[str]:
 
 
 def motion_text(
-    found: Answer,
+    found: CheckedMotion,
     head: Sequence[str],
     *,
     scaled: Iterable[tuple[float, MotionCheck]] = (),
@@ -84,9 +84,8 @@ def motion_text(
     """
     checked, robot = found.check, found.task.robot
     widest = max((len(name) for name, _ in details), default=0) + 2
-    broken = (*checked.violations, *(text for stops in found.stops.values() for text in stops.violations))
     parts = [
-        [*head, *wrapped("Broken", broken)],
+        [*head, *wrapped("Broken", found.broken)],
         segment_table(found.task, found.checked) if found.task.is_cycle else [],
         margin_table(robot, checked),
         robustness_lines(found.robustness),

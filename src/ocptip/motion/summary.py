@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from dataclasses import dataclass, field
 
 from ocptip.basics.text import quantity, table
-from ocptip.motion.check import MotionCheck
+from ocptip.motion.check import MotionCheck, Proof
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
@@ -30,31 +30,66 @@ _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 
 
-class Answer(Protocol):
-    """What is known about a motion: a plan, or the check of one."""
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CheckedMotion:
+    """What is known about a motion, or a cycle: a plan, or the check of one.
+
+    Attributes:
+        task: the robot and the limits; of a plan with the start and goal that were chosen.
+        checked: the check by segments; a motion has one.
+        robustness: deviations, one at a time, that lose no contact.
+        stops: what becomes of the base when the motion is stopped, by the name of the segment, "" for a
+            motion; empty: not asked for.
+        sensitivities: what changes would do; empty: not asked for.
+    """
+
+    task: Task
+    checked: CycleCheck
+    robustness: tuple[Tolerated, ...] = ()
+    stops: Mapping[str, Stops] = field(default_factory=dict)
+    sensitivities: tuple[Sensitivity, ...] = ()
 
     @property
-    def task(self) -> Task: ...
+    def check(self) -> MotionCheck:
+        """The check; of a cycle the worst of all segments."""
+        return self.checked.whole
+
     @property
-    def check(self) -> MotionCheck: ...
+    def margins(self) -> tuple[MotionMargin, ...]:
+        """What is left in N m, N, m and shares: nominal, in the worst case, and the limits."""
+        return motion_margins(self.task.robot, self.check)
+
     @property
-    def checked(self) -> CycleCheck: ...
+    def certificate(self) -> Proof | None:
+        """What is proved for all instants; None where a limit is broken, or accelerations are estimates."""
+        return self.check.certificate
+
     @property
-    def verified(self) -> bool: ...
+    def energy(self) -> float:
+        """Electric energy, J."""
+        return self.check.energy
+
     @property
-    def stops(self) -> Mapping[str, Stops]: ...
+    def duration(self) -> float:
+        """Duration, s."""
+        return self.check.duration
+
     @property
-    def robustness(self) -> Sequence[Tolerated]: ...
+    def verified(self) -> bool:
+        """The motion keeps all limits, stops included where they are asked for."""
+        return self.check.verified and all(stops.verified for stops in self.stops.values())
+
     @property
-    def sensitivities(self) -> Sequence[Sensitivity]: ...
+    def broken(self) -> tuple[str, ...]:
+        """The limits that are broken, stops included, one sentence each."""
+        return (*self.check.violations, *(text for one in self.stops.values() for text in one.violations))
 
 
-def brief(title: str, found: Answer) -> str:
+def brief(title: str, found: CheckedMotion) -> str:
     """Verdict, duration and energy, broken limits, margins, robustness."""
     checked = found.check
     verdict = checked.headline if found.verified or not checked.verified else "LIMITS BROKEN"
-    broken = [*checked.violations, *(text for stops in found.stops.values() for text in stops.violations)]
-    rows = [f"{title}   {verdict}", motion_line(checked), *(f"Broken  {text}" for text in broken), ""]
+    rows = [f"{title}   {verdict}", motion_line(checked), *(f"Broken  {text}" for text in found.broken), ""]
     rows += margin_table(found.task.robot, checked)
     return "\n".join([*rows, "", *robustness_lines(found.robustness)])
 
