@@ -1,10 +1,10 @@
 """Compliant feet: how contacts with springs share the load on a base that rests on them.
 
 The base moves by a small twist xi; a foot that presses is a spring D along the contact's axes, one that the
-motion lifts carries nothing. With W the wrench per contact force, foot motions are W' xi, and
-K xi = w with K = sum of W_k D_k W_k' over the feet that press: forces -D W' xi are linear in the wrench w
-while the same feet press. On one plane the normal forces are the unique minimiser of the elastic energy
-(sum of f^2 / 2 k, f >= 0, in balance), a strictly convex program, whatever the tangential springs.
+motion lifts carries nothing. With W the wrench per contact force, foot motions are W' xi, and K xi = w with K
+= sum of W_k D_k W_k' over the feet that press: forces -D W' xi are linear in the wrench w while the same feet
+press. On one plane the normal forces are the unique minimiser of the elastic energy (sum of f^2 / 2 k, f >=
+0, in balance). That is a strictly convex program, whatever the tangential springs.
 
 Friction cones are no part of this: friction utilisation checks them, with these normal forces.
 """

@@ -2,8 +2,8 @@
 
 A node allows every contact a list of its modes. Its relaxation drops the rule that only one mode's variables
 may be positive: all variables of the allowed modes may be. An infeasible relaxation discards all mode
-combinations of the node at once, so an exhausted search is a proof (up to the tolerance of the programs),
-where pivoting can only report that it ended without a solution.
+combinations of the node at once. So an exhausted search is a proof, up to the tolerance of the programs.
+Pivoting can only report that it ended without a solution.
 
 Two questions are asked:
 

@@ -1,9 +1,9 @@
 """Complementary pivoting ruled by mode automata: the compiled kernel.
 
 The system is `C x = rhs`, x >= 0, where the columns of `C` belong to contacts and each contact's basic
-columns form one of its admissible subsets. Lemke's scheme: a start basis `B0`, an artificial variable
-`z0` with the covering column `B0 e`, and then pivots in which the variable that enters is the one that
-the automaton of the leaving variable's contact names.
+columns form one of its admissible subsets. Lemke's scheme: a start basis `B0`, an artificial variable `z0`
+with the covering column `B0 e`, and then pivots. The automaton of the leaving variable's contact names the
+variable that enters.
 
 Ties are the rule, not the exception (rank of the force columns is at most 6): the right-hand side is
 therefore perturbed symbolically by `epsilon B0 rho` with a fixed generic vector `rho` > 0 and an

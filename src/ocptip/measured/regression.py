@@ -1,12 +1,12 @@
 """Which few causes explain residuals in noise that is not white: regression with selection, and its errors.
 
 Feasible generalised least squares: the noise of every signal is an autoregressive process whose order
-(Bayesian information criterion) and coefficients come from what all causes together leave over, so that
-vibrations, drift and filters count as the noise that they are. What is whitened by it, with missing samples
-as additional unknowns, is a plain regression. Causes are taken in one by one, the most significant first,
-exchanged for others and dropped again as long as the sum of squares says so. A cause is taken in if its t
-value is beyond what chance gives with a probability of `level` over the number of causes (Bonferroni), so
-that `level` is the probability of any finding where there is nothing.
+(Bayesian information criterion) and coefficients come from what all causes together leave over. So
+vibrations, drift and filters count as noise. What is whitened by it, with missing samples as additional
+unknowns, is a plain regression. Causes are taken in one by one, the most significant first, exchanged for
+others and dropped again as long as the sum of squares says so. A cause is taken in if its t value is beyond
+what chance gives with a probability of `level` over the number of causes (Bonferroni). Then `level` is the
+probability of any finding where there is nothing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A parallel robot in its platform coordinates alone, as CasADi expressions: what an optimiser needs of it.
 
-The joints are eliminated by their closed-form inverse kinematics, so that motor forces, motor speeds, base
-wrench and the measures of singular poses are functions of z, z' and z'' with exact derivatives of any order.
+The joints are eliminated by their closed-form inverse kinematics. So motor forces, motor speeds, base wrench
+and the measures of singular poses are functions of z, z' and z'', with exact derivatives of any order.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Lower bounds of friction utilisation GT, for many wrenches at once and without contact forces.
 
-When the base slides with a velocity v and turns with a rate w about the common normal of its contacts,
-friction takes at most the power sum mu_i N_i |v + w x p_i|, whatever the normal forces N_i that hold the base
-up. So the power of the wrench over the largest of these sums is no more than GT, and its largest value over
-all (v, w) is GT (duality: what cones with a share of their friction can hold is convex). The sum is linear in
-the normal forces, so it is largest where three contacts carry all.
+Let the base slide with a velocity v and turn with a rate w about the common normal of its contacts. Then
+friction takes at most the power sum mu_i N_i |v + w x p_i|, for all normal forces N_i that hold the base up.
+So the power of the wrench over the largest of these sums is no more than GT, and its largest value over all
+(v, w) is GT (duality: what cones with a share of their friction can hold is convex). The sum is linear in the
+normal forces, so it is largest where three contacts carry all.
 """
 
 from __future__ import annotations

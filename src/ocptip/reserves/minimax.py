@@ -152,8 +152,8 @@ def _minimise_planar(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> Minima
 def _minimise_general(q: np.ndarray, Q: np.ndarray, limits: np.ndarray) -> Minimax:
     """By Clarabel.
 
-    The problem is solved for u_i = (q_i + Q_i z) / l_i in an orthonormal basis P of the redistributions and
-    in units of the least-squares solution, whose usage is at most sqrt(n) times the optimum.
+    The problem is solved for u_i = (q_i + Q_i z) / l_i in an orthonormal basis P of the redistributions.
+    Units are those of the least-squares solution, whose usage is at most sqrt(n) times the optimum.
     """
     count, n, k = q.shape
     nz = Q.shape[3]

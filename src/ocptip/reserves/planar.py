@@ -105,9 +105,9 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
     """Puts slopes and second derivatives of usages; True where both bounds of the usage agree.
 
     Half the square of the usage rho is the largest h . u - D(u)^2 / 2 over motions u, D the friction's power:
-    by the theorem of the envelope its slope is that of h and of the limits at the best u, and its curvature
-    C' H^-1 C less that of the limits' square, with H the curvature over u and C the slope of the gradient
-    over u. At a rotation about a contact u stays as it is, and rho is a ratio of affine functions.
+    by the envelope theorem its slope is that of h and of the limits at the best u. Its curvature is C' H^-1 C
+    minus that of the squared limits, with H the curvature over u and C the slope of the gradient over u. At a
+    rotation about a contact u stays as it is, and rho is a ratio of affine functions.
     """
     count, n = most.shape
     sure = np.ones(count, dtype=np.bool_)

@@ -8,14 +8,14 @@ far the base is from tipping. What counts is
 w the wrench on the base and e_i a couple about axis i: the moment by which any admissible sharing of the
 forces can still be turned against the base, a max over forces; the margin is the min over the axes.
 
-The rotation about axis k moves contact c with v_c. If no friction can hold it (the normal part of every v_c
-at least friction times the tangential part), the contacts let go where the moment of w about the axis, affine
-in w, vanishes. So the path w + m e_i ends where the first such axis k tips, if friction lasts till then: if
-the two contacts on axis k carry the wrench there alone, which two quadratic inequalities in the one free
-force along the axis decide (all wrenches that can be carried are a convex set). Then the affine moment of
-axis i is valid, and the minimum over all axes is exact. Otherwise (an axis jams, friction ends first, clamps)
-a second-order cone program decides, with its multipliers as derivative. Where no admissible forces carry w +
-m e_i for any m, the affine moment is valid as well: either the base tips, or friction is used up.
+The rotation about axis k moves contact c with v_c. No friction can hold it if the normal part of every v_c is
+at least friction times the tangential part. Then the contacts let go where the moment of w about the axis,
+affine in w, vanishes. So the path w + m e_i ends where the first such axis k tips, if friction lasts till
+then: if the two contacts on axis k carry the wrench there alone, which two quadratic inequalities in the one
+free force along the axis decide (all wrenches that can be carried are a convex set). Then the affine moment
+of axis i is valid, and the minimum over all axes is exact. Otherwise (an axis jams, friction ends first,
+clamps) a second-order cone program decides, with its multipliers as derivative. Where no admissible forces
+carry w + m e_i for any m, the affine moment is valid as well: either the base tips, or friction is used up.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What would help: how GN, GT and the minimum normal force change with everything that a user can change.
 
-Each quantity alone is changed by a step that means something (1 kg, 10 mm) and all instants are solved again,
-so that the worst may be at another instant, axis or contact. Besides, the slopes at the worst instants: where
-only the wrench changes, from the exact derivatives of the contact forces and indices with respect to it, else
+Each quantity alone is changed by a step that means something (1 kg, 10 mm) and all instants are solved again.
+So the worst may be at another instant, axis or contact. Besides, the slopes at the worst instants: where only
+the wrench changes, from the exact derivatives of the contact forces and indices with respect to it, else
 (positions, friction) by central differences of the exact solver. At a worst instant that two contacts or axes
 share, slopes are those of one of them.
 """

@@ -1,10 +1,10 @@
 """What of a robot, its base and the floor is known to within bounds only.
 
-Of the base at rest (mass, centre of mass, friction) all corners count, see `Uncertainty.corners`: with
-the arm at its place the wrench on the contacts is affine in the base's mass and in mass times centre of mass.
-So it is a mean of the wrenches at the corners of all bounds, and since the wrenches that contacts carry
-within a share of their friction are a convex set, and addable moments are concave, no value inside the bounds
-is worse than at the worst corner. Cones of friction lie in each other: the smallest friction is the worst.
+Of the base at rest (mass, centre of mass, friction) all corners count, see `Uncertainty.corners`: with the
+arm at its place the wrench on the contacts is affine in the base's mass and in mass times centre of mass. So
+it is a mean of the wrenches at the corners of all bounds. The wrenches that contacts carry within a share of
+their friction are a convex set, and addable moments are concave. So no value inside the bounds is worse than
+at the worst corner. Cones of friction lie in each other: the smallest friction is the worst.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ tolerance, the one with the minimum total variation of acceleration (the sum of 
 overshoot: overshoot adds variation. The tolerance is half a unit of the last digit of the file. Where noise
 is larger, it is what the noise of as many samples does not exceed.
 
-What a fit cannot know: an acceleration that lasts so shortly that it moves the joint by less than the
-tolerance (an excess a over a time T moves it by about a T^2 / 8), or that begins and ends between two
-samples. The calmest motion has none of these.
+What a fit cannot know: an acceleration so short that it moves the joint by less than the tolerance (an excess
+a over a time T moves it by about a T^2 / 8), or that begins and ends between two samples. The calmest motion
+has none of these.
 
 Samples that stay within the tolerance for a while, all joints together, are a standstill: the motion rests
 there, and what lies between two of them is fitted by itself. So cycles can be parted where they rest.

@@ -40,12 +40,12 @@ def load_motion(
     `trajectory_msgs/JointTrajectory`, alone or in a message that holds one, angles in rad, lengths in m; the
     motion is what ROS 2's joint trajectory controller makes of it: quintic polynomials between points that
     have velocities and accelerations, cubic ones where accelerations are empty, straight lines where
-    velocities are empty as well (whose corners the drives are taken to spread over one update of the
-    controller). CSV: a header that names time, positions and, if at hand, speeds and accelerations of all
-    joints, in any order, see `ocptip.trajectories.csv_columns`; other columns are left out. With
+    velocities are empty as well. The drives are assumed to spread the corners of these lines over one update
+    of the controller. CSV: a header that names time, positions and, if at hand, speeds and accelerations of
+    all joints, in any order, see `ocptip.trajectories.csv_columns`; other columns are left out. With
     accelerations that are those of the motion between the samples, as in motion.csv, it is taken unchanged; a
-    time may be repeated at acceleration steps. All else is fitted (`ocptip.trajectories.fit`).
-    Bags of ROS: a joint trajectory, or joint states as samples, in rad and m.
+    time may be repeated at acceleration steps. All else is fitted (`ocptip.trajectories.fit`). Bags of ROS: a
+    joint trajectory, or joint states as samples, in rad and m.
 
     Args:
         path: the file.

@@ -1,8 +1,9 @@
 """PI_OE and CDN_OE: how well a serial arm moves an operation ellipsoid.
 
-The sum of squared velocities of the ellipsoid's vertices, zeta = w' Z w with Z = J' W J, is extremised over
-joint rates w of unit length (or of unit rotational energy, in the weighted form). PI_OE compares the smallest
-value with what axis 6 alone can always do; CDN_OE compares smallest and largest. Source: [Naw07] 3.3, 3.4.
+The sum of squared velocities of the ellipsoid's vertices is zeta = w' Z w with Z = J' W J. It is extremised
+over joint rates w of unit length (or of unit rotational energy, in the weighted form). PI_OE compares the
+smallest value with what axis 6 alone can always do; CDN_OE compares smallest and largest. Source: [Naw07]
+3.3, 3.4.
 """
 
 from __future__ import annotations

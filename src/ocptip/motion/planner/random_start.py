@@ -39,8 +39,8 @@ def random_start(
 ) -> Trajectory:
     """A random motion from start to goal ((n,), rad) with `commands` profile commands of each of `joints`.
 
-    Targets, speeds and accelerations are drawn until the path neither collides nor tips at rest (after DRAWS
-    draws the best path so far is taken), then the motion is slowed down until it stands. Of CANDIDATES such
+    Targets, speeds and accelerations are drawn until the path neither collides nor tips at rest; after DRAWS
+    draws the best path so far is taken. Then the motion is slowed down until it stands. Of CANDIDATES such
     motions it is the one with the minimum cost; with stops by brakes, of more of them the one whose stops
     violate limits by the minimum amount. Where time counts, speeds and accelerations are drawn high.
     """

@@ -3,8 +3,8 @@
 CasADi merges equal subexpressions only if they are written alike, and turns x (1/y) into a division each
 time. Here a function is read into a graph in which signs are pulled outwards, sums and products do not depend
 on the order of their operands, and a division is a product with a shared reciprocal; equal nodes meet there.
-Sums of products are then factored (x a + x b = x (a + b)) where no shared value is lost, and the graph is
-written back with CasADi's simplification switched off, so that it stays as it is.
+Sums of products are then factored (x a + x b = x (a + b)) where no shared value is lost. The graph is written
+back with CasADi's simplification switched off, which would change it.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 it.
 
 Every vector is kept in the frame of its link and passed on by planar rotations. The motion of the coupling
-point determines the joint rates (the leg's Jacobian is square), so that origins near the platform can take
-their acceleration from it instead of from the base.
+point determines the joint rates (the leg's Jacobian is square). So origins near the platform can take their
+acceleration from it instead of from the base.
 """
 
 from __future__ import annotations

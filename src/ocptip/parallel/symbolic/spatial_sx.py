@@ -1,8 +1,8 @@
 """Vectors and rotations of CasADi scalars with exact structural zeros.
 
-A vector is a list of three SX scalars. A rotation is a chain of turns about coordinate axes, so that passing
-a vector between two frames costs four multiplications and two additions per turn, nothing for multiples of
-pi/2, and zero components stay zero for the simplification of CasADi.
+A vector is a list of three SX scalars. A rotation is a chain of turns about coordinate axes. Passing a vector
+between two frames then costs four multiplications and two additions per turn, and nothing for multiples of
+pi/2. Zero components stay zero for the simplification of CasADi.
 """
 
 from __future__ import annotations

@@ -6,11 +6,11 @@ springs of gears) and the loads w(t) of the mechanism on base and springs that s
     M u'' + (B + C) u' + (K + G) u = w(t):
 
 M is the inertia of base and links, B what the joints' speeds add, K and C are springs and dampers of feet and
-gears, and G turns weight and spring forces with the base (without it a high mechanism would stand too
-stiffly) and moves the links with the springs. The drives do what the motion says, whatever the links do:
-Spong's model with the rotors' motion given. On rigid feet only the springs of gears move. In steps within
-which the joints turn by a negligible angle, all matrices are constant and w is a cubic in time: the step is
-then a matrix exponential.
+gears. G turns weight and spring forces with the base, and moves the links with the springs; without it a high
+mechanism would be too stiff. The drives do what the motion says, whatever the links do: Spong's model with
+the rotors' motion given. On rigid feet only the springs of gears move. In steps within which the joints turn
+by a negligible angle, all matrices are constant and w is a cubic in time: the step is then a matrix
+exponential.
 
 A foot presses until spring and damper would have to pull. It then carries nothing, its sole, which has
 no mass, relaxes with the time c / k, and it comes down where base and sole meet the ground again, its

@@ -4,8 +4,8 @@ Checks cover whole stops. Rows of a program are those of the moment when the bra
 stops are worst: what brakes do does not depend on the speed, and later fewer joints brake. The accelerations
 of the arm then follow from the torques on the joints in motion, those at rest stay at rest. The check detects
 what is worse later in a stop, and rows are tightened until nothing is. The moving joints, their directions
-and the worst ends of the brakes' intervals are chosen at the start of a solve and kept during it, so that
-rows are smooth, with exact derivatives (the curvature of GT over the wrench is left out).
+and the worst ends of the brakes' intervals are chosen at the start of a solve and kept during it. So rows are
+smooth, with exact derivatives; only the curvature of GT over the wrench is left out.
 """
 
 from __future__ import annotations

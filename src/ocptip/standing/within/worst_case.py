@@ -211,8 +211,8 @@ class WorstCase:
     def large_slips(self, s: np.ndarray, max_delay: np.ndarray) -> WorstDeviations:
         """The same as :meth:`slip` where they are large; elsewhere by half spaces.
 
-        What is at most 95 % of the maximum, and of 1, has a bound as its value, the deviations that are
-        worst for the nearest half space, and its normal as the slopes, which have another length.
+        Entries of at most 95 % of the maximum, and of 1, are bounds. Their deviations are worst for the
+        nearest half space, and their slopes are its normal, with another length.
         """
         if self._slip_map is not None:
             return self.slip(s, max_delay=max_delay)
