@@ -7,6 +7,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
+from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.read import load_motion
 from tests.places import EXAMPLES
@@ -222,3 +223,66 @@ def test_rows_of_dh_take_their_links_from_parts():
     np.testing.assert_allclose(arm.centres[1], centre, atol=1e-14)
     along = 0.0011 + 0.0035 + 2.0 * 0.05**2 - 3.1 * centre[2] ** 2  # about x, through the centre
     assert arm.inertias[1][0, 0] == pytest.approx(along)
+
+
+ENDS = """start_deg = [-40]
+start_m = [0.1]
+goal_deg = [40]
+goal_m = [0.3]
+"""
+
+
+def _coupled(folder, urdf: str, table: str):
+    (folder / "lift.urdf").write_text(urdf, encoding="utf-8")
+    text = SHORT[: SHORT.index("start_deg")] + ENDS
+    (folder / "t.toml").write_text(text.replace("[motion]", f"{table}\n[motion]"), encoding="utf-8")
+    return load_task("t.toml").robot.arm
+
+
+def test_joints_follow_others_as_those_that_mimic_in_the_urdf(folder):
+    table = '[arm.follows]\nturn_2 = { joint = "turn_1", ratio = -0.5, offset_deg = 10 }'
+    said = _coupled(folder, ON_A_LIFT, table)
+    mimic = '<mimic joint="turn_1" multiplier="-0.5" offset="0.17453292519943295"/>'
+    limit = '<limit velocity="2" effort="60"/>'
+    meant = _coupled(folder, ON_A_LIFT.replace(limit, limit + mimic), "")
+    assert said.joint_names == meant.joint_names == ("lift", "turn_1")
+    q, qd, qdd = np.random.default_rng(0).normal(size=(3, 20, 2))
+    one, other = (evaluate_dynamics(arm, q, qd, qdd) for arm in (said, meant))
+    np.testing.assert_array_equal(one.torque, other.torque)
+    np.testing.assert_array_equal(one.wrench, other.wrench)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('turn_3 = { joint = "turn_1" }', r"arm\.follows\.turn_3: no joint 'turn_3' that moves"),
+        ('turn_2 = { joint = "flange" }', r"arm\.follows\.turn_2\.joint: no joint 'flange' that moves"),
+        ('turn_2 = { joint = "turn_1", ratio = 0 }', r"turn_2\.ratio: must not be 0; lock the joint"),
+        ('turn_2 = { joint = "turn_1", offset_m = 1 }', r"'turn_2' turns, its key is offset_deg"),
+    ],
+)
+def test_couplings_are_refused_by_their_place(folder, line, message):
+    with pytest.raises(InputError, match=message):
+        _coupled(folder, ON_A_LIFT, f"[arm.follows]\n{line}")
+
+
+def test_masses_are_added_to_base_and_links(folder):
+    text = SHORT.replace("[arm]", "[[base.added]]\nmass = 20\ncenter_of_mass = [0.3, 0, 0.1]\n[arm]")
+    text = text.replace("[base]", "[base]\ninertia = [2, 3, 4]")
+    more = "[[arm.links.turn_2.added]]\nmass = 1\nposition = [0, 0.1, 0]\n"
+    (folder / "t.toml").write_text(text.replace("[motion]", f"{more}[motion]"), encoding="utf-8")
+    robot = load_task("t.toml").robot
+    support = robot.support
+    assert support.mass == 80
+    np.testing.assert_allclose(support.center_of_mass, [0.075, 0, 0.175])
+    # By hand: 60 * 20 / 80 = 15 kg of reduced mass at a distance of 0.3 m along x and 0.1 m along z.
+    np.testing.assert_allclose(
+        support.inertia, np.diag([2, 3, 4]) + 15 * np.array([[0.01, 0, 0.03], [0, 0.1, 0], [0.03, 0, 0.09]])
+    )
+    (folder / "t.toml").write_text(SHORT, encoding="utf-8")
+    before = load_task("t.toml").robot.arm
+    np.testing.assert_allclose(robot.arm.masses - before.masses, [0, 0, 1])
+    mass = before.masses[2]
+    np.testing.assert_allclose(
+        (mass + 1) * robot.arm.centres[2], mass * before.centres[2] + [0, 0.1, 0], atol=1e-12
+    )

@@ -32,6 +32,7 @@ def arm_from_urdf(
     armature: np.ndarray | None = None,
     acceleration: np.ndarray | None = None,
     accept_inertia: bool | Iterable[str] = (),
+    follows: Mapping[str, tuple[str, float, float]] | None = None,
 ) -> ArmModel:
     """Read an arm from a URDF file.
 
@@ -59,6 +60,7 @@ def arm_from_urdf(
         acceleration: (n,), rad/s^2, limits; by default those of URDF 1.2, infinite where it gives none.
         accept_inertia: links that move without mass, or with an inertia that no body has, and are meant so;
             True: all.
+        follows: further joints that mimic others: name to leading joint, ratio and offset, rad or m.
 
     Returns:
         The arm; angle, speed and torque limits are the file's (a speed or torque limit of zero counts as
@@ -72,7 +74,7 @@ def arm_from_urdf(
     Warns:
         InputWarning: masses or lengths that no arm has.
     """
-    file = read_urdf(path)
+    file = read_urdf(path).with_followers(follows or {})
     base = file.base_link(base_link)
     tool = file.tool_frame(tool_frame, base)
     robot = pinocchio_model(file.path)

@@ -20,7 +20,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.read import require_readable
 from ocptip.basics.text import some
 from ocptip.robots.pinocchio import PinocchioModel, load_coal, load_pinocchio
-from ocptip.robots.urdf_file import require_shallow, xml_of
+from ocptip.robots.urdf_xml import require_shallow, xml_of
 
 _PLACE = re.compile(r"\s+at line \d+ in \S+")
 _MOST = 3  # lines shown

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import get_args
 import numpy as np
 
 from ocptip.basics import schema
-from ocptip.basics.schema import ANY_FILE, DEGREES, REQUIRED, Keys
+from ocptip.basics.schema import ANY_FILE, REQUIRED, Keys
 from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import Table
 from ocptip.numerics.inertia import ROUNDED, RigidBody, symmetric_matrix, union, why_impossible
@@ -22,9 +21,10 @@ from ocptip.robots.dh import Convention, DHRow, arm_from_dh
 from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.urdf import arm_from_urdf
-from ocptip.robots.urdf_file import UrdfFile, read_urdf
+from ocptip.robots.urdf_file import read_urdf
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.shapes import SPHERES, with_spheres, without_excluded
+from ocptip.task_files.urdf_joints import FOLLOWS, LOCKED, LOCKED_KEYS, followers_of, ranges_of
 
 _LIMITS = {  # key: limit, whether it is one of sliding joints, meaning, unit
     "angle_min_deg": ("angle_min", False, "Lower limit", "deg"),
@@ -38,9 +38,6 @@ _LIMITS = {  # key: limit, whether it is one of sliding joints, meaning, unit
     "acceleration_m_s2": ("acceleration", True, "Acceleration limit", "m/s^2"),
     "force_N": ("torque", True, "Force limit", "N"),
 }
-LOCKED = {"locked_deg": False, "locked_m": True}
-"""Keys of joints that do not move: whether these are sliding joints."""
-
 _MOST_PARTS = 64
 
 _OF_ARM = "of the arm"
@@ -87,6 +84,7 @@ LINK = Keys(
             otherwise=_OF_ARM,
         ),
         "part": schema.tables(_PART),
+        "added": schema.tables(_PART, "Parts besides the link, such as cables and tools."),
     },
 )
 _JOINT = Keys(
@@ -112,18 +110,6 @@ _JOINT = Keys(
 )
 
 
-def _locked(unit: str, which: str) -> schema.Key:
-    return schema.table(
-        Keys(
-            f"locked in {unit}",
-            f"Values of {which} joints that do not move, by names or patterns such as `finger_*`.",
-            others=schema.number("Value of these joints.", unit),
-        ),
-        default=None,
-    )
-
-
-LOCKED_KEYS = {"locked_deg": _locked("deg", "turning"), "locked_m": _locked("m", "sliding")}
 _ACCEPT_INERTIA = schema.anything(
     "Links that may move without mass, or with an inertia that no body has.",
     "true, or list of links",
@@ -163,6 +149,7 @@ ARM = Keys(
                     "Link whose origin is the TCP.", otherwise="`tool0`, or the only end"
                 ),
                 **LOCKED_KEYS,
+                "follows": FOLLOWS,
                 "accept_inertia": _ACCEPT_INERTIA,
                 "armature": schema.per_joint(
                     "Inertia of rotors, as their joints feel it; sliding joints: kg.",
@@ -267,6 +254,9 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
             inertia = own["inertia"]
             with own.at("inertia"):
                 inertias[k] = symmetric_matrix(inertia)
+        masses[k], centres[k], inertias[k] = reduce(
+            union, map(_part, own.tables("added")), (masses[k], centres[k], inertias[k])
+        )
         if arm.coupling is None:
             armature[k] = own.get("armature", armature[k])
         own.close()
@@ -315,12 +305,14 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
             if wanted:
                 with source.at(key):
                     locked |= file.locked(wanted, slides=slides)
-    accepted, ranges = _accepted_links(table), _ranges(table, file, locked)
+    follows = followers_of(table, file)
+    accepted, ranges = _accepted_links(table), ranges_of(table, file, locked)
     geometry, folders = table["collision"], table["package_dirs"]
     srdf, parts, further = table["srdf"], table["mesh_parts"], table["joint_limits"]
     table.close(early=True)
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         given = {"locked_joints": locked, "joint_ranges": ranges, "accept_inertia": accepted}
+        given["follows"] = follows
         arm = arm_from_urdf(file.path, **names, **given)
     with table.at("joint_limits"):
         arm = arm if further is None else with_joint_limits(arm, further)
@@ -337,25 +329,6 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
             table.note_parts(file.path, {name: mesh for name, mesh in meshes.items() if mesh})
         arm = replace(arm, geometry=found)
     return without_excluded(arm, table)
-
-
-def _ranges(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Both limits, rad and m, of joints that `[arm.limits]` names; they free a joint that the URDF holds."""
-    limits, found = table.value("limits", {}), dict[str, tuple[float, float]]()  # read by `_with_limits`
-    for keys in (("angle_min_deg", "angle_max_deg"), ("position_min_m", "position_max_m")):
-        ends = [limits.get(key) for key in keys] if isinstance(limits, dict) else []
-        ends = [end for end in ends if isinstance(end, dict)]
-        if len(ends) < len(keys):
-            continue
-        for name in set(file.joints).intersection(*ends) - set(locked):
-            values = [end[name] for end in ends]
-            if all(isinstance(value, int | float) for value in values):
-                if not values[0] < values[1]:
-                    text = f"{keys[0]} {values[0]:g} must be below {keys[1]} {values[1]:g}"
-                    raise table.error(f"{name}: {text}", "limits")
-                scale = DEGREES if keys[0].endswith("deg") else 1.0
-                found[name] = scale * values[0], scale * values[1]
-    return found
 
 
 def _arm_from_dh(table: Table, alone: bool) -> ArmModel:

@@ -28,8 +28,9 @@ PLURALS = {"wheel": "wheels", "caster": "casters", "foot": "feet"}
 _SHARE = 0.5
 """Links that rest are a base if they weigh at least this share of the arm; lighter ones are its foot."""
 
-_PART = 0.01
-"""A base has two links and more of at least this share of its mass; a single one is the foot of the arm."""
+_PART, _WIDE_FOOT = 0.01, 0.15
+"""A base has two links and more of at least this share of its mass, or reaches so far, m, to all sides of its
+middle; another single link is the foot of the arm."""
 
 _HEAVIER, _LEAST_MASS = 3.0, 80.0
 """Mass of an invented base: a multiple of that of the arm, and a minimum, kg."""
@@ -108,7 +109,8 @@ def example_base(file: UrdfFile, arm: ArmModel) -> ExampleBase:
     )
     parts = sum(file.masses.get(link, 0.0) > _PART * mass for link in resting_links(file, arm))
     drives = any(contact.kind != "foot" for contact in contacts) or arm.base_link != file.root
-    stands = mass >= _SHARE * carried and parts > 1 and (not contacts or _stands(contacts, centre))
+    spread = parts > 1 or (contacts and _spread(contacts) > _WIDE_FOOT)
+    stands = mass >= _SHARE * carried and spread and (not contacts or _stands(contacts, centre))
     if not mass or not (stands or (drives and arm.base_link == file.standing)):
         heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10), np.ceil(mass))
         middle = np.array([0.0, 0.0, 0.3])
@@ -121,10 +123,15 @@ def example_base(file: UrdfFile, arm: ArmModel) -> ExampleBase:
     )
 
 
+def _spread(contacts: Sequence[GroundContact]) -> float:
+    """m, from the middle of the contacts to their nearest edge."""
+    feet = np.array([contact.position for contact in contacts])
+    return float(inside(feet, feet.mean(axis=0)[None])[0])
+
+
 def _stands(contacts: Sequence[GroundContact], centre: np.ndarray) -> bool:
     feet = np.array([contact.position for contact in contacts])
-    within = inside(feet, np.array([centre, feet.mean(axis=0)]))
-    return bool(within[0] >= _CENTRED * within[1])
+    return bool(inside(feet, centre[None])[0] >= _CENTRED * _spread(contacts))
 
 
 TURN, SLIDE = np.deg2rad(30), 0.1

@@ -22,6 +22,7 @@ from ocptip.basics.toml import Source, Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
+from ocptip.numerics.inertia import ROUNDED, symmetric_matrix, union, why_impossible
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_units, require_kind
 from ocptip.task_files.tolerance import TOLERANCE, tolerance_of
@@ -81,6 +82,15 @@ GRAVITY = schema.vector(
     default=None,
     otherwise="9.81 against the last axis",
 )
+_ADDED = Keys(
+    "added mass",
+    "A mass fixed to the base, such as a battery or a control cabinet.",
+    {
+        "mass": schema.number("Mass.", "kg", bound="> 0"),
+        "center_of_mass": schema.vector("Centre of mass, base axes.", "m", 3),
+        "inertia": schema.numbers("Inertia about its centre of mass.", "kg m^2", otherwise="point mass"),
+    },
+)
 BASE = Keys(
     "base of a scene",
     "What stands on the contacts; its origin is free, z points upwards.",
@@ -103,6 +113,7 @@ BASE = Keys(
         **{
             key: replace(contact_keys(UnilateralContact)[key], otherwise="of each contact") for key in _COMMON
         },
+        "added": schema.tables(_ADDED),
     },
 )
 CONTACT = Keys(
@@ -205,17 +216,34 @@ def read_support(data: Table) -> Support:
     for table in tables:
         contacts.append(_contact(table, common, contacts[0].dimension if contacts else None))
     d = contacts[0].dimension
+    mass, centre, inertia = base["mass"], base.get("center_of_mass", size=d), base["inertia"]
+    for table in base.tables("added"):
+        with base.at("inertia"):
+            mass, centre, inertia = _with_added(table, mass, centre, inertia)
     support = base.make(
         Support,
         contacts,
-        mass=base["mass"],
-        center_of_mass=base.get("center_of_mass", size=d),
-        inertia=base["inertia"],
+        mass=mass,
+        center_of_mass=centre,
+        inertia=inertia,
         gravity=data.get("gravity", size=d),
     )
     with base.at():
         refuse_impossible_inertia(support)
     return support
+
+
+def _with_added(table: Table, mass: float, centre: np.ndarray, inertia: Any) -> tuple[float, np.ndarray, Any]:
+    """Mass, centre of mass and inertia, if it is given, of a base with one more mass."""
+    if len(centre) != 3:
+        raise table.error("masses can be added to spatial bases only")
+    added, about = (table["mass"], table["center_of_mass"]), table.get("inertia", np.zeros(3))
+    about = table.make(symmetric_matrix, about)
+    if reason := why_impossible(about, ROUNDED * np.abs(about).max()):
+        raise table.error(reason, "inertia")
+    before = np.zeros((3, 3)) if inertia is None else symmetric_matrix(inertia)
+    whole, middle, found = union((mass, centre, before), (*added, about))
+    return whole, middle, None if inertia is None else found
 
 
 def _feet(base: Table, common: dict[str, Any]) -> list[Binding]:

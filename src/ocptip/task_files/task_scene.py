@@ -15,7 +15,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
-from ocptip.task_files.arm import ARM, LOCKED, read_arm
+from ocptip.task_files.arm import ARM, read_arm
 from ocptip.task_files.doubts import require_base_mass
 from ocptip.task_files.motors import MOTORS, PLATFORM_MOTORS, arm_and_motors, gear_damping_ratio
 from ocptip.task_files.payload import PAYLOAD, PROCESS, SENSOR, read_sensor
@@ -30,6 +30,7 @@ from ocptip.task_files.shapes import (
     stands_on_floor,
 )
 from ocptip.task_files.tolerance import tolerance_of
+from ocptip.task_files.urdf_joints import LOCKED
 
 ROBOT_BASE = Keys(
     "base",

@@ -32,8 +32,8 @@ from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import PinocchioModel, load_coal, load_pinocchio
 from ocptip.robots.resting import resting_configuration
-from ocptip.robots.urdf_file import parse_urdf
 from ocptip.robots.urdf_parser import load_mesh, pinocchio_model, printed
+from ocptip.robots.urdf_xml import parse_urdf
 
 PACKAGE = "package://"
 """Begins names of files in ROS packages."""

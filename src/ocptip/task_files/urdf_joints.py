@@ -1,0 +1,90 @@
+"""Joints of a URDF in the table `[arm]`: those that do not move, that follow others, or are opened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ocptip.basics import schema
+from ocptip.basics.schema import DEGREES, Keys
+from ocptip.basics.text import did_you_mean
+from ocptip.basics.toml import Table
+from ocptip.robots.urdf_file import UrdfFile
+
+LOCKED = {"locked_deg": False, "locked_m": True}
+"""Keys of joints that do not move: whether these are sliding joints."""
+
+
+def _locked(unit: str, which: str) -> schema.Key:
+    return schema.table(
+        Keys(
+            f"locked in {unit}",
+            f"Values of {which} joints that do not move, by names or patterns such as `finger_*`.",
+            others=schema.number("Value of these joints.", unit),
+        ),
+        default=None,
+    )
+
+
+_COUPLING = Keys(
+    "coupling",
+    "The joint that a joint follows, whose drive moves both.",
+    {
+        "joint": schema.text("The joint that leads."),
+        "ratio": schema.number("Value of the joint per value of the leading one.", default=1.0),
+        "offset_deg": schema.number("Value of a turning joint, leading one at 0.", "deg", default=0.0),
+        "offset_m": schema.number("Value of a sliding joint, leading one at 0.", "m", default=0.0),
+    },
+    at_most_one=[("offset_deg", "offset_m")],
+)
+FOLLOWS = schema.table(
+    Keys(
+        "couplings",
+        "Joints that follow others, as `mimic` in the URDF: telescopes, belts.",
+        others=schema.table(_COUPLING),
+    ),
+    default=None,
+)
+LOCKED_KEYS = {"locked_deg": _locked("deg", "turning"), "locked_m": _locked("m", "sliding")}
+
+
+def followers_of(table: Table, file: UrdfFile) -> dict[str, tuple[str, float, float]]:
+    """Joints that follow others: by name the leading one, ratio and offset, rad or m."""
+    couplings, found = table.table("follows"), dict[str, tuple[str, float, float]]()
+    for name in couplings:
+        own = couplings.table(name)
+        for joint, key in ((name, None), (own["joint"], "joint")):
+            if joint not in file.joints or file.joints[joint].kind == "fixed":
+                known = [one.name for one in file.joints.values() if one.kind != "fixed"]
+                raise (couplings if key is None else own).error(
+                    f"no joint {joint!r} that moves{did_you_mean(joint, known)}", key or name
+                )
+        key = "offset_m" if file.joints[name].slides else "offset_deg"
+        if wrong := [other for other in ("offset_m", "offset_deg") if other in own and other != key]:
+            raise own.error(
+                f"{name!r} {'slides' if key == 'offset_m' else 'turns'}, its key is {key}", wrong[0]
+            )
+        found[name] = own["joint"], own["ratio"], own[key]
+        if not found[name][1]:
+            raise own.error("must not be 0; lock the joint instead (locked_deg, locked_m)", "ratio")
+        own.close()
+    couplings.close()
+    return found
+
+
+def ranges_of(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Both limits, rad and m, of joints that `[arm.limits]` names; they free a joint that the URDF holds."""
+    limits, found = table.value("limits", {}), dict[str, tuple[float, float]]()  # read by `_with_limits`
+    for keys in (("angle_min_deg", "angle_max_deg"), ("position_min_m", "position_max_m")):
+        ends = [limits.get(key) for key in keys] if isinstance(limits, dict) else []
+        ends = [end for end in ends if isinstance(end, dict)]
+        if len(ends) < len(keys):
+            continue
+        for name in set(file.joints).intersection(*ends) - set(locked):
+            values = [end[name] for end in ends]
+            if all(isinstance(value, int | float) for value in values):
+                if not values[0] < values[1]:
+                    text = f"{keys[0]} {values[0]:g} must be below {keys[1]} {values[1]:g}"
+                    raise table.error(f"{name}: {text}", "limits")
+                scale = DEGREES if keys[0].endswith("deg") else 1.0
+                found[name] = scale * values[0], scale * values[1]
+    return found
