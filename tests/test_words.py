@@ -9,7 +9,7 @@ import pytest
 
 from studies.words.run import EASE, ROOT, Page, banned, pages, texts_of_code
 
-MOST_BANNED = {"docstring": 119, "message": 0}
+MOST_BANNED = {"docstring": 18, "message": 0}
 """Of the code, which is not rewritten yet. These numbers only shrink."""
 
 said_by_the_code = cache(lambda: list(texts_of_code()))  # it parses all modules

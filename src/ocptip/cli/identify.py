@@ -163,7 +163,7 @@ def _body_lines(body: Body) -> list[str]:
 
 @dataclass
 class ExcitationReport(Report):
-    """What is said about a motion for identification.
+    """The report of a motion for identification.
 
     Attributes:
         motion: that.
@@ -202,7 +202,7 @@ class ExcitationReport(Report):
 
 @dataclass
 class IdentifyReport(Report):
-    """What is said about what was identified.
+    """The report of an identification.
 
     Attributes:
         found: that.

@@ -1,4 +1,4 @@
-"""What several commands say in the same way: tables, names and texts below each other, entries of JSON."""
+"""Layout that several commands share: tables, names and texts below each other, entries of JSON."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def check_rows(checked: MotionCheck, robustness: Sequence[Tolerated]) -> list[tu
 
 
 def tolerated_lines(found: Sequence[Tolerated]) -> list[str]:
-    """What is tolerated, a line each; of a motion that loses a contact as it is that this is so, once."""
+    """Robustness, a line for each deviation; one line for a nominal motion that loses a contact."""
     for one in found:
         if one.quantity == "tilt" and one.value == 0 and not one.at_most:
             return [f"nothing: the nominal model loses a contact ({one.how}, {one.time:.3f} s)"]
@@ -83,7 +83,7 @@ def gear_rows(segments: CycleCheck) -> list[tuple[str, str]]:
 
 
 def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
-    """What a check within a tolerance found; nothing without one."""
+    """Result of a check within an uncertainty; nothing without one."""
     if (within := checked.within) is None:
         return []
     texts = [f"{within.tolerance}"]

@@ -130,7 +130,9 @@ def _scaled(factor: float, checked: MotionCheck) -> list[str]:
 
 
 def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]:
-    """How accelerations rise, and what it neglects that this counts as no jump; nothing of ramps."""
+    """How accelerations rise, and what is neglected by counting no acceleration step; nothing for trapezoidal
+    profiles.
+    """
     if not motion.rise_times:
         return []
     texts, within = [rises(motion)], checked.within and checked.within.tolerance

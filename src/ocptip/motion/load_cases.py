@@ -1,7 +1,7 @@
 """Load cases at rest: poses of an arm, each with more payload, on tilted floors, pushed at the gripper.
 
-Nothing moves here; what motions do is the matter of the check. Every direction of tilt and push is looked at
-in steps of 15 and about 45 degrees, all in combination.
+Nothing moves here; what motions do is the matter of the check. Every direction of tilt and push is checked in
+steps of 15 and about 45 degrees, all in combination.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def load_cases(robot: Robot, asked: Asked) -> list[LoadCase]:
 
 
 def _in_pose(robot: Robot, q: np.ndarray, acting: np.ndarray | None) -> RestLoads:
-    """In q (n,), once for each row of a process that varies and of which is not said what acts, (6,)."""
+    """In q (n,), once for each row of a process that varies, if its value (6,) is not given."""
     if robot.varying is None:
         return RestLoads(robot, q[None])
     rows = np.hstack([robot.varying.force, robot.varying.moment]) if acting is None else acting[None]
@@ -166,8 +166,8 @@ def tilt_by_direction(
 def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
     """(N,) kg: the largest point mass at the gripper beyond what it holds, at rest in postures q (N, n).
 
-    At most the robot's own mass; what the drives can hold is not checked. Of a process that varies it is
-    said what it is, (N, 6).
+    At most the mass of the robot; what the drives can hold is not checked. A process that varies needs its
+    values, (N, 6).
     """
     loads, gravity, judge = RestLoads(robot, q, process), robot.support.gravity, _judge(robot)
 

@@ -174,7 +174,7 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
 
 
 def rises(motion: Trajectory) -> str:
-    """How accelerations rise: "accelerations rise within 20 ms"; empty for ramps."""
+    """How accelerations rise: "accelerations rise within 20 ms"; empty for trapezoidal profiles."""
     if not motion.rise_times:
         return ""
     ends = sorted(

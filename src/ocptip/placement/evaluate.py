@@ -1,7 +1,7 @@
-"""All criteria and constraints of many candidate placements, in NumPy: the fast model, and the judge.
+"""All criteria and constraints of many candidate placements, in NumPy: the fast model, and the final check.
 
-Searches and maps rank candidates with it; every placement returned is judged by it. The nonlinear program has
-its own expressions and derivatives; in common are the moments about the tipping axes (`TipMap`) and the
+Searches and maps rank candidates with it; every placement returned is checked by it. The nonlinear program
+has separate expressions and derivatives; in common are the moments about the tipping axes (`TipMap`) and the
 definitions of indices and motor power.
 """
 
@@ -41,8 +41,8 @@ class Evaluator:
         problem: see :class:`PlacementProblem`.
 
     Attributes:
-        fast_slip: slip reserve with the contact solver's normal forces; where normals differ these say too
-            little about the reserve, and it is the robot's.
+        fast_slip: friction utilisation with the contact solver's normal forces; where normals differ that is
+            too rough, and it is that of the robot.
         limits: those of tasks, and `Ground` with those of the base alone.
     """
 
@@ -97,12 +97,12 @@ class Evaluator:
         """Criteria and constraints of one task at parameters (N, k) and joint angles (N, n), rad.
 
         Args:
-            contacts: solve the contacts for GN, GT and persistence; else GN comes from the moments alone
-                (exact on a plane as long as the base stands) and GT is NaN.
-            clearances: look at collisions.
-            fast: of the slip reserve only the part with the contact solver's normal forces, which is an upper
-                bound where they may be redistributed (four or more contacts with the same normal); where feet
-                conform to the ground estimates of all reserves (`ocptip.placement.quick`).
+            contacts: solve the contacts for GN, GT and whether they are maintained; else GN comes from the
+                moments alone (exact on a plane as long as the base stands) and GT is NaN.
+            clearances: check collisions.
+            fast: friction utilisation only with the contact solver's normal forces, which is an upper bound
+                where they may be redistributed (four or more contacts with the same normal); where feet
+                conform to the ground estimates of GN and GT (`ocptip.placement.quick`).
         """
         problem, cases, N = self.problem, self.cases[task], len(q)
         stand = problem.stands[patch]
@@ -169,7 +169,7 @@ class Evaluator:
         """What `TaskEvaluation` holds of the contacts.
 
         Args:
-            nominal: (N, C, 6), wrenches on the base as described.
+            nominal: (N, C, 6), wrenches on the nominal base.
             added: (N, K, 6), their changes at the corners of the tolerance.
         """
         if not contacts or (stand.conforms and fast):
@@ -204,9 +204,9 @@ class Evaluator:
     def _rough_reserves(
         self, stand: Stand, stood: Stood, nominal: np.ndarray, added: np.ndarray, contacts: bool
     ) -> dict[str, Any]:
-        """The same without solving contacts, from moments about the axes, the least of all corners each.
+        """The same without solving contacts, from moments about the axes, each the minimum over all corners.
 
-        With `contacts` GT is estimated, too, at the corner that a first round takes for the worst.
+        With `contacts` GT is also estimated, at the corner that a first round takes for the worst.
         """
         tip, GT, standing = self.problem.footing.tip_over, np.full(nominal.shape[:2], np.nan), None
         if stand.conforms:
@@ -250,7 +250,9 @@ class Evaluator:
     def _on_rough_ground(
         self, stand: Stand, stood: Stood, wrenches: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Moments (N, M, axes), GN, GT and persistence (N, M) under wrenches (N, M, 6), place by place."""
+        """Moments (N, M, axes), GN, GT and whether contacts are maintained (N, M), under wrenches (N,
+        M, 6).
+        """
         moments, results = [], []
         for own, places, frames in zip(wrenches, stood.contacts, stood.frames, strict=True):
             footing = stand.feet.at(places, frames)
@@ -265,7 +267,7 @@ class Evaluator:
     def fast_usage(
         self, stand: Stand, stood: Stood, wrenches: np.ndarray, rounds: int = ROUNDS
     ) -> np.ndarray:
-        """Upper bounds (N, M) of the slip reserve under wrenches (N, M, 6); rounds: see `friction_shares`."""
+        """Upper bounds (N, M) of GT under wrenches (N, M, 6); rounds: see `friction_shares`."""
         if stand.conforms:
             return friction_shares(wrenches, stood.contacts, stood.frames, self.support, rounds)
         states = self.problem.footing.contact_states(wrenches.reshape(-1, 6), warm_start=False)
@@ -287,7 +289,7 @@ class Evaluator:
         return np.max(bounds, axis=0)
 
     def _force_space(self, cases: list, torques: np.ndarray) -> np.ndarray:
-        """GK (N, C): largest share of its torque reserve in the load's direction that a joint uses (4.19)."""
+        """GK (N, C): largest share of its torque margin in the load's direction that a joint uses (4.19)."""
         most, at = self.problem.most_torque, self.problem.limited_joints
         result = np.zeros(torques.shape[:2])
         if not len(at):

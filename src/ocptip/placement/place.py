@@ -1,4 +1,4 @@
-"""Finds where the base should stand: sampled starts, a nonlinear program from each, judged results."""
+"""Finds where the base should stand: sampled starts, a nonlinear program from each, checked results."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ def place(
 ) -> PlacementResult:
     """Find the best placements of a problem (4.38).
 
-    The terrain is sampled, with all branches of the inverse kinematics, and once more around the best places,
-    among them such that break constraints a little. The most promising candidates are improved by a local
-    search and start nonlinear programs (Ipopt, exact derivatives). Around the best results the local search
-    looks for further optima, which start a third as many programs again. Every result is judged anew before
-    it counts. The result depends on problem, numbers and seed only.
+    The terrain is sampled, with all IK solutions, and once more around the best places, among them such that
+    break constraints a little. The most promising candidates are improved by a local search and start
+    nonlinear programs (Ipopt, exact derivatives). Around the best results the local search selects starts for
+    further optima, a third as many programs again. Every result is checked again before it counts. The result
+    depends on problem, numbers and seed only.
 
     Args:
         problem: task, terrain, limits, weights.
@@ -72,13 +72,13 @@ def place(
         seed: of the sample.
         samples: placements sampled per round.
         keep: number of distinct placements returned at most.
-        progress: called as progress(done, starts, least objective so far or None).
+        progress: called as progress(done, starts, minimum objective so far or None).
 
     Raises:
         InputError: numbers that are no numbers, or a task that no terrain can serve because of a coordinate
             that nothing changes.
-        NoPlacementError: no placement keeps all constraints; names those in the way and by how much they
-            are missed at the least-infeasible place.
+        NoPlacementError: no placement keeps all constraints; names those that fail and by how much they are
+            missed at the place of minimum violation.
     """
     for name, value in (("starts", starts), ("samples", samples), ("keep", keep)):
         whole_number(name, value, 1)
@@ -166,9 +166,9 @@ class _Search:
         return self._physics[patch]
 
     def run(self, number: int, patch: int, p: np.ndarray, q: np.ndarray) -> tuple[Placement, StartReport]:
-        """One start: programs until neither the box nor a row that took no part is in the way.
+        """One start: programs until neither the box nor a row that took no part limits the result.
 
-        The better one of start and result counts, both judged.
+        The better one of start and result counts, both checked.
         """
         began, iterations, status = time.perf_counter(), 0, ""
         best = judge(self.evaluator, patch, p, self._exact(patch, p, q), number)
@@ -251,7 +251,7 @@ class _Search:
         )
 
     def nearest(self, candidates: sampling.Candidates, tried: list[Placement]) -> Placement:
-        """The least-infeasible placement."""
+        """The placement of minimum violation."""
         best, least = None, np.inf
         starts = [(t.patch, t.parameters, t.angles) for t in sorted(tried, key=_violation)[:2]]
         starts += [candidates[i] for i in sampling.spread(self.evaluator, candidates, _ELASTIC_STARTS)]
@@ -345,7 +345,7 @@ def _same_place(a: Placement, b: Placement) -> bool:
 
 
 def _refusal(nearest: Placement, candidates: sampling.Candidates) -> str:
-    """What is in the way and by how much."""
+    """Which limits fail and by how much."""
     problem = nearest.problem
     terrain = problem.terrain[nearest.patch]
     where = ", ".join(

@@ -73,7 +73,7 @@ def sampled_loads(
 
     Args:
         magnitude: N.
-        count: number of corners, at least 4; default: so many that none is longer by more than 2 %.
+        count: number of corners, at least 4; default: enough that none is longer by more than 2 %.
         axis: (3,), world axes, of any length.
         half_angle: rad, of the cone; pi for all directions.
 
@@ -143,8 +143,9 @@ class PlacementLimits:
     """Constraints of 4.4 with a number; joint limits come from the arm, bounds from the terrain.
 
     Attributes:
-        GN, GT: largest tip-over and slip reserve value (4.22), 1 tips or slips; None: the base only has to
-            stand in the contact solver's solution (4.21), which the search keeps by 1 in place of the value.
+        GN, GT: largest tip-over index and friction utilisation (4.22), 1 tips or slips; None: the base only
+            has to stand in the contact solver's solution (4.21), which the search keeps by 1 in place of the
+            value.
         torque_ratio: largest |torque| / limit (4.33).
         clearance: m, smallest distance of the arm from itself and from obstacles.
         base_clearance: m, the same for the base's contacts and shapes.
@@ -153,8 +154,8 @@ class PlacementLimits:
         jacobian_length: m, length by which the translational rows of J are divided for both.
         index: a performance index of the pose to be kept above `index_min`, of `INDICES`: "dm_2" (rad),
             "pi_oe", "inv_cdn_oe" or "manipulability" (m^3), see `ocptip.indices`; six-axis arms only.
-        index_min: its least value; the search keeps a smooth bound from below of "pi_oe" and "inv_cdn_oe".
-        tool_radius: m, of the ball about the gripper point that "pi_oe" and "inv_cdn_oe" take as the tool.
+        index_min: its minimum; the search keeps a smooth bound from below of "pi_oe" and "inv_cdn_oe".
+        tool_radius: m, of the ball about the TCP that "pi_oe" and "inv_cdn_oe" take as the tool.
     """
 
     GN: float | None = 0.9
@@ -249,7 +250,7 @@ class PlacementProblem:
         limits: constraints.
         obstacles: walls, pillars and solids in the world, for the arm and for the base.
         keep_out: such for the base only (4.27): for its shapes, and for its contacts as points.
-        unloaded: all constraints hold without the process load, too: the arm has to get into place first.
+        unloaded: all constraints also hold without the process load: the arm has to get into place first.
         energy: model of GE; default the holding power of the robot's motors.
         references: values by which criteria are divided; default 1, for GE the power with all joints at their
             torque limits (1 for a `TorqueCost`).
@@ -257,7 +258,7 @@ class PlacementProblem:
         ground_frame: position (3,) and rotation (3, 3) of the ground frame in base axes; default the point
             of the contacts' plane on the base's z axis, for contacts in a plane z = const.
         tolerance: of the base; contact limits and criteria hold for, and are of, the worst that it allows.
-        footing: the base on its contacts as described, with the least friction (filled in).
+        footing: the base on its nominal contacts, with the minimum friction (filled in).
         stands: how the base stands on each patch (filled in).
         corners: what the tolerance allows at worst, one entry without tolerance (filled in).
     """

@@ -22,7 +22,7 @@ _NO_CAUSE = ""
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """The best of each group of placements; without groups, each placement with its best branches.
+    """The best of each group of placements; without groups, each placement with its best IK solutions.
 
     Attributes:
         parameters: (N, k).
@@ -30,8 +30,9 @@ class Scan:
         criteria: (N, 4): GN, GT, GK, GE; NaN where not feasible.
         totals: (N,) objective; NaN where not feasible.
         causes: N words: the kind of the most violated constraint ("reach": a pose is out of reach, "base
-            clearance", "torque", ...) of the placement and branch that violate least; "" where feasible.
-        states: states of the arm looked at.
+            clearance", "torque", ...) of the placement and IK solution of minimum violation; "" where
+            feasible.
+        states: number of evaluated states of the arm.
         solved: of these, how many had their contacts solved.
     """
 
@@ -50,7 +51,7 @@ class Scan:
 
     @property
     def best(self) -> int | None:
-        """Number of the feasible row with the least objective; None if there is none."""
+        """Number of the feasible row with the minimum objective; None if there is none."""
         return int(np.nanargmin(self.totals)) if np.isfinite(self.totals).any() else None
 
 
@@ -63,14 +64,14 @@ def scan(
     groups: np.ndarray | None = None,
     seed: int = 0,
 ) -> Scan:
-    """Evaluate placements with all branches, and give the best feasible one of each group.
+    """Evaluate placements with all IK solutions, and give the best feasible one of each group.
 
-    Contacts are solved only where the rest of the objective, with a lower bound of the slip reserve, is below
-    the best total of the group so far. So a search of a whole grid (one group), or a map over x and y with
-    the best angle in each cell (one group per cell), costs far less than the evaluation of all states.
+    Contacts are solved only where the rest of the objective, with a lower bound of GT, is below the best
+    total of the group so far. So a search of a whole grid (one group), or a map over x and y with the best
+    angle in each cell (one group per cell), costs far less than the evaluation of all states.
 
-    With several tasks each takes the branch that is best by its own objective, which need not be the best
-    combination where a criterion is the maximum over tasks.
+    With several tasks each takes the IK solution that is best by the objective of this task, which need not
+    be the best combination where a criterion is the maximum over tasks.
 
     Args:
         problem: tasks, limits, weights.
@@ -175,7 +176,7 @@ class _Scanner:
             self._waiting.append((numbers[good], self.evaluator.totals(values[good]), q[good]))
 
     def _note(self, numbers: np.ndarray, margin: np.ndarray, cause: np.ndarray, q: np.ndarray) -> None:
-        """Causes of the least violation per group, as long as the group has no feasible state."""
+        """Causes of the minimum violation per group, as long as the group has no feasible state."""
         groups = self.groups[numbers]
         order = np.lexsort((-margin, groups))
         places, first = np.unique(groups[order], return_index=True)
@@ -223,7 +224,7 @@ class _Scanner:
         self.cause[places] = _NO_CAUSE
 
     def result(self) -> Scan:
-        """What was found."""
+        """The best of each group."""
         return Scan(
             self.parameters[self.where],
             self.angles,

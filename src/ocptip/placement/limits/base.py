@@ -79,7 +79,7 @@ class BaseClearance(BaseLimit):
     """The contacts, as points, and the balls of the base against obstacles and keep-out zones of the world.
 
     Spheres of the arm that do not move with its first joint are balls of the base. Balls are left to
-    :class:`ocptip.placement.limits.arm.Clearance` where it looks at all solids.
+    :class:`ocptip.placement.limits.arm.Clearance` where it checks all solids.
     """
 
     kind = "base clearance"
@@ -160,7 +160,7 @@ class OnGround(BaseLimit):
 
 
 class TerrainLimit(BaseLimit):
-    """The terrain's own constraints (4.26)."""
+    """The constraints of the terrain (4.26)."""
 
     kind = "terrain"
 

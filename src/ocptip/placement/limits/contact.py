@@ -1,4 +1,4 @@
-"""Limits of the contacts: tip-over, slip, persistence (4.21, 4.22)."""
+"""Limits of the contacts: tip-over, slip, contacts maintained (4.21, 4.22)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_CURVATURE = 1e3  # per squared largest wrench: beyond it a kink lies betwe
 
 
 class TipOver(Limit):
-    """Moments of the normal reserves about the tipping axes, behind GN; without solving the contacts.
+    """Moments of the normal margins about the tipping axes, behind GN; without solving the contacts.
 
     Attributes:
         pairs: (axes, 2) contacts on the axes, which stay the same where feet conform to the ground.
@@ -55,7 +55,7 @@ class TipOver(Limit):
         return [self.row(found.names, smallest, self.quantity.least_moment, False, "N m", self.quantity.unit)]
 
     def functions(self, at: Symbols) -> list[PlacedMoments]:
-        """Moments as functions of the place, too, where contacts move."""
+        """Moments also as functions of the place, where contacts move."""
         return (
             [PlacedMoments(at, self.pairs, corner_maps(self.problem).shape[2])]
             if at.moving and self.moments.count
@@ -102,7 +102,9 @@ class TipOver(Limit):
                 sums.add(y, along.T @ own @ along)
 
     def _at(self, at: Point) -> list[LeastMoments]:
-        """Per load case the moments about the axes, each at the corner of the tolerance where it is least."""
+        """Per load case the moments about the axes, each at the corner of the tolerance where it is
+        minimal.
+        """
 
         def evaluate() -> list[LeastMoments]:
             corners, forces = at.layout.corners, None
@@ -117,7 +119,9 @@ class TipOver(Limit):
 
 
 class Slip(Limit):
-    """Slip reserves by the contact solver with its derivatives, unless contact forces are variables."""
+    """Friction utilisation by the contact solver with its derivatives, unless contact forces are
+    variables.
+    """
 
     kind = "slip"
     on_loads = True
@@ -281,7 +285,7 @@ class SlipReserve(TipOverReserve):
 
 
 class Persistence(Limit):
-    """All contacts persist in the contact solver's solution."""
+    """All contacts are maintained in the contact solver's solution."""
 
     kind = "persistence"
     has_margin = False

@@ -13,7 +13,7 @@ _SIGNS = (1.0, -1.0)
 
 
 class ForceSpace(Limit):
-    """No joint uses more of its torque reserve in a load's direction than the bound of all (4.19)."""
+    """No joint uses more of its torque margin in a load's direction than the bound of all (4.19)."""
 
     kind = "force space"
     on_loads = True

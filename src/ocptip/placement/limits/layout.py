@@ -1,9 +1,9 @@
 """Where the variables of the nonlinear program are, and what limits need to know at one point.
 
 Variables x = (p, q of each task, s): the patch's parameters, joint angles, variables of the objective, and
-contact forces. The criteria that are a maximum or a sum of amounts enter the objective through variables s:
-a moment that all tipping moments exceed, a bound of all slip reserves, of the force space's use, of torque
-amounts.
+contact forces. The criteria that are a maximum or a sum of amounts enter the objective through variables s: a
+moment that all tipping moments exceed, a bound of all friction utilisations, of the force space's use, of
+torque amounts.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from ocptip.standing.footing import Footing
 
 
 def corner_maps(problem: PlacementProblem) -> np.ndarray:
-    """(K, 6, 9): wrenches at the corners of the tolerance per wrench of the base as described and gravity.
+    """(K, 6, 9): wrenches at the corners of the tolerance per wrench of the nominal base and gravity.
 
-    (1, 6, 6) where there is but the base as described, so that gravity does not count.
+    (1, 6, 6) where there is only the nominal base, so that gravity does not count.
     """
     maps = np.array([np.hstack([np.eye(6), corner.per_gravity]) for corner in problem.corners])
     return maps if np.any(maps[:, :, 6:]) else maps[:, :, :6]
@@ -51,8 +51,8 @@ class Layout:
     Attributes:
         k, n: numbers of parameters and of joints.
         cases: load cases.
-        corners: (K, 6, 9): wrench on the base at each corner per wrench on the base as described (6) and
-            gravity (3) in base axes.
+        corners: (K, 6, 9): wrench on the base at each corner per wrench on the nominal base (6) and gravity
+            (3) in base axes.
         counting: numbers of those that count in the criteria.
         weights: (4,) of the criteria, divided by their references.
         p, q, y: places of the parameters (k,), of the joint angles (n,) per task, and of both per task.
@@ -134,7 +134,7 @@ class Point:
     Attributes:
         layout: of the variables.
         x: (nx,).
-        loads: per load case (n + 9,): joint torques, N m, the wrench on the base as described, N and N m, and
+        loads: per load case (n + 9,): joint torques, N m, the wrench on the nominal base, N and N m, and
             gravity in base axes, m/s^2.
         slopes: per load case (n + 9, k + n): their derivatives with respect to y of its task.
     """
@@ -173,7 +173,8 @@ class Curvature:
 
     Attributes:
         matrix: (nx, nx).
-        on_loads: (cases, n + 9): first derivatives by the loads of each case; their own curvature follows.
+        on_loads: (cases, n + 9): first derivatives by the loads of each case; the curvature of the loads
+            follows.
         of_loads: (cases, n + 9, n + 9): second derivatives by the loads.
     """
 

@@ -1,7 +1,7 @@
-"""What a limit is: how the judge sees it, and its rows in the nonlinear program.
+"""A limit of placements: its margins in the final check, and its rows in the nonlinear program.
 
-The judge (`margins`) evaluates many candidates in NumPy; the program (`blocks`, `values`, `jacobian`,
-`add_hessian`) has its own expressions and derivatives, so that each checks the other.
+The check (`margins`) evaluates many candidates in NumPy; the program (`blocks`, `values`, `jacobian`,
+`add_hessian`) has separate expressions and derivatives, so that each checks the other.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Symbols:
         contacts: (3, n), m, base axes.
         frames: (9, n), contact frames in base axes, column by column.
         strokes: (n,), m, of the legs.
-        center_of_mass: (3,), m, of the base as described.
+        center_of_mass: (3,), m, of the nominal base.
         moving: contacts depend on p.
         local: numbers that go into the expressions, for `Twice.of`.
     """
@@ -102,14 +102,14 @@ class Symbols:
 class Limit:
     """One kind of limit of a problem.
 
-    Subclasses give `margins` for the judge, and `blocks` for the program; rows that are smooth functions of
+    Subclasses give `margins` for the check, and `blocks` for the program; rows that are smooth functions of
     the poses give `functions`, all others `values`, `jacobian` and `add_hessian`.
 
     Attributes:
         kind: its name in results.
         has_margin: it can be kept with more or less room; False for equalities and for yes-or-no.
-        many: it has so many names that results list only those that are near.
-        together: in the search for the least-infeasible place all its rows give way by one amount.
+        many: it has a large number of names: results list only those that are near.
+        together: in the search for the place of minimum violation all its rows are relaxed by one amount.
         counted_once: of its violations in one task only the worst counts in the sum of violations.
         by_solver: it says nothing where the contact solver finds no solution.
         verdicts: for yes-or-no: what to say for no and for yes.
@@ -151,7 +151,7 @@ class Limit:
         return []
 
     def blocks(self, layout: Layout, functions: list[Any]) -> list[Block]:
-        """Rows with their bounds; none: variables' bounds keep it, or only the judge looks at it."""
+        """Rows with their bounds; none: variables' bounds keep it, or only the final check has it."""
         return []
 
     def start(self, at: Point, x: np.ndarray) -> None:

@@ -22,9 +22,9 @@ _FAR = 0.2  # m beyond the least distance: how far a pair may be so that its dis
 class WorldSolids:
     """All pairs of solids of a problem.
 
-    Pairs of arm and base are those of the robot; with obstacles of the world all solids of the arm are looked
-    at, with these and the keep-out zones all solids of the base: its shapes, and what the arm's file puts on
-    links before the first joint that moves.
+    Pairs of arm and base are those of the robot; with obstacles of the world all solids of the arm are
+    checked, with these and the keep-out zones all solids of the base: its shapes, and what the arm's file
+    puts on links before the first joint that moves.
 
     Args:
         problem: the problem.

@@ -1,8 +1,8 @@
 """The placement as a nonlinear program with exact derivatives (4.38, 4.39).
 
 Rows are those of the limits (`ocptip.placement.limits`); each block knows its place and the variables that it
-depends on. Tip-over moments and slip reserves come from the contact solver with its exact derivatives; where
-all contact forces may be redistributed, they are variables themselves.
+depends on. Tip-over moments and friction utilisation come from the contact solver with its exact derivatives;
+where all contact forces may be redistributed, they are variables themselves.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Stops by brakes (category 0): drives lose their torque, every joint brakes by itself, the path is left.
 
-From every instant looked at, a few stops are computed by forward dynamics: with the least and with the
-greatest torques of all brakes, and with those ends of the intervals that load the nearest tipping axis most
-when the brakes close. At every state on the way all combinations of torques within the intervals count: the
-wrench on the base is affine in them, so that the least moments about the tipping axes are exact. For slip the
-worst of three combinations is taken: that of the nearest axis, all least, all greatest. Where the stop ends
-the base has to stand at rest, too.
+From every checked instant, a few stops are computed by forward dynamics: with the minimum and with the
+maximum torques of all brakes, and with those ends of the intervals that load the nearest tipping axis most
+when the brakes close. At every state during the stop all combinations of torques within the intervals count:
+the wrench on the base is affine in them, so that the minimum moments about the tipping axes are exact. For
+slip the worst of three combinations is taken: that of the nearest axis, all minima, all maxima. Where the
+stop ends the base also has to stand at rest.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Brakes:
     """Brakes of an arm, and what stops by them have to keep.
 
     Attributes:
-        least, greatest: n torques, N m (sliding joints: N), with which each brake acts.
-        delay: s, least and greatest time from when the drives lose their torque until the brakes act.
-        GN, GT: largest reserve values during any stop, at most 1.
+        least, greatest: minimum and maximum torque of each of n brakes, N m (sliding joints: N).
+        delay: s, minimum and maximum time from when the drives lose their torque until the brakes act.
+        GN, GT: maximum during any stop, at most 1.
     """
 
     least: tuple[float, ...]
@@ -130,7 +130,7 @@ class BrakeCheck(StopCheck):
     def _corners(
         self, rest: np.ndarray, by_torque: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Least moments (M, axes) about the tipping axes, ends of the intervals there (M, axes, n)."""
+        """Minimum moments (M, axes) about the tipping axes, ends of the intervals there (M, axes, n)."""
         middle = 0.5 * (low + high)
         moments, slopes = self._map(rest + np.einsum("sij,sj->si", by_torque, middle))
         pull = np.einsum("sai,sij->saj", slopes, by_torque)
@@ -138,14 +138,14 @@ class BrakeCheck(StopCheck):
         return least, np.where(pull < 0, high[:, None], low[:, None])
 
     def worst_corners(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """When brakes close: least moments (M, axes), N m, and the joints' torques there (M, axes, n)."""
+        """When brakes close: minimum moments (M, axes), N m, and the joints' torques there (M, axes, n)."""
         qd = without_creep(qd)
         rest, by_torque, (low, high), _ = self._box(q, qd, np.full(len(q), self._delay[1]))
         least, corners = self._corners(rest, by_torque, low, high)
         return least, -np.sign(qd)[:, None] * corners
 
     def combinations(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """When brakes close: the three wrenches (M, 3, 6) looked at, and the joints' torques (M, 3, n)."""
+        """When brakes close: the three checked wrenches (M, 3, 6), and the joints' torques (M, 3, n)."""
         qd = without_creep(qd)
         wrenches, torques = self._wrenches(q, qd, np.full(len(q), self._delay[1]))
         return wrenches, -np.sign(qd)[:, None] * torques
@@ -155,7 +155,7 @@ class BrakeCheck(StopCheck):
 
         Args:
             q: rad (m).
-            must: (n,) joints that move, either way; the others may.
+            must: (n,) joints that move, in either direction; the others may.
         """
         kinds = [(-1.0, 1.0) if moves else (-1.0, 0.0, 1.0) for moves in must]
         directions = np.array(list(product(*kinds)))
@@ -190,7 +190,7 @@ class BrakeCheck(StopCheck):
 def stops_of_motion(
     robot: Robot, motion: Trajectory, brakes: Brakes, spacing: float = SPACING
 ) -> tuple[np.ndarray, JointStops]:
-    """Stops begun at instants of a motion, s, `spacing` apart and at all events."""
+    """Stops begun at instants of a motion, s, `spacing` apart and at all switching times."""
     times = instants_of(motion, spacing)
     q, qd, _ = motion.states(times)
     return times, BrakeCheck(robot, brakes).stops(q, qd, robot.during(motion).acting(times))
@@ -230,7 +230,7 @@ class Closing:
         return found.rest + self._robot.support.weight + np.einsum("sij,sj->si", found.per_acceleration, a)
 
     def gradient(self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Slopes (N, 3 n) of weights . wrench; zero over the motion's own accelerations."""
+        """Slopes (N, 3 n) of weights . wrench; zero over the accelerations of the motion."""
         s, forces, _ = self._at(q, qd, torques, weights)
         slopes = self._gradient(s, weights, forces)[0]
         slopes[:, 2 * self._robot.n :] = 0.0
