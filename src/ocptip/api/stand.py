@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ocptip.api.requirements import Outcome, Requirement, deviation, read_requirements
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import percent, quantity
 from ocptip.basics.write import plain, versions, write_json
@@ -176,6 +177,52 @@ class Standing:
 
         plot_scene(self.scene, self.states, self.tip, reported_slip(self.states, self.slip), path)
         return path
+
+    def require(self, text: str) -> tuple[Outcome, ...]:
+        """Return which requirements the base meets.
+
+        Example::
+
+            found.require("tilt >= 5 deg, tipping margin >= 20 N m")
+
+        Each deviation is checked alone. Margins are those of the worst case where there is an uncertainty.
+
+        Args:
+            text: requirements with commas between them, of the quantities in `ocptip.api.requirements.UNITS`.
+
+        Raises:
+            InputError: one of them cannot be understood, or is not of a base at rest.
+        """
+        return tuple(map(self._outcome, read_requirements(text)))
+
+    def _outcome(self, wanted: Requirement) -> Outcome:
+        note = "worst case" if self.within else "nominal"
+        if wanted.name == "tipping margin":
+            reference = self.tip.tip_over.reference_moment
+            if self.within and reference:
+                return wanted.compared(self.within.tipping_margin(reference), note=note)
+            axis = self.nearest_axis
+            return wanted.compared(axis["moment_reserve"] if axis else np.inf, note=note)
+        if wanted.name == "friction used":
+            note += ", shared optimally" if self.redistribution == "full" else ""
+            GT = self.within.GT if self.within else float(self.slip.GT[0])
+            return wanted.compared(100 * GT, note=note)
+        if wanted.name == "foot force":
+            return wanted.compared(float(np.nanmin(self.normal_reserves)), note="nominal")
+        if not self.nominally_stable:
+            return wanted.compared(0.0, note="not stable without any deviation")
+        uncertainty, within = deviation(wanted), None
+        if self.posture is not None:
+            within = self.posture.within(uncertainty)
+        elif wanted.name not in ("payload", "push"):
+            from ocptip.standing.within.rest import scene_within
+
+            within = scene_within(self.scene.support, self.scene.loads, uncertainty)
+        if wanted.bound == 0:
+            return wanted.compared(0.0, at_least=True)
+        if within is None or within.ignored:
+            raise InputError(f"require: {wanted.name}: needs an arm; give its task file with --posture")
+        return wanted.compared(within.possible * wanted.bound, at_least=within.stands)
 
     @property
     def state(self) -> ContactState:

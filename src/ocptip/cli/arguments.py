@@ -169,6 +169,16 @@ CANCEL = (
     ),
     argument("--reaction", "MS", "maximum time from a cancel until joints decelerate, ms", type=float),
 )
+GATE = group(
+    "gate for pipelines",
+    argument(
+        "--require",
+        "TEXT",
+        "bounds that must hold for exit code 0, such as 'tilt >= 5 deg, payload >= 2 kg, friction used <= 80 "
+        "%%'",
+    ),
+    argument("--junit", "FILE", "write verdict and requirements as a JUnit report (XML)"),
+)
 FILE_OF_MOTION = group(
     "format of the motion",
     COLUMNS,

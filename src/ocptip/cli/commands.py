@@ -13,6 +13,7 @@ from ocptip.cli.arguments import (
     COST_PER_SECOND,
     EFFORT,
     FILE_OF_MOTION,
+    GATE,
     JOBS,
     LIMITS,
     MAX_DURATION,
@@ -246,8 +247,9 @@ COMMANDS = (
                 type=float,
             ),
             argument("--plot", "FILE", "draw the scene into a .png, .pdf or .svg file"),
+            GATE,
         ),
-        files=("plot",),
+        files=("plot", "junit"),
     ),
     Command(
         "check",
@@ -280,7 +282,9 @@ COMMANDS = (
                 argument("--step", "S", "initial spacing of the grid, s (0.01)", type=float, default=0.01),
                 argument("--bag", "DIR", "write trajectory and margins over time as a bag of ROS 2 (MCAP)"),
             ),
+            GATE,
         ),
+        files=("junit",),
     ),
     Command(
         "certify",

@@ -100,7 +100,7 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
         if kept(self.cases):
             return []
         tolerance, (value, theta) = self.asked.tolerance, self.quantity.worst_at_rest(self.cases, at.s)
-        rest = why_not(tolerance, AT_REST, lambda some: kept(self.cases.within(some)))
+        rest, _ = why_not(tolerance, AT_REST, lambda some: kept(self.cases.within(some)))
         what, words = f"{self.quantity.name} {self.quantity.symbol}", self.cases.deviations.words(theta)
         found = f"within the uncertainty {what} reaches {value:.4g} at rest ({words}): {rest}"
         return [f"{found} (--tolerance none plans for the nominal model)"]

@@ -104,6 +104,7 @@ class WithinAtRest:
         GN_worst, GT_worst: what is off there, in words.
         stands: no contact is lost.
         reason: where one is, which quantity alone is too much and how much of it is not.
+        possible: share, 0 to 1, of what `reason` names with which no contact is lost; 1 if none is.
         ignored: quantities given that a scene cannot have.
     """
 
@@ -114,12 +115,17 @@ class WithinAtRest:
     GT_worst: str
     stands: bool
     reason: str
+    possible: float
     ignored: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         own = {name: getattr(self, name) for name in ("GN", "GT", "GN_worst", "GT_worst", "stands", "reason")}
         return {"tolerance": self.tolerance.to_dict(), **own, "ignored": list(self.ignored)}
+
+    def tipping_margin(self, reference: float) -> float:
+        """N m, at the worst, by M0 of GN, N m; 0 where the base tips."""
+        return reference * (1 / self.GN - 1) if 0 < self.GN < 1 else 0.0
 
     def lines(self, reference: float | None) -> list[str]:
         """In words.
@@ -130,8 +136,8 @@ class WithinAtRest:
         verdict = "no contact is lost" if self.stands else f"A CONTACT IS LOST: {self.reason}"
         found = [f"{self.tolerance}: {verdict}"]
         if reference:
-            left = reference * (1 / self.GN - 1) if 0 < self.GN < 1 else 0.0
-            found.append(f"tipping margin >= {quantity(left, 'N m')} ({self.GN_worst or 'nominal'})")
+            left = quantity(self.tipping_margin(reference), "N m")
+            found.append(f"tipping margin >= {left} ({self.GN_worst or 'nominal'})")
         used = quantity(100 * self.GT, "%", 3) if self.GT <= 1 else "more than all of it"
         found.append(f"friction used <= {used} ({self.GT_worst or 'nominal'})")
         return found + ([f"not included at rest: {', '.join(self.ignored)}"] if self.ignored else [])
@@ -221,8 +227,9 @@ def found_within(
         made = (case(within) for case in cases)
         return all(case.tip()[0] < _LOST and case.slip()[0] < _LOST for case in made)
 
-    reason = "" if stands else why_not(tolerance, looked_at, kept)
-    return WithinAtRest(tolerance, GN, GT, first.words(tip), other.words(slip), stands, reason, ignored)
+    reason, possible = ("", 1.0) if stands else why_not(tolerance, looked_at, kept)
+    worst = first.words(tip), other.words(slip)
+    return WithinAtRest(tolerance, GN, GT, *worst, stands, reason, possible, ignored)
 
 
 class RestCase:

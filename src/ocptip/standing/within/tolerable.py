@@ -23,7 +23,9 @@ UNDESCRIBED = "it is not stable in the nominal model"
 IN_MOTION = (*AT_REST, "speed", "delay", "damping")
 
 
-def why_not(tolerance: Uncertainty, names: Sequence[str], kept: Callable[[Uncertainty], bool]) -> str:
+def why_not(
+    tolerance: Uncertainty, names: Sequence[str], kept: Callable[[Uncertainty], bool]
+) -> tuple[str, float]:
     """Which quantity alone is too much, and how much of it is not; else how much of everything together.
 
     Args:
@@ -31,7 +33,10 @@ def why_not(tolerance: Uncertainty, names: Sequence[str], kept: Callable[[Uncert
         names: of the quantities that count, likely culprits first.
         kept: whether nothing is lost within a tolerance.
     """
-    return culprit_words(*culprit(tolerance, names, kept)) if kept(Uncertainty()) else UNDESCRIBED
+    if not kept(Uncertainty()):
+        return UNDESCRIBED, 0.0
+    too_much, factor = culprit(tolerance, names, kept)
+    return culprit_words(too_much, factor), factor
 
 
 def culprit_words(too_much: Uncertainty, factor: float) -> str:
