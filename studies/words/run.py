@@ -56,6 +56,11 @@ BANNED = {
 """What docs do not use, and what to say instead; quoted output, code and names of keys do not count."""
 
 
+VAGUE = {"house", "judge", "judges", "judged", "doing", "doings", "look", "looks", "looked", "room", "ways"}
+VAGUE |= {"said", "told", "ours", "dear"}
+"""Words that no name in the code has: they do not say what a thing is."""
+
+
 @dataclass(frozen=True)
 class Page:
     """One Markdown file or notebook."""
@@ -171,6 +176,24 @@ def texts_of_code() -> Iterator[tuple[str, str, str]]:
                 yield kind, f"{path.relative_to(ROOT)}:{node.lineno}", re.sub(r"\s+", " ", plain)
 
 
+def vague_names() -> Iterator[str]:
+    """Place and name of functions, classes, arguments and variables of ocptip with a word of `VAGUE`."""
+    for path in sorted((ROOT / "src").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            name = ""
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                name = node.name
+            elif isinstance(node, ast.arg):
+                name = node.arg
+            elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                name = node.id
+            elif isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "self":
+                name = node.attr
+            words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name)}
+            if words & VAGUE:
+                yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}: {name}"
+
+
 def _length(text: str) -> int:
     return len(re.findall(r"[\w'.,-]*\w[\w'.,-]*", text))
 
@@ -200,6 +223,8 @@ def main() -> None:
     for kind, place, text in texts_of_code() if options.code else ():
         for word in banned(text):
             print(f"{place}: {kind}: {word}")
+    for name in vague_names() if options.code else ():
+        print(f"{name}: a name says what the thing is")
     for page in map(Page, named):
         print(f"{page.path}: {page.words} words, {page.mean:.1f} per sentence, ease {page.ease:.0f}")
         print(*(f"  {fault}" for fault in page.faults()), sep="\n")

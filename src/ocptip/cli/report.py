@@ -76,7 +76,7 @@ def run(options: Namespace) -> DocumentReport:
     return DocumentReport(Document(report(path, cases=options.cases), options.cases), out)
 
 
-def _said(stage: Stage, lines: Iterable[str]) -> list[str]:
+def _with_names(stage: Stage, lines: Iterable[str]) -> list[str]:
     """Lines, with the segment's name before them."""
     return [f"{stage.name}: {line}" if stage.name else line for line in lines]
 
@@ -154,7 +154,7 @@ class Document:
             yield html.grid(titles, rows)
         yield html.items(map(_labelled, certificate_rows(checked)))
         for stage in self.about.stages:
-            yield html.items(_said(stage, map(_labelled, within_rows(stage.checked or checked))))
+            yield html.items(_with_names(stage, map(_labelled, within_rows(stage.checked or checked))))
         yield html.items(checked.contacts.lines())
         yield html.paragraph("All limits, with the published indices GN of tip-over and GT of friction:")
         titles, *rows = worst_rows(checked)
@@ -172,7 +172,7 @@ class Document:
                 yield html.paragraph("Times are those of the segment.")
             for stage in self.about.stages:
                 if stops := stage.stops:
-                    yield html.items(_said(stage, stops.found))
+                    yield html.items(_with_names(stage, stops.found))
 
     def _rest(self) -> Iterator[str]:
         from ocptip.pictures.load_cases import payload_figure, tilt_figure

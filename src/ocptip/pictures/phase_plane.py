@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ocptip.motion.motion_plan import MotionPlan
     from ocptip.retiming.retime import Retimed
 
-ROOM = 1.6  # times the largest speed, up to which the limits are drawn
+HEIGHT = 1.6  # times the largest speed, up to which the limits are drawn
 SAMPLES = 400
 _QUANTITIES = {
     "tip-over": style.TIPPING,
@@ -53,7 +53,7 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     timing = timed.motion.timing
     assert timing is not None
     rates = np.sqrt(timing.x)
-    top = ROOM * float(rates.max())
+    top = HEIGHT * float(rates.max())
     seen = (name for name, pace in zip(timed.curve_limits, timed.curve, strict=False) if pace <= top)
     names = sorted({*timed.active, *seen} - {""}, key=_rank)
     kinds = {name: _kind(name) for name in names}

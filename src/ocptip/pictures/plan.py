@@ -133,8 +133,8 @@ def _drives(curves: PlanCurves) -> Figure:
     if curves.reference is not None:
         other = curves.energy(curves.reference)
         name = f"reference, {other[-1]:.1f} J"
-        look = {"color": style.ENERGY.color, **style.REFERENCE}
-        panels[2].plot(curves.reference.times, other, **look, label=name, gid="energy-reference")
+        line_style = {"color": style.ENERGY.color, **style.REFERENCE}
+        panels[2].plot(curves.reference.times, other, **line_style, label=name, gid="energy-reference")
     _finish(panels[2], curves, "Electric energy since the start", style.ENERGY.label)
     return _end(figure, curves, panels[-1:])
 
@@ -177,8 +177,12 @@ def _shares(
     limited, shares = np.flatnonzero(np.isfinite(limits)), values / limits
     shown = [f"{scale * own:.3g} {unit}" for own, unit, scale in zip(limits, *units, strict=True)]
     for j in limited:
-        look = {**style.member(int(j)), "label": f"joint {j + 1}, limit {shown[j]}", "gid": f"share-{j + 1}"}
-        ax.plot(curves.times, quantity.scale * shares[:, j], **look)
+        line_style = {
+            **style.member(int(j)),
+            "label": f"joint {j + 1}, limit {shown[j]}",
+            "gid": f"share-{j + 1}",
+        }
+        ax.plot(curves.times, quantity.scale * shares[:, j], **line_style)
     if not len(limited):
         ax.text(0.5, 0.5, "no joint has such a limit", ha="center", va="bottom", transform=ax.transAxes)
     elif row is not None:
@@ -208,8 +212,8 @@ def _tipping(ax: Any, curves: PlanCurves) -> None:
         return
     _line(ax, curves, quantity, curves.moments(curves.samples), "nominal", "tipping")
     if len(curves.worst_moments[0]):
-        look = {"color": quantity.color, **style.WORST_CASE}
-        ax.plot(*curves.worst_moments, **look, label="worst case", gid="tipping-worst-case")
+        line_style = {"color": quantity.color, **style.WORST_CASE}
+        ax.plot(*curves.worst_moments, **line_style, label="worst case", gid="tipping-worst-case")
     _reference(ax, curves, quantity, curves.moments)
     _marks(ax, curves, quantity, row)
     index = curves.limit("GN")
@@ -233,8 +237,8 @@ def _friction(ax: Any, curves: PlanCurves) -> None:
         lw=3.0,
     )
     for k, own in enumerate(usage.T):
-        look = {**style.member(k), "lw": 1.0, "label": f"contact {k + 1}", "gid": f"use-{k + 1}"}
-        ax.plot(curves.times, quantity.scale * own, **look)
+        line_style = {**style.member(k), "lw": 1.0, "label": f"contact {k + 1}", "gid": f"use-{k + 1}"}
+        ax.plot(curves.times, quantity.scale * own, **line_style)
     _reference(ax, curves, quantity, curves.friction)
     _limit(ax, curves, quantity, curves.limit("GT"), "limit")
     title = TITLES[kinds.FRICTION]
@@ -249,8 +253,8 @@ def _friction(ax: Any, curves: PlanCurves) -> None:
 def _foot_forces(ax: Any, curves: PlanCurves) -> None:
     quantity, row = style.FOOT_FORCE, curves.margins.get(kinds.FOOT_FORCE)
     for k, values in enumerate(curves.normal_forces.T):
-        look = {**style.member(k), "label": f"contact {k + 1}", "gid": f"normal-{k + 1}"}
-        ax.plot(curves.times, values, **look)
+        line_style = {**style.member(k), "label": f"contact {k + 1}", "gid": f"normal-{k + 1}"}
+        ax.plot(curves.times, values, **line_style)
     for side, word in ((0, "least"), (1, "most")):
         bounds = curves.normal_range[:, side]
         for value in np.unique(bounds[np.isfinite(bounds)]):
@@ -344,28 +348,28 @@ def _finish(ax: Any, curves: PlanCurves, title: str, label: str) -> None:
 def _line(
     ax: Any, curves: PlanCurves, quantity: Quantity, values: np.ndarray, label: str, gid: str, **more: Any
 ) -> None:
-    look = {"color": quantity.color, **style.NOMINAL, **more}
-    ax.plot(curves.times, quantity.scale * values, **look, label=label, gid=gid)
+    line_style = {"color": quantity.color, **style.NOMINAL, **more}
+    ax.plot(curves.times, quantity.scale * values, **line_style, label=label, gid=gid)
 
 
 def _reference(
     ax: Any, curves: PlanCurves, quantity: Quantity, of: Callable[[MotionSamples], np.ndarray]
 ) -> None:
     if (other := curves.reference) is not None:
-        look = {"color": quantity.color, **style.REFERENCE, "alpha": 0.8, "zorder": 1.8}
+        line_style = {"color": quantity.color, **style.REFERENCE, "alpha": 0.8, "zorder": 1.8}
         gid = f"{quantity.name.split()[0]}-reference"
-        ax.plot(other.times, quantity.scale * of(other), **look, label="reference", gid=gid)
+        ax.plot(other.times, quantity.scale * of(other), **line_style, label="reference", gid=gid)
 
 
 def _marks(ax: Any, curves: PlanCurves, quantity: Quantity, row: MotionMargin, sign: float = 1.0) -> None:
     """Rings at the worst instant, diamonds at that of the worst case."""
-    for at, look, word in (
+    for at, line_style, word in (
         (row.nominal, style.RING, "nominal"),
         (row.worst_case, style.DIAMOND, "worst-instant"),
     ):
         if at is not None and at.time is not None:
             place = [at.time], [sign * quantity.scale * at.value]
-            ax.plot(*place, **look, color=quantity.color, gid=f"{row.name}-{word}")
+            ax.plot(*place, **line_style, color=quantity.color, gid=f"{row.name}-{word}")
 
 
 def _limit(ax: Any, curves: PlanCurves, quantity: Quantity, values: np.ndarray, label: str | None) -> None:
@@ -384,9 +388,12 @@ def _worst_limit(ax: Any, quantity: Quantity, row: MotionMargin) -> None:
     """The limit of the worst case, where that is another."""
     if row.limit_worst_case is not None and row.limit_worst_case != row.limit:
         value = quantity.scale * row.limit_worst_case
-        look = {**style.LIMIT, "lw": 0.9}
+        line_style = {**style.LIMIT, "lw": 0.9}
         ax.axhline(
-            value, **look, label=f"limit, worst case {value:.3g} {quantity.unit}", gid="limit-worst-case"
+            value,
+            **line_style,
+            label=f"limit, worst case {value:.3g} {quantity.unit}",
+            gid="limit-worst-case",
         )
 
 

@@ -22,7 +22,7 @@ from ocptip.placement.result import Placement, PlacementResult, judge
 from ocptip.placement.search import starts as sampling
 
 _SAMPLES = 2000
-_LOOKED_AT = 6  # sampled placements per place that is missing
+_SAMPLED = 6  # sampled placements per place that is missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def sampled_places(
     candidates = sampling.sample(evaluator, np.random.default_rng(seed), _SAMPLES)
     if not candidates.reached:
         return []
-    for i in sampling.spread(evaluator, candidates, _LOOKED_AT * count):
+    for i in sampling.spread(evaluator, candidates, _SAMPLED * count):
         placement = judge(evaluator, *candidates[i])
         known = any(placement.shares_place(other) for other in (*static.placements, *found))
         if placement.feasible and not known:

@@ -189,9 +189,9 @@ def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> P
         options = []
         for goal in q:
             near = [_near(evaluator.arm, goal, way[-1]) for way in path]
-            ways = [c + np.abs(g - way[-1]) @ weights for c, way, g in zip(cost, path, near, strict=True)]
-            best = int(np.argmin(ways))
-            options.append((ways[best], [*path[best], near[best]]))
+            costs = [c + np.abs(g - way[-1]) @ weights for c, way, g in zip(cost, path, near, strict=True)]
+            best = int(np.argmin(costs))
+            options.append((costs[best], [*path[best], near[best]]))
         cost, path = np.array([c for c, _ in options]), [way for _, way in options]
     angles = np.array(path[int(np.argmin(cost))])
     return judge(evaluator, placement.patch, placement.parameters, angles, placement.start)
