@@ -51,7 +51,7 @@ def test_random_problems_are_all_solved(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", some(4, range(20)))
+@pytest.mark.parametrize("seed", range(20))
 def test_many_more_random_problems_are_all_solved(seed):
     rng = np.random.default_rng([78, seed])
     for i in range(1000):
