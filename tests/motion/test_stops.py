@@ -92,15 +92,15 @@ def test_wrenches_at_the_brakes_closing_are_those_of_pinocchio(ur5):
 
 def test_stronger_brakes_load_the_base_more(task):
     found = []
-    for torque in (20.0, 40.0, 100.0):
+    for torque in (20.0, 100.0):
         brakes = np.full(6, torque)
         found.append(looked_at(task, "brakes", StopRules(brake_min=brakes, brake_max=brakes))[1])
     values = [one.worst["brakes"] for one in found]
-    assert values[0]["GN"] < values[1]["GN"] < values[2]["GN"]
-    assert values[0]["longest_stop_s"] > values[1]["longest_stop_s"] > values[2]["longest_stop_s"]
-    assert not found[2].verified
-    assert any("in a stop by brakes begun at" in violation for violation in found[2].violations)
-    assert found[2].speeds["brakes"].min() == 0.0
+    assert values[0]["GN"] < values[1]["GN"]
+    assert values[0]["longest_stop_s"] > values[1]["longest_stop_s"]
+    assert not found[1].verified
+    assert any("in a stop by brakes begun at" in violation for violation in found[1].violations)
+    assert found[1].speeds["brakes"].min() == 0.0
 
 
 def test_wider_intervals_are_never_better(task):

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from studies.certificates import worlds as study
 from studies.certificates.margins import ContactMargins
 from studies.certificates.new_motions import feet as ordinary
 from studies.certificates.new_motions import on_base, swing
+from tests.quick import some
 
 PUSHED = Uncertainty(center_of_mass=(0.02, 0.02, 0.1), base_push=40.0, base_mass=0.05)
 
@@ -23,7 +25,8 @@ PUSHED = Uncertainty(center_of_mass=(0.02, 0.02, 0.1), base_push=40.0, base_mass
 def proved():
     places = [(0.3, 0.25, 0.0), (0.3, -0.25, 0.0), (-0.3, 0.0, 0.0)]
     task = on_base("B", ordinary(places, 0.8), 40.0, [0.0, 0.0, 0.4])
-    motion, limits = swing(task), Limits(tolerance=PUSHED, clearance=0.0)
+    near = replace(task, goal=np.append(task.goal[:2], task.start[2:]))  # two joints move: few intervals
+    motion, limits = swing(near), Limits(tolerance=PUSHED, clearance=0.0)
     found = certify(task.robot, motion, limits, check_motion(task.robot, motion, limits).worst)
     assert found.certified, found.undecided
     return task.robot, motion, found.data
@@ -52,7 +55,7 @@ def test_no_world_is_worse_than_proved_and_the_attack_comes_near(proved):
     assert 0.9 * row["GT_proved"] < row["GT_found"] <= row["GT_proved"]
 
 
-@pytest.mark.parametrize("key", ["base_push", "center_of_mass"])
+@pytest.mark.parametrize("key", some(1, ["base_push", "center_of_mass"]))
 def test_a_wider_uncertainty_than_the_proof_is_found(proved, key):
     data = copy.deepcopy(proved[2])
     data["tolerance"][key] = (1.5 * np.array(data["tolerance"][key])).tolist()

@@ -32,7 +32,7 @@ READERS = {
     "paths": lambda path: load_path(path, read_task(EXAMPLES / "tasks" / "ur5_cart.toml")),
 }
 FILES = sorted(EXAMPLES.rglob("*.toml"))
-SAMPLE = 12  # mutations per file in the quick suite
+SAMPLE = 5  # mutations per file in the quick suite
 VALUES = [
     "word",
     True,
