@@ -141,3 +141,13 @@ def test_core_prints_nothing():
         calls = ast.walk(_tree(name))
         names = {c.func.id for c in calls if isinstance(c, ast.Call) and isinstance(c.func, ast.Name)}
         assert "print" not in names or name.startswith("ocptip.cli."), name
+
+
+def test_a_class_name_stands_for_one_class():
+    named: dict[str, list[str]] = {}
+    for module in MODULES:
+        for node in ast.walk(_tree(module)):
+            if isinstance(node, ast.ClassDef):
+                named.setdefault(node.name, []).append(module)
+    twice = {name: modules for name, modules in named.items() if len(modules) > 1}
+    assert set(twice) == {"Limits"}, twice  # the trusted checker of certificates has names of its own

@@ -8,7 +8,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
-from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
+from ocptip.motion.load_cases import LoadCaseGrid, RestLoads, largest_payload, load_cases, tilt_by_direction
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.slip import Slip
 from ocptip.task_files.option_files import load_asked
@@ -60,7 +60,7 @@ def test_payload_is_where_the_gripper_tips_the_base():
 
 
 def test_cases_are_all_combinations_and_the_worst_direction_is_worst():
-    asked = Asked({"start": POSE}, payloads=(0.0, 1.0), tilts=(0.0, 0.02), pushes=(0.0, 10.0))
+    asked = LoadCaseGrid({"start": POSE}, payloads=(0.0, 1.0), tilts=(0.0, 0.02), pushes=(0.0, 10.0))
     cases = load_cases(ROBOT, asked)
     assert len(cases) == 8
     assert cases[0].stands
@@ -113,7 +113,7 @@ def test_what_half_spaces_prove_need_not_be_solved(corners, monkeypatch):
         for k, t in enumerate(turns)
     ]
     robot = ROBOT.varied(support=ROBOT.support.varied(feet))
-    asked = Asked({"start": POSE}, payloads=(0.0,), tilts=(0.05,), pushes=(15.0, 60.0))
+    asked = LoadCaseGrid({"start": POSE}, payloads=(0.0,), tilts=(0.05,), pushes=(15.0, 60.0))
 
     def found():
         tilts, payloads = tilt_by_direction(robot, POSE)[1], largest_payload(robot, POSE[None])

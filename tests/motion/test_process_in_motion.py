@@ -16,7 +16,7 @@ from ocptip.certificate.describe import model_data, motion_data, tolerance_data
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
-from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
+from ocptip.motion.load_cases import LoadCaseGrid, RestLoads, largest_payload, load_cases, tilt_by_direction
 from ocptip.motion.output import sample_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import write_plan
@@ -346,10 +346,10 @@ def test_load_cases_know_one_that_varies():
     robot, pose = bare.varied(arm=bare.arm.with_process(process)), task.start
     alone = [bare.varied(arm=bare.arm.with_process(ProcessWrench(row, 0 * row, "base"))) for row in rows]
     given = {"tilts": (0.0, 0.03), "pushes": (0.0,), "payloads": (0.5,)}
-    found = {one.pose: one for one in load_cases(robot, Asked(
+    found = {one.pose: one for one in load_cases(robot, LoadCaseGrid(
         {"any": pose, "then": pose}, acting={"then": np.append(rows[1], np.zeros(3))}, **given
     ))}  # fmt: skip
-    each = [load_cases(own, Asked({"any": pose}, **given))[-1] for own in alone]
+    each = [load_cases(own, LoadCaseGrid({"any": pose}, **given))[-1] for own in alone]
     worst = [max(one.GN for one in each), max(one.GT for one in each)]
     np.testing.assert_allclose([found["any"].GN, found["any"].GT], worst, atol=1e-6)
     np.testing.assert_allclose([found["then"].GN, found["then"].GT], [each[1].GN, each[1].GT], atol=1e-6)

@@ -15,7 +15,7 @@ from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask, Task
-from ocptip.motion.load_cases import Asked, LoadCase, largest_payload, load_cases, tilt_by_direction
+from ocptip.motion.load_cases import LoadCase, LoadCaseGrid, largest_payload, load_cases, tilt_by_direction
 from ocptip.motion.stops import Stops, stops_of
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
@@ -107,7 +107,7 @@ class Stage:
             known = robot.during(motion).acting(np.array(list(times.values())))
             poses = dict(zip(times, motion.states(np.array(list(times.values())))[0], strict=True))
             acting = dict(zip(times, known, strict=True))
-        asked = Asked(poses) if cases_file is None else load_asked(cases_file, robot.arm, poses)
+        asked = LoadCaseGrid(poses) if cases_file is None else load_asked(cases_file, robot.arm, poses)
         before = f"{self.name}: " if self.name else ""
         asked = replace(
             asked,

@@ -84,7 +84,7 @@ def certify(
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
     tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
     described = cast("Robot | StandingParallelRobot", robot)
-    search = _Search(described, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
+    search = _ProofSearch(described, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
@@ -182,7 +182,7 @@ class _Batch:
         return _Batch(self.piece[rows], self.start[rows], self.end[rows], self.forces[..., rows], kept)
 
 
-class _Search:
+class _ProofSearch:
     def __init__(
         self,
         robot: Robot | StandingParallelRobot,

@@ -23,7 +23,7 @@ from ocptip.basics.text import percent, some, with_error
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
 from ocptip.cli.options import given_columns, naming_options
-from ocptip.measured.bodies import Body
+from ocptip.measured.bodies import IdentifiedBody
 from ocptip.measured.links import Identified
 from ocptip.measured.power_maps import PowerMap
 from ocptip.measured.recording import FOOT, Recording
@@ -151,7 +151,7 @@ def _unit(parameter: str) -> str:
     return "kg m^2" if parameter.startswith(("I", "rotor")) else "kg m" if parameter[1] in "xyz" else "kg"
 
 
-def _body_lines(body: Body) -> list[str]:
+def _body_lines(body: IdentifiedBody) -> list[str]:
     half = body.quantile * body.errors
     lines = [f"mass {with_error(body.mass, half[0], 'kg')} (95 %)"]
     coordinates = [

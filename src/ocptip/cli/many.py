@@ -82,13 +82,13 @@ def answer_many(options: Namespace, read: Callable[[Namespace], Asked], work: Wo
     """
     if options.out is not None:
         Path(options.out).mkdir(exist_ok=True)
-    rows: dict[int, _Row] = {}
+    rows: dict[int, _TaskRow] = {}
     asked: dict[int, Asked] = {}
     for k, typed in enumerate(options.task):
         try:
             asked[k] = read(in_folder(options, typed))
         except Exception as error:
-            rows[k] = _Row(typed, *explained(error))
+            rows[k] = _TaskRow(typed, *explained(error))
     _refuse_doubles(asked.values())
     for k, one in list(asked.items()):
         if (row := _kept(one, options)) is not None:
@@ -133,14 +133,14 @@ def _answered(work: Work, one: Asked, options: Namespace) -> tuple[Report | None
         return None, [], *explained(error)
 
 
-def _finished(one: Asked, future: Any, options: Namespace) -> _Row:
+def _finished(one: Asked, future: Any, options: Namespace) -> _TaskRow:
     """Take the result of a worker, and write its files."""
     try:
         report, messages, code, text = future.result()
     except Exception as error:  # the worker, not the task
         report, messages, (code, text) = None, [], explained(error)
     if report is None:
-        return _Row(one.name, code, text)
+        return _TaskRow(one.name, code, text)
     for warning in messages:
         print(f"warning: {one.name}: {warning}", file=sys.stderr)
     report.warnings = messages
@@ -148,10 +148,10 @@ def _finished(one: Asked, future: Any, options: Namespace) -> _Row:
     code, text = report.exit_code, report.to_text().splitlines()[0]
     if failure is not None:
         code, text = explained(failure)
-    return _Row(one.name, code, text, plain(json.loads(report.to_json())))
+    return _TaskRow(one.name, code, text, plain(json.loads(report.to_json())))
 
 
-def _kept(one: Asked, options: Namespace) -> _Row | None:
+def _kept(one: Asked, options: Namespace) -> _TaskRow | None:
     """The result of an earlier call for the same task; None if its folder is not complete, or of another."""
     main, picture = (OUTPUTS[options.command][0], f"{options.command}.png")
     try:
@@ -163,11 +163,11 @@ def _kept(one: Asked, options: Namespace) -> _Row | None:
     if not same or not (options.no_figures or (one.directory / picture).exists()):
         return None
     text = f"{one.name}: kept, {one.directory} holds its answer"
-    return _Row(one.name, 0 if data["verified"] else 1, text, data, kept=True)
+    return _TaskRow(one.name, 0 if data["verified"] else 1, text, data, kept=True)
 
 
 @dataclass(frozen=True)
-class _Row:
+class _TaskRow:
     """What became of a task: its name, exit code, a line, its JSON."""
 
     name: str
@@ -202,7 +202,7 @@ class _Saying:
     def __init__(self, total: int, as_json: bool) -> None:
         self._done, self._total, self._as_json = 0, total, as_json
 
-    def __call__(self, row: _Row) -> None:
+    def __call__(self, row: _TaskRow) -> None:
         self._done += 1
         text = row.text if row.name in row.text else f"{row.name}: {row.text}"
         line = f"[{self._done}/{self._total}] {text}"
@@ -212,7 +212,7 @@ class _Saying:
 class ManyReport(Report):
     """What became of many tasks, in the order in which they were typed; their files are written already."""
 
-    def __init__(self, rows: list[_Row]) -> None:
+    def __init__(self, rows: list[_TaskRow]) -> None:
         super().__init__()
         self._rows = rows
 

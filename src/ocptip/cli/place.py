@@ -23,7 +23,7 @@ from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import scope_of
-from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
+from ocptip.placement.result import NoPlacementError, Placement, PlacementMargin, PlacementResult
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.tolerance import load_tolerance
@@ -217,7 +217,7 @@ def _criteria_lines(placement: Placement) -> list[tuple[str, str]]:
 
 def _margin_lines(placement: Placement) -> list[tuple[str, str]]:
     """The tightest constraint of each kind; equalities and moments behind GN are in the file."""
-    tightest: dict[str, Margin] = {}
+    tightest: dict[str, PlacementMargin] = {}
     for margin in placement.margins:  # the smallest first
         tightest.setdefault(margin.kind, margin)
     shown = [m for m in tightest.values() if m.kind not in ("reach", "persistence", "tip-over")]
@@ -225,7 +225,7 @@ def _margin_lines(placement: Placement) -> list[tuple[str, str]]:
     return [*lines, *(("", _margin(margin)) for margin in shown)]
 
 
-def _margin(margin: Margin) -> str:
+def _margin(margin: PlacementMargin) -> str:
     unit, scale = margin.unit, 1.0
     if unit == "rad":
         unit, scale = "deg", 180 / np.pi

@@ -71,7 +71,7 @@ def find_planar_motion(problem: ConeProblem, max_programs: int) -> MotionSearch:
     """
     if not np.any(problem.load):
         return MotionSearch(EXHAUSTED, None, 0)
-    search = _Search(problem, max_programs)
+    search = _FeetCaseSearch(problem, max_programs)
     found = search.run()
     status = FOUND if found is not None else LIMIT if search.resolution else EXHAUSTED
     return MotionSearch(status, found, search.programs, search.resolution)
@@ -129,14 +129,14 @@ class _Plane:
 
 
 @dataclass(frozen=True)
-class _Case:
+class _FeetCase:
     """Which feet stay down, and the tipping motions (6, e) that lift the others, each with a factor >= 0."""
 
     feet: np.ndarray
     tipping: np.ndarray
 
 
-def _cases(plane: _Plane) -> Iterator[_Case]:
+def _cases(plane: _Plane) -> Iterator[_FeetCase]:
     """All feet down; those of an edge of their hull; those of a corner."""
     feet, everyone = plane.feet, np.arange(len(plane.feet))
     spread, directions = np.linalg.svd(feet, full_matrices=True)[1:]
@@ -145,7 +145,7 @@ def _cases(plane: _Plane) -> Iterator[_Case]:
     for direction in directions[rank:]:
         about += [direction, -direction]
     free = [np.r_[0.0, g] for g in about]
-    yield _Case(everyone, _tipping(free))
+    yield _FeetCase(everyone, _tipping(free))
     if rank == 0:
         return
     if rank == 1:
@@ -153,7 +153,7 @@ def _cases(plane: _Plane) -> Iterator[_Case]:
         for sign in (1.0, -1.0):
             lowest = np.min(sign * along)
             up = np.r_[-lowest, sign * directions[0]]
-            yield _Case(np.flatnonzero(sign * along <= lowest + _IN_PLANE), _tipping([*free, up]))
+            yield _FeetCase(np.flatnonzero(sign * along <= lowest + _IN_PLANE), _tipping([*free, up]))
         return
     edges: dict[tuple[int, ...], np.ndarray] = {}
     for i in everyone:
@@ -168,7 +168,7 @@ def _cases(plane: _Plane) -> Iterator[_Case]:
                 members = tuple(np.flatnonzero(lift <= _IN_PLANE).tolist())
                 edges.setdefault(members, np.r_[-feet[i] @ inward, inward])
     for members, lift in edges.items():
-        yield _Case(np.array(members), _tipping([lift]))
+        yield _FeetCase(np.array(members), _tipping([lift]))
     corners: dict[tuple[int, ...], list[np.ndarray]] = {}
     for k in everyone:
         here = tuple(np.flatnonzero(np.linalg.norm(feet - feet[k], axis=1) <= _IN_PLANE).tolist())
@@ -176,7 +176,7 @@ def _cases(plane: _Plane) -> Iterator[_Case]:
         if len(lifts) == 2:
             corners[here] = lifts
     for members, lifts in corners.items():
-        yield _Case(np.array(members), _tipping(lifts))
+        yield _FeetCase(np.array(members), _tipping(lifts))
 
 
 def _tipping(lifts: list[np.ndarray]) -> np.ndarray:
@@ -187,7 +187,7 @@ def _tipping(lifts: list[np.ndarray]) -> np.ndarray:
     return motions
 
 
-class _Search:
+class _FeetCaseSearch:
     """The search over all cases."""
 
     def __init__(self, problem: ConeProblem, max_programs: int) -> None:
@@ -207,7 +207,7 @@ class _Search:
         plane = self.plane
         if np.min(plane.heights @ self.free[_TIPPING_AXES]) >= 0.0:
             return self._proved(
-                _Case(np.arange(0), np.zeros((6, 0))), self.free, np.zeros((len(plane.feet), 3))
+                _FeetCase(np.arange(0), np.zeros((6, 0))), self.free, np.zeros((len(plane.feet), 3))
             )
         open_cases = []
         for case in _cases(plane):
@@ -232,7 +232,7 @@ class _Search:
             self.resolution = max(_size(triangles) for _, triangles, _ in open_cases)
         return None
 
-    def _candidates(self, case: _Case, guesses, turned: set[int]) -> Iterator[ContactState]:
+    def _candidates(self, case: _FeetCase, guesses, turned: set[int]) -> Iterator[ContactState]:
         """Moving solutions that turn about a foot, or near the guesses."""
         for foot in turned:
             x, y = self.plane.feet[case.feet[foot]]
@@ -243,7 +243,7 @@ class _Search:
             if found is not None:
                 yield found
 
-    def _filter(self, case: _Case, triangles: np.ndarray, depth: int):
+    def _filter(self, case: _FeetCase, triangles: np.ndarray, depth: int):
         """Triangles that may hold a motion, guesses (motion, normal forces) in them, and feet turned about.
 
         Triangles are (T, 3, 3): a corner per row.
@@ -308,7 +308,7 @@ class _Search:
             return None
         return x
 
-    def _sliding(self, case: _Case, y: np.ndarray, normal: np.ndarray) -> ContactState | None:
+    def _sliding(self, case: _FeetCase, y: np.ndarray, normal: np.ndarray) -> ContactState | None:
         """A moving solution near a motion in the plane, in which every foot of the case slides."""
         plane = self.plane
         u = plane.velocity[case.feet] @ y
@@ -322,7 +322,7 @@ class _Search:
         motion[_IN_PLANE_AXES] = y
         return self._proved(case, motion, forces)
 
-    def _proved(self, case: _Case, motion: np.ndarray, forces: np.ndarray) -> ContactState | None:
+    def _proved(self, case: _FeetCase, motion: np.ndarray, forces: np.ndarray) -> ContactState | None:
         """A moving solution near a motion (6,) and forces (n, 3), in the plane's axes and units."""
         plane = self.plane
         u = plane.velocity @ motion[_IN_PLANE_AXES]
@@ -331,7 +331,7 @@ class _Search:
         what[case.feet] = np.where(slides[case.feet], SLIDE, STICK)
         return self.problem.motion(list(what), plane.acceleration(motion), plane.in_contact_axes(forces))
 
-    def _without_sliding(self, case: _Case) -> ContactState | None:
+    def _without_sliding(self, case: _FeetCase) -> ContactState | None:
         """A moving solution that tips while the feet that stay down stick."""
         if np.max(self.plane.load @ case.tipping, initial=0.0) <= _POWERLESS:
             return None
@@ -343,7 +343,7 @@ class _Search:
         self.resolution = max(self.resolution, 2 * np.pi / _MOST_DISC_POINTS)
         return None
 
-    def _along(self, case: _Case, direction: np.ndarray | None, outer: bool):
+    def _along(self, case: _FeetCase, direction: np.ndarray | None, outer: bool):
         """Largest motion in one direction of the plane (or none) and tipping, and the solution, if proved.
 
         Feet without velocity stick; their circle of friction is replaced by a polygon in or around it.

@@ -29,7 +29,7 @@ _FLAT = 1e-6  # m, and sine of an angle: of feet in one plane
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class IdentifiedBody:
     """Mass and centre of mass.
 
     Attributes:
@@ -96,7 +96,7 @@ class Bodies:
         source: "sensor" or "feet".
     """
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[IdentifiedBody, ...]
     estimate: Estimate
     source: str
 
@@ -223,7 +223,7 @@ def _source(recording: Recording, predictor: Predictor) -> tuple[str, np.ndarray
     return FOOT, basis.T @ np.array([one.values for one in feet]), project
 
 
-def _body(name: str, described: np.ndarray, found: Estimate, offset: int) -> Body:
+def _body(name: str, described: np.ndarray, found: Estimate, offset: int) -> IdentifiedBody:
     """From mass and first moments about the described centre."""
     own = slice(offset, offset + 4)
     mass, moment = float(found.values[offset]), found.values[offset + 1 : offset + 4]
@@ -237,7 +237,7 @@ def _body(name: str, described: np.ndarray, found: Estimate, offset: int) -> Bod
     )
     moment = np.where(seen[1:], moment, 0.0)
     covariance = slopes @ found.covariance[own, own] @ slopes.T
-    return Body(name, mass, described + moment / mass, covariance, seen, quantile)
+    return IdentifiedBody(name, mass, described + moment / mass, covariance, seen, quantile)
 
 
 def tables(bodies: Bodies, sigmas: float) -> dict[str, Mapping[str, Any]]:

@@ -40,7 +40,7 @@ _GROUPS = (ANGLE, SPEED, TORQUE, WRENCH)
 
 
 @dataclass
-class _Found:
+class _Known:
     """What is known of a robot and of clocks so far.
 
     Attributes:
@@ -76,7 +76,7 @@ class _Comparing:
         begin, self.single = find_clock(recording, predictor)
         n, links = predictor.robot.n, predictor.robot.arm.links
         self.joint_columns = causes.joint_columns(n)
-        self.found = _Found(
+        self.found = _Known(
             0.0 if same_clock else begin, np.inf, np.zeros(n), Elasticity.none(n),
             np.zeros(2 + 4 * links + 3 * n + 3), np.zeros(0), np.zeros(0),
         )  # fmt: skip

@@ -15,7 +15,7 @@ from ocptip.measured.signals import Finding, noise_of
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class ComparedSignal:
     """One signal beside its prediction, SI.
 
     Attributes:
@@ -78,7 +78,7 @@ class Comparison:
     times: np.ndarray
     clock: float
     clock_error: float
-    signals: tuple[Compared, ...]
+    signals: tuple[ComparedSignal, ...]
     gripper: np.ndarray | None
     energy: tuple[float, float] | None
     base: BaseMotion | None
@@ -125,14 +125,14 @@ def beside(
     lag: float,
     still: np.ndarray,
     left: np.ndarray | None,
-) -> Compared:
+) -> ComparedSignal:
     """A signal beside its prediction.
 
     Args:
         one: the signal.
         predicted: (N,), of the plan.
         times: (N,), s, of the motion.
-        lag: see `Compared`.
+        lag: see `ComparedSignal`.
         still: (N,) True where samples count, unless none does.
         left: (N,), what findings do not explain; None where that was not checked.
     """
@@ -142,7 +142,7 @@ def beside(
     good = steady if steady.any() else good
     size = np.where(good, np.abs(away), -1.0)
     own = away if left is None else left
-    return Compared(
+    return ComparedSignal(
         one.name, one.kind, one.index, one.values, predicted, lag,
         float(size.max()) if good.any() else float("nan"), float(times[np.argmax(size)]),
         float(np.sqrt(np.mean(away[good] ** 2))) if good.any() else float("nan"),
@@ -168,7 +168,7 @@ def gripper_deviation(recording: Recording, predictor: Predictor, q: np.ndarray)
     return found
 
 
-def energies(compared: Sequence[Compared], times: np.ndarray, end: float) -> tuple[float, float] | None:
+def energies(compared: Sequence[ComparedSignal], times: np.ndarray, end: float) -> tuple[float, float] | None:
     """Measured and predicted, J, of a motion until its end, as far as it was recorded: trapezoidal rule."""
     own = next((one for one in compared if one.kind == POWER and one.index == 0), None)
     if own is None:

@@ -73,7 +73,7 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
     if not isinstance(task.robot, Robot):
         raise InputError(f"motions for identification are for arms, not for a {task.robot.kind}")
     T, rng = positive_number("duration", duration), np.random.default_rng(seed)
-    search = _Search(task, T)
+    search = _SeriesSearch(task, T)
     shape = task.robot.n, 2 * _WAVES + 1
     tried = [search.allowed(rng.normal(size=shape)) for _ in range(_RANDOM)]
     values = [value for _, value in tried]
@@ -102,7 +102,7 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
 
 def condition_along(task: MotionTask, motion: Trajectory) -> float:
     """Condition number, as above, of the scaled regressor along any motion of the task's arm."""
-    return _Search(task, motion.end).condition(motion)
+    return _SeriesSearch(task, motion.end).condition(motion)
 
 
 def _tamed(start: np.ndarray, series: np.ndarray, T: float) -> Iterator[tuple[Trajectory, float, float]]:
@@ -132,7 +132,7 @@ def _curves(series: np.ndarray, times: np.ndarray, T: float) -> tuple[np.ndarray
     return tuple(part @ series.T for part in parts)  # pyright: ignore[reportReturnType]
 
 
-class _Search:
+class _SeriesSearch:
     """Value of series of a robot: the condition number where limits are kept, else above `_BROKEN`."""
 
     def __init__(self, task: MotionTask, T: float) -> None:

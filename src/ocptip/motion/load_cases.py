@@ -26,7 +26,7 @@ AT_ONCE = 16  # states of which slip is solved before half spaces are made anew
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class LoadCaseGrid:
     """Which load cases.
 
     Attributes:
@@ -115,7 +115,7 @@ class RestLoads:
         return self.per_gravity @ gravity + self.process + self.at_tool(force)
 
 
-def load_cases(robot: Robot, asked: Asked) -> list[LoadCase]:
+def load_cases(robot: Robot, asked: LoadCaseGrid) -> list[LoadCase]:
     """All combinations of what was asked for, each in its worst direction.
 
     Raises:
@@ -147,7 +147,7 @@ def tilt_by_direction(
         robot: on its base.
         q: (n,) posture.
         count: number of directions.
-        acting: (6,) of a process that varies, see `Asked`.
+        acting: (6,) of a process that varies, see `LoadCaseGrid`.
 
     Returns:
         Directions downhill (count, 3), base axes, and tilts (count,), rad, at most `MOST_TILT`; 0 where it

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ocptip.measured.comparison import Compared, Comparison
+from ocptip.measured.comparison import ComparedSignal, Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, POWER, TORQUE, WRENCH
 from ocptip.pictures import style
@@ -57,7 +57,7 @@ def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Fig
     return figure
 
 
-def _errors(ax: Any, signals: list[Compared], times: np.ndarray, units: Sequence[str]) -> None:
+def _errors(ax: Any, signals: list[ComparedSignal], times: np.ndarray, units: Sequence[str]) -> None:
     for k, one in enumerate(signals):
         scale = 180 / np.pi if units[one.index] == "rad" else 1e3
         away = scale * (one.measured - one.predicted)
@@ -74,7 +74,7 @@ def _deviation(ax: Any, found: Comparison) -> None:
 
 
 def _pair(
-    left: Any, right: Any, title: str, what: str, unit: str, signals: list[Compared], times: np.ndarray
+    left: Any, right: Any, title: str, what: str, unit: str, signals: list[ComparedSignal], times: np.ndarray
 ) -> None:
     for k, one in enumerate(signals):
         line_style = style.member(k)

@@ -30,7 +30,7 @@ from ocptip.pictures.world_view import (
     LOAD,
     OTHER,
     SOLID,
-    View,
+    WorldView,
     base_solids,
     obstacles_of,
 )
@@ -181,7 +181,7 @@ def _map_panel(figure: Figure, ax: Any, panel: str, chart: PlacementMap, best: P
     if chart.patch.horizontal:
         ax.set_aspect("equal")
         limits = (x[0], x[-1]), (y[0], y[-1])
-        view = View(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]]))
+        view = WorldView(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]]))
         for obstacle, forbidden in obstacles_of(best.problem):
             view.obstacle(ax, obstacle, limits, forbidden=forbidden)
         for number, task in enumerate(best.problem.tasks):
@@ -257,10 +257,10 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
     across = 0 if apart[0] >= apart[1] else 1  # the horizontal axis of the side view
     away = 1 - across
     views = (
-        (top, View(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]])), "xy", "From above"),
+        (top, WorldView(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]])), "xy", "From above"),
         (
             side,
-            View(np.eye(3)[[across, 2]], best.base_position * np.eye(3)[away]),
+            WorldView(np.eye(3)[[across, 2]], best.base_position * np.eye(3)[away]),
             "xy"[across] + "z",
             f"From the side, along {'xy'[away]}",
         ),

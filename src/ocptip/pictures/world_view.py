@@ -37,7 +37,7 @@ _ALONG = 0.05  # sine of the angle up to which a wall or an axis counts as seen 
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class WorldView:
     """A parallel projection of the world.
 
     Attributes:

@@ -17,10 +17,10 @@ from ocptip.contact.states import ContactStates
 from ocptip.placement.least_slip import LeastSlip
 from ocptip.placement.limits.arm import Clearance
 from ocptip.placement.limits.base import Ground
-from ocptip.placement.limits.contact import TipOver
-from ocptip.placement.limits.judged import ConstraintRows, Standing, TaskEvaluation
+from ocptip.placement.limits.contact import TipOverLimit
+from ocptip.placement.limits.judged import ConstraintRows, PlacedBase, TaskEvaluation
 from ocptip.placement.limits.kinds import BASE_LIMITS, TASK_LIMITS
-from ocptip.placement.limits.limit import Limit
+from ocptip.placement.limits.limit import PlacementLimit
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.quick import ROUNDS, edge_moments, friction_shares
 from ocptip.placement.stand import Stand, Stood
@@ -31,7 +31,7 @@ from ocptip.standing.footing import Footing
 
 _PARALLEL = 1e-9
 
-_Kind = TypeVar("_Kind", bound=Limit)
+_Kind = TypeVar("_Kind", bound=PlacementLimit)
 
 
 class Evaluator:
@@ -55,8 +55,8 @@ class Evaluator:
         self.fast_slip = Slip(self.support, "tangential") if self._same_normals else problem.footing.slip
         self._dynamics = dynamics_batch(self.arm)
         self._ground = Ground(problem, BASE_LIMITS)
-        self.limits: tuple[Limit, ...] = (*(kind(problem) for kind in TASK_LIMITS), self._ground)
-        self.tip_over = self.limit(TipOver)
+        self.limits: tuple[PlacementLimit, ...] = (*(kind(problem) for kind in TASK_LIMITS), self._ground)
+        self.tip_over = self.limit(TipOverLimit)
         self.cases = [[c for c in problem.cases if c.task == t] for t in range(len(problem.tasks))]
 
     def limit(self, kind: type[_Kind]) -> _Kind:
@@ -80,7 +80,7 @@ class Evaluator:
         """Constraints on the base alone: bounds, contacts inside the patch, obstacles and keep-out zones."""
         parameters = np.atleast_2d(parameters)
         stood = self.problem.stands[patch].at(parameters)
-        standing = Standing(**vars(stood), terrain=self.problem.terrain[patch], parameters=parameters)
+        standing = PlacedBase(**vars(stood), terrain=self.problem.terrain[patch], parameters=parameters)
         return tuple(self._ground.margins(standing))
 
     def task(

@@ -97,7 +97,7 @@ def _place(
     progress: Callable[[int, int, float | None], None] | None,
     began: float,
 ) -> PlacementResult:
-    work, rng = _Search(problem), np.random.default_rng(seed)
+    work, rng = _PatchPrograms(problem), np.random.default_rng(seed)
     more = -(-starts // _AGAIN)
     candidates = sampling.sample(work.evaluator, rng, samples)
     chosen = candidates
@@ -145,7 +145,7 @@ def _place(
     )
 
 
-class _Search:
+class _PatchPrograms:
     """Programs of one problem on all its patches."""
 
     def __init__(self, problem: PlacementProblem) -> None:

@@ -217,7 +217,7 @@ class Weights:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadCase:
+class TaskLoad:
     """One load of one task.
 
     Attributes:
@@ -385,7 +385,7 @@ class PlacementProblem:
         return float(self.energy.values(torque[None])[0])
 
     @cached_property
-    def cases(self) -> tuple[LoadCase, ...]:
+    def cases(self) -> tuple[TaskLoad, ...]:
         """All load cases, task by task, each task's unloaded one first."""
         several, none, result = len(self.tasks) > 1, np.zeros(3), []
         for t, task in enumerate(self.tasks):
@@ -393,9 +393,9 @@ class PlacementProblem:
             own = [(np.asarray(load.force), np.asarray(load.moment), load.name) for load in task.loads]
             loads = [(i, *load) for i, load in enumerate(own) if load[0].any() or load[1].any()]
             counts = len(loads) < max(len(task.loads), 1)
-            result.append(LoadCase(t, -1, none, none, counts, counts or self.unloaded, f"{prefix}unloaded"))
+            result.append(TaskLoad(t, -1, none, none, counts, counts or self.unloaded, f"{prefix}unloaded"))
             result += [
-                LoadCase(t, i, force, moment, True, True, f"{prefix}{name}")
+                TaskLoad(t, i, force, moment, True, True, f"{prefix}{name}")
                 for i, force, moment, name in loads
             ]
         return tuple(result)

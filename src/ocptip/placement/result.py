@@ -18,7 +18,7 @@ from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.reserves.friction_needed import friction_needed
 
 FEASIBLE = 1e-6
-"""Margins above minus this (in the units of `Margin.relative`) count as kept."""
+"""Margins above minus this (in the units of `PlacementMargin.relative`) count as kept."""
 
 ACTIVE = 1e-4
 """Margins below this count as active."""
@@ -28,7 +28,7 @@ ONE_PLACE = 0.03
 
 
 @dataclass(frozen=True)
-class Margin:
+class PlacementMargin:
     """One constraint at a placement.
 
     Attributes:
@@ -106,7 +106,7 @@ class Placement:
     angles: np.ndarray
     criteria: dict[str, float]
     total: float
-    margins: tuple[Margin, ...]
+    margins: tuple[PlacementMargin, ...]
     pose_error: float
     start: int = -1
 
@@ -127,12 +127,12 @@ class Placement:
         return bool(np.max(np.abs(apart[counting])) < ONE_PLACE)
 
     @property
-    def active(self) -> tuple[Margin, ...]:
+    def active(self) -> tuple[PlacementMargin, ...]:
         """Constraints at their limits."""
         return tuple(m for m in self.margins if m.active)
 
     @property
-    def violations(self) -> tuple[Margin, ...]:
+    def violations(self) -> tuple[PlacementMargin, ...]:
         """Broken constraints."""
         return tuple(m for m in self.margins if m.relative < -FEASIBLE)
 
@@ -340,7 +340,7 @@ def judge(
     parameters = problem.terrain[patch].wrapped(np.asarray(parameters, dtype=float))
     found = [evaluator.task(t, patch, parameters[None], q[None]) for t, q in enumerate(angles)]
     criteria = evaluator.criteria(found)
-    margins: list[Margin] = []
+    margins: list[PlacementMargin] = []
     margins += _margins(evaluator.ground(patch, parameters), -1)
     for own in found:
         worst = {
@@ -369,8 +369,8 @@ def judge(
 
 
 def _in_friction(
-    evaluator: Evaluator, found: list[TaskEvaluation], placed: tuple[int, np.ndarray], margin: Margin
-) -> Margin:
+    evaluator: Evaluator, found: list[TaskEvaluation], placed: tuple[int, np.ndarray], margin: PlacementMargin
+) -> PlacementMargin:
     """Friction utilisation beyond 1 as the share of friction that would be needed, without accelerations."""
     own = found[margin.task]
     case = next(c for c in own.constrained if own.cases[c].name == margin.name)
@@ -383,7 +383,7 @@ def _in_friction(
 
 def _margins(
     rows: tuple[ConstraintRows, ...], task: int, worst: dict[str, list[str]] | None = None
-) -> list[Margin]:
+) -> list[PlacementMargin]:
     result, worst = [], worst or {}
     for r in rows:
         shown = range(len(r.labels))
@@ -391,7 +391,7 @@ def _margins(
             order = np.argsort(r.margins[0])
             shown = [i for rank, i in enumerate(order) if rank == 0 or r.margins[0, i] < 1]
         result += [
-            Margin(
+            PlacementMargin(
                 r.kind,
                 r.labels[i],
                 float(r.values[0, i]),

@@ -9,7 +9,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.limits.contact import SlipReserve
+from ocptip.placement.limits.contact import SlipIndexLimit
 from ocptip.placement.limits.judged import ConstraintRows
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import FEASIBLE
@@ -162,7 +162,7 @@ class _Scanner:
         least = evaluator.least_criteria([found])
         if (limit := evaluator.problem.limits.GT) is not None:
             smallest = 1 - least[:, CRITERIA.index("GT")] / limit
-            cause[smallest < np.minimum(margin, -FEASIBLE)] = SlipReserve.kind
+            cause[smallest < np.minimum(margin, -FEASIBLE)] = SlipIndexLimit.kind
             margin = np.minimum(margin, smallest)
         return q, who, (margin, cause, least)
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ocptip.placement.problem import LoadCase
+from ocptip.placement.problem import TaskLoad
 from ocptip.placement.result import Placement
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
@@ -73,7 +73,7 @@ def _within(cases: Sequence[Callable[[Uncertainty], RestCase]], tolerance: Uncer
     return found_within(cases, own, AT_REST, ignored)
 
 
-def rest_case(placement: Placement, case: LoadCase, tolerance: Uncertainty) -> RestCase:
+def rest_case(placement: Placement, case: TaskLoad, tolerance: Uncertainty) -> RestCase:
     """The robot at a placement in one pose under one load."""
     problem = placement.problem
     robot, back = problem.robot, placement.base_rotation.T

@@ -114,7 +114,7 @@ class CheapestProgram:
         Raises:
             SolverError: it is not solved.
         """
-        program = _Rows(self.columns)
+        program = _ConeRows(self.columns)
         self._rows(program, polygons)
         self._cones(program)
         cost, offset = self._cost(program, tangent)
@@ -151,7 +151,7 @@ class CheapestProgram:
         t = 3 * count + 2 + len(own) + np.arange(count)
         return count + 1 + np.arange(count + 1), y, own.reshape(-1, n, 2), t
 
-    def _rows(self, program: _Rows, polygons: Polygons) -> None:
+    def _rows(self, program: _ConeRows, polygons: Polygons) -> None:
         z, _, own, t = self._places
         bounds = self.grid.bounds / self.unit
         fixed = np.flatnonzero(bounds[:, 0] == bounds[:, 1])
@@ -173,7 +173,7 @@ class CheapestProgram:
         if np.isfinite(self.price.longest):
             program.add_sum(t, self.price.longest)
 
-    def _drawn(self, program: _Rows, own: np.ndarray) -> None:
+    def _drawn(self, program: _ConeRows, own: np.ndarray) -> None:
         """Energy drawn by a joint in an interval is at least e, and r e."""
         z = self._places[0]
         for share in (1.0, self.drives.regeneration):
@@ -190,7 +190,7 @@ class CheapestProgram:
                 ]
                 program.add("positive", entries, -on_m[:, j] * self.constant[:, j] - share * self.rub[:, j])
 
-    def _cones(self, program: _Rows) -> None:
+    def _cones(self, program: _ConeRows) -> None:
         z, y, own, t = self._places
         count = len(y)
         i, half = np.arange(count), np.full(count, 0.5)
@@ -218,7 +218,7 @@ class CheapestProgram:
             pace = ([], np.sqrt(self.width / np.sqrt(self.unit)))
             program.add_product([(t, unit)], mean, 0.0, [pace])
 
-    def _cost(self, program: _Rows, tangent: np.ndarray | None) -> tuple[np.ndarray, float]:
+    def _cost(self, program: _ConeRows, tangent: np.ndarray | None) -> tuple[np.ndarray, float]:
         z, y, own, _ = self._places
         cost, energy = np.zeros(self.columns), self.price.energy
         cost[y] = 1.0
@@ -241,7 +241,7 @@ class CheapestProgram:
         return cost, offset + float(np.sum(0.5 * drag * np.sqrt(here)))
 
 
-class _Rows:
+class _ConeRows:
     """Rows of a program b - A x in cones, of the same kind together."""
 
     def __init__(self, columns: int) -> None:

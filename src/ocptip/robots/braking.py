@@ -33,7 +33,7 @@ _ASCENTS, _PASSES = 24, 6  # of the search for the largest gravity torques: star
 
 
 @dataclass(frozen=True, eq=False)
-class Terms:
+class MotionTerms:
     """Of N states: torques are inertia qdd + bias, the wrench on the base is per_acceleration qdd + rest.
 
     Attributes:
@@ -91,7 +91,7 @@ def terms(
     gravity: np.ndarray,
     about: np.ndarray,
     process: np.ndarray | None = None,
-) -> Terms:
+) -> MotionTerms:
     """Of angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes.
 
     A process that varies needs its values, (N, 6) in its axes.
@@ -101,7 +101,7 @@ def terms(
         acting = model.process.wrench if process is None else process
     inertia, bias, per_acceleration, rest = _terms_function(model)(q, qd, gravity, about, acting)
     n = model.n  # of one joint a matrix is a column: its second axis is put back
-    return Terms(inertia.reshape(-1, n, n), bias, per_acceleration.reshape(-1, 6, n), rest)
+    return MotionTerms(inertia.reshape(-1, n, n), bias, per_acceleration.reshape(-1, 6, n), rest)
 
 
 def brake(

@@ -12,7 +12,7 @@ import numpy as np
 from ocptip.basics import schema
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
-from ocptip.motion.load_cases import Asked
+from ocptip.motion.load_cases import LoadCaseGrid
 from ocptip.robots.model import ArmModel
 from ocptip.task_files.joint_values import joint_values
 
@@ -59,7 +59,7 @@ COLUMNS_FILE = Keys(
 _FIELDS = {"payload_kg": "payloads", "tilt_deg": "tilts", "push_N": "pushes"}
 
 
-def load_asked(path: str | os.PathLike[str], arm: ArmModel, poses: Mapping[str, np.ndarray]) -> Asked:
+def load_asked(path: str | os.PathLike[str], arm: ArmModel, poses: Mapping[str, np.ndarray]) -> LoadCaseGrid:
     """Load cases of a TOML file; what it does not say is as by default.
 
     Args:
@@ -78,7 +78,7 @@ def load_asked(path: str | os.PathLike[str], arm: ArmModel, poses: Mapping[str, 
                     raise data.error(f"expected numbers >= 0, at least one, got {data.value(key)}", key)
                 given[name] = tuple(values.tolist())
         more = {table["name"]: _pose(table, arm) for table in data.tables("pose")}
-    return replace(Asked({**poses, **more}), **given)
+    return replace(LoadCaseGrid({**poses, **more}), **given)
 
 
 def _pose(table: Table, arm: ArmModel) -> np.ndarray:

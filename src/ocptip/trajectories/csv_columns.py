@@ -42,7 +42,7 @@ class _Column:
 
 
 @dataclass(frozen=True)
-class Columns:
+class CsvColumns:
     """Columns of a header, counted from 0.
 
     Attributes:
@@ -60,7 +60,7 @@ class Columns:
 
 def columns_of(
     header: Sequence[str], names: Sequence[str] | None, units: Sequence[str], unit: str | None
-) -> Columns:
+) -> CsvColumns:
     """Understand a header.
 
     Args:
@@ -93,7 +93,7 @@ def columns_of(
         ordered = [of_joint[joint] for joint in sorted(of_joint)]
         joints[kind] = [column.number for column in ordered]
         own_units[kind] = [_unit(header, column, units, unit) for column in ordered]
-    return Columns(joints, own_units)
+    return CsvColumns(joints, own_units)
 
 
 def _numbered(number: int, text: str) -> _Column | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import LARGEST, InputError, refuse_huge
-from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, Columns, columns_of
+from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, CsvColumns, columns_of
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
 from ocptip.trajectories.csv_time import times_of
 from ocptip.trajectories.points import REST, Points
@@ -174,7 +174,7 @@ def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray)
     return fitted(points.times, points.angles, rounding=rounding, speeds=points.speeds)
 
 
-def _rounding(table: TextTable, columns: Columns) -> np.ndarray:
+def _rounding(table: TextTable, columns: CsvColumns) -> np.ndarray:
     """(n,): half a unit of the last digit that positions usually have, rad or m; equal ones count once."""
     cells = (set(table.texts(column)) for column in columns.joints[POSITION])
     digits = [np.median([_decimals(cell) for cell in own]) for own in cells]

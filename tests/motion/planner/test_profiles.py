@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.motion.planner.profile_kernels import joint_states
-from ocptip.motion.planner.profiles import Course, Layout, Nodes, Profiles
+from ocptip.motion.planner.profiles import Layout, Nodes, ProcessCourse, Profiles
 from ocptip.robots.process import SHARE, TIME, ProcessWrench
 from ocptip.trajectories.ramps import JointRamps, phases_to_commands
 from ocptip.trajectories.trajectory import Trajectory
@@ -246,7 +246,7 @@ def test_derivatives_with_free_ends_late_joints_and_a_process_that_varies(form, 
         process = ProcessWrench(force, moment, over=over, knots=[0.05, 0.3, 0.7, 1.2])
         end = np.zeros(layout.size)
         end[layout.end], end[layout.one] = 1.0, 0.3
-        how["course"] = Course.of(process, end)
+        how["course"] = ProcessCourse.of(process, end)
     if sharp:
         since = (spread @ x)[:, None, None] - behind[:, :, None] - profiles(x).times
         how |= {"masks": since >= 0, "late": since - profiles.rise_times[:, None] >= 0}

@@ -26,7 +26,7 @@ Steps = tuple[tuple[int, int, float], ...]
 count; several of a joint add up."""
 
 
-class Late(NamedTuple):
+class DelayedJoints(NamedTuple):
     """Delayed joints, the interval in which they are (-1: at rest before), and their delay, s."""
 
     joints: tuple[int, ...]
@@ -44,7 +44,7 @@ class Deviating(NamedTuple):
     event: int
     after: float
     steps: Steps = ()
-    late: Late = Late((), -1, 0.0)
+    late: DelayedJoints = DelayedJoints((), -1, 0.0)
     share: float = 0.0
 
 
@@ -104,7 +104,8 @@ def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay:
         options: list[list[tuple[int, ...]]] = [[(), (joint,)] for joint in moving if rising[joint]]
         late = [joints for own in combinations(options) if (joints := tuple(chain(*own)))]
         found += [
-            Deviating(last, event, after, late=Late(joints, before, delay), share=share) for joints in late
+            Deviating(last, event, after, late=DelayedJoints(joints, before, delay), share=share)
+            for joints in late
         ]
     return found
 

@@ -201,7 +201,7 @@ class Profiles:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class ProcessCourse:
     """A process that varies over time, or over the share of the motion's duration, at nodes.
 
     Attributes:
@@ -213,7 +213,7 @@ class Course:
     end: np.ndarray
 
     @classmethod
-    def of(cls, process: ProcessWrench | None, end: np.ndarray) -> Course | None:
+    def of(cls, process: ProcessWrench | None, end: np.ndarray) -> ProcessCourse | None:
         """None if nothing varies; tasks with a process over the path of the TCP are refused."""
         assert process is None or process.over != PATH
         return None if process is None else cls(process, end)
@@ -339,7 +339,7 @@ class Nodes:
         regime: dict[int, bool] | None = None,
         behind: np.ndarray | None = None,
         kinds: np.ndarray | None = None,
-        course: Course | None = None,
+        course: ProcessCourse | None = None,
     ) -> None:
         self.course, self.regime = course, regime
         self.profiles, self.times = profiles, np.ascontiguousarray(times)

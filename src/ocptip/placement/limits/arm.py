@@ -10,13 +10,13 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.vectors import perpendicular
 from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
-from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.layout import Hessian, Point, Variables
 from ocptip.placement.limits.limit import (
     ANGLE_UNIT,
     LENGTH_UNIT,
     LOG_UNIT,
-    Block,
-    Limit,
+    CaseRows,
+    PlacementLimit,
     RowLabel,
     Symbols,
 )
@@ -37,7 +37,7 @@ _CONSTANT = 1e-9
 _HALF_TURN = 1e-7  # keeps the rows of orientations finite at 180 degrees
 
 
-class Reach(Limit):
+class Reach(PlacementLimit):
     """The gripper is at its pose."""
 
     kind = "reach"
@@ -66,8 +66,8 @@ class Reach(Limit):
         world, axes = at.world(tip), at.base @ turned
         return [self._function(at, task, world, axes) for task in self.problem.tasks]
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
-        return [Block(t, layout.y[t], f.labels, 0.0, 0.0, function=f) for t, f in enumerate(functions)]
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
+        return [CaseRows(t, layout.y[t], f.labels, 0.0, 0.0, function=f) for t, f in enumerate(functions)]
 
     def _function(self, at: Symbols, task: GripperTask, world: cs.SX, axes: cs.SX) -> Twice:
         rows = [(world - cs.SX(task.position)) / LENGTH_UNIT]
@@ -91,7 +91,7 @@ class Reach(Limit):
         return Twice.of(at.y, [], values[kept], labels, missed, at.local)
 
 
-class JointAngles(Limit):
+class JointAngles(PlacementLimit):
     """Joint angles within the arm's limits, which are bounds of the program's variables."""
 
     kind = "joint angle"
@@ -108,7 +108,7 @@ class JointAngles(Limit):
         return rows
 
 
-class Torque(Limit):
+class Torque(PlacementLimit):
     """Amounts of the joint torques (4.33)."""
 
     kind = "torque"
@@ -128,26 +128,26 @@ class Torque(Limit):
         units = self.problem.robot.motor_units
         return [self.row(labels, values, limits, True, tuple(units[j] for _ in kept for j in at), limits)]
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         result = []
         for i, case in enumerate(layout.cases):
             wide = 1.0 if case.constrained else np.inf
             labels = [RowLabel(self.kind, f"joint {j + 1} ({case.name})") for j in self.joints]
-            result.append(Block(i, layout.y[case.task], labels, -wide, wide))
+            result.append(CaseRows(i, layout.y[case.task], labels, -wide, wide))
         return result
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         return at.loads[block.of][self.joints] / self.most
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         return at.slopes[block.of][self.joints] / self.most[:, None]
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         for block in blocks:
             sums.on_loads[block.of][self.joints] += multipliers[block.rows] / self.most
 
 
-class Clearance(Limit):
+class Clearance(PlacementLimit):
     """The arm against itself and against obstacles, of the base and of the world; solids of the base."""
 
     kind = "clearance"
@@ -217,16 +217,16 @@ class Clearance(Limit):
         labels = [RowLabel(self.kind, name) for name in names]
         return [Twice.of(at.y, [], (cs.vertcat(*gaps) - self._least) / LENGTH_UNIT, labels, local=at.local)]
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         result = []
         for gaps in functions:
             for t, near in enumerate(layout.near):
                 labels = [gaps.labels[g] for g in np.flatnonzero(near)]
-                result.append(Block(t, layout.y[t], labels, 0.0, np.inf, function=gaps, chosen=near))
+                result.append(CaseRows(t, layout.y[t], labels, 0.0, np.inf, function=gaps, chosen=near))
         return [block for block in result if block.labels]
 
 
-class Manipulability(Limit):
+class Manipulability(PlacementLimit):
     """Distance from singular poses: condition number, ratio of singular values, a performance index."""
 
     kind = "manipulability"
@@ -253,17 +253,17 @@ class Manipulability(Limit):
             add(limits.index, values, limits.index_min, 1.0)
         return rows
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         if self._logs is None:
             return []
         labels = [RowLabel(self.kind, name.replace("_", " ")) for name in self._logs.bounds]
         upper = np.array(list(self._logs.bounds.values())) / LOG_UNIT
-        return [Block(t, q, labels, -np.inf, upper) for t, q in enumerate(layout.q)]
+        return [CaseRows(t, q, labels, -np.inf, upper) for t, q in enumerate(layout.q)]
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         return self._at(at)[0][block.of] / LOG_UNIT
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         return self._at(at)[1][block.of] / LOG_UNIT
 
     def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray]:
@@ -272,7 +272,7 @@ class Manipulability(Limit):
         assert logs is not None  # else there are no rows
         return at.once(self, lambda: logs.gradient(at.x[np.array(at.layout.q)]))
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         if not blocks or self._logs is None:
             return
         on = np.array([multipliers[block.rows] for block in blocks]) / LOG_UNIT

@@ -7,9 +7,9 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
-from ocptip.placement.limits.judged import ConstraintRows, Standing
-from ocptip.placement.limits.layout import Layout
-from ocptip.placement.limits.limit import ANGLE_UNIT, LENGTH_UNIT, Block, Limit, RowLabel, Symbols
+from ocptip.placement.limits.judged import ConstraintRows, PlacedBase
+from ocptip.placement.limits.layout import Variables
+from ocptip.placement.limits.limit import ANGLE_UNIT, LENGTH_UNIT, CaseRows, PlacementLimit, RowLabel, Symbols
 from ocptip.placement.limits.solids import needs_solids
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
@@ -18,10 +18,10 @@ from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.geometry import Floor, in_closed_form
 
 
-class BaseLimit(Limit):
+class BaseLimit(PlacementLimit):
     """A limit that no arm has a part in."""
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         """How far it is kept at N candidates."""
         raise NotImplementedError
 
@@ -30,12 +30,12 @@ class BaseLimit(Limit):
         return []
 
 
-class Bounds(BaseLimit):
+class ParameterBounds(BaseLimit):
     """Bounds of the terrain's parameters."""
 
     kind = "bounds"
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         terrain, rows = found.terrain, []
         for bound, upper, word in ((terrain.lower, False, "lower"), (terrain.upper, True, "upper")):
             for i in np.flatnonzero(np.isfinite(bound)):
@@ -50,7 +50,7 @@ class ContactArea(BaseLimit):
 
     kind = "contact area"
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         area, rows = found.terrain.contact_area, []
         if area is None:
             return rows
@@ -105,7 +105,7 @@ class BaseClearance(BaseLimit):
         self._centres = np.array([*contacts[bare], *(s.shape.position for s in balls)]).reshape(-1, 3)
         self._radii = np.array([*np.zeros(len(bare)), *(s.shape.thickness for s in balls)])
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         least, rows = self.problem.limits.base_clearance, []
         world = found.world(self._centres)
         for obstacle in self._around:
@@ -127,7 +127,7 @@ class Strokes(BaseLimit):
 
     kind = "stroke"
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         conforming = found.terrain.conforming
         if conforming is None or conforming.stroke is None:
             return []
@@ -152,7 +152,7 @@ class OnGround(BaseLimit):
     kind = "feet"
     has_margin = False
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         if found.terrain.conforming is None:
             return []
         labels = ["distance from the ground"]
@@ -164,7 +164,7 @@ class TerrainLimit(BaseLimit):
 
     kind = "terrain"
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         names = found.terrain.constraint_names
         if not names:
             return []
@@ -177,7 +177,7 @@ class TerrainLimit(BaseLimit):
         return list(zip(cs.vertsplit(at.terrain.constraints(at.p)), at.terrain.constraint_names, strict=True))
 
 
-class Ground(Limit):
+class Ground(PlacementLimit):
     """All limits of the base alone, which are one function of the terrain's parameters.
 
     Args:
@@ -189,7 +189,7 @@ class Ground(Limit):
         super().__init__(problem)
         self.parts = tuple(kind(problem) for kind in kinds)
 
-    def margins(self, found: Standing) -> list[ConstraintRows]:
+    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
         """How far all of them are kept at N candidates."""
         return [rows for part in self.parts for rows in part.margins(found)]
 
@@ -204,7 +204,7 @@ class Ground(Limit):
             )
         ]
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         return [
-            Block(-1, layout.p, function.labels, 0.0, np.inf, function=function) for function in functions
+            CaseRows(-1, layout.p, function.labels, 0.0, np.inf, function=function) for function in functions
         ]

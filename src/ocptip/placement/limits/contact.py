@@ -6,8 +6,8 @@ import numpy as np
 
 from ocptip.placement.limits.forces import ContactForces
 from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
-from ocptip.placement.limits.layout import Curvature, Layout, Point, corner_maps
-from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
+from ocptip.placement.limits.layout import Hessian, Point, Variables, corner_maps
+from ocptip.placement.limits.limit import CaseRows, PlacementLimit, RowLabel, Symbols
 from ocptip.placement.limits.placed import LeastMoments, PlacedMoments, addable, least
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
@@ -19,7 +19,7 @@ _STEP = 1e-5  # of the largest wrench component, for the curvature of GT
 _MOST_CURVATURE = 1e3  # per squared largest wrench: beyond it a kink lies between, which has no curvature
 
 
-class TipOver(Limit):
+class TipOverLimit(PlacementLimit):
     """Moments of the normal margins about the tipping axes, behind GN; without solving the contacts.
 
     Attributes:
@@ -62,7 +62,7 @@ class TipOver(Limit):
             else []
         )
 
-    def blocks(self, layout: Layout, functions: list[PlacedMoments]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[PlacedMoments]) -> list[CaseRows]:
         result = []
         for i, case in enumerate(layout.cases if self.moments.count else ()):
             slack = layout.slack.get("moment") if case.counts else None
@@ -70,7 +70,7 @@ class TipOver(Limit):
             labels = [RowLabel(self.kind, case.name)] * self.moments.count
             lower = least if case.constrained else -np.inf
             placed = functions[0] if functions else None
-            result.append(Block(i, layout.y[case.task], labels, lower, np.inf, slack, function=placed))
+            result.append(CaseRows(i, layout.y[case.task], labels, lower, np.inf, slack, function=placed))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
@@ -78,11 +78,11 @@ class TipOver(Limit):
             least = min(np.min(self._at(at)[i].moments) for i in at.layout.counting)
             x[slack] = least / self.quantity.unit
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         values = self._at(at)[block.of].moments / self.quantity.unit
         return values if block.slack is None else values - at.x[block.slack]
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         worst, loads = self._at(at)[block.of], at.loads[block.of][at.layout.n :]
         slope = worst.by_loads @ at.slopes[block.of][at.layout.n :]
         if block.function is not None:
@@ -90,7 +90,7 @@ class TipOver(Limit):
         slope = slope / self.quantity.unit
         return slope if block.slack is None else np.column_stack([slope, np.full(len(slope), -1.0)])
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         n, k = at.layout.n, at.layout.k
         for block in blocks:
             worst, on = self._at(at)[block.of], multipliers[block.rows] / self.quantity.unit
@@ -118,7 +118,7 @@ class TipOver(Limit):
         return at.once(self, evaluate)
 
 
-class Slip(Limit):
+class SlipLimit(PlacementLimit):
     """Friction utilisation by the contact solver with its derivatives, unless contact forces are
     variables.
     """
@@ -126,7 +126,7 @@ class Slip(Limit):
     kind = "slip"
     on_loads = True
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         if layout.forces is not None:
             return []
         result = []
@@ -135,7 +135,7 @@ class Slip(Limit):
             case, slack = layout.cases[i], layout.slack_of("slip", i)
             upper = self.problem.limits.GT or 1.0 if slack is None else 0.0
             label = RowLabel("slip", case.name)
-            result.append(Block(j, layout.y[case.task], [label], -np.inf, upper, slack))
+            result.append(CaseRows(j, layout.y[case.task], [label], -np.inf, upper, slack))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
@@ -143,15 +143,15 @@ class Slip(Limit):
             cases = at.layout.contact_cases(at.layout.counting)
             x[slack] = np.max(self._evaluate(at.footing, at.wrenches[cases], derivatives=False)[0])
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         value = self._at(at)[0][block.of]
         return np.array([value if block.slack is None else value - at.x[block.slack]])
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         slope = self._at(at)[1][block.of] @ at.wrench_slope(block.of)
         return (slope if block.slack is None else np.append(slope, -1.0))[None]
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         if not blocks:
             return
         slopes = self._at(at)[1]
@@ -201,13 +201,13 @@ class Slip(Limit):
         return reserve.for_program() if derivatives else (known(reserve.GT), np.empty((0, 6)))
 
 
-class HeldForces(Limit):
+class HeldForces(PlacementLimit):
     """Contact forces that are variables: they balance the wrench within their friction limits."""
 
     kind = "tip-over or slip"
     on_loads = True
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         if layout.forces is None or layout.pieces is None:
             return []
         n, result = self.problem.robot.support.n_contacts, []
@@ -217,7 +217,7 @@ class HeldForces(Limit):
             case = layout.cases[i]
             labels = [RowLabel(self.kind, case.name)] * 6 + [RowLabel("slip", case.name)] * n
             columns, slack = np.r_[layout.y[case.task], columns], layout.slack_of("slip", i)
-            result.append(Block(j, columns, labels, lower, upper, slack, function=piece))
+            result.append(CaseRows(j, columns, labels, lower, upper, slack, function=piece))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
@@ -225,12 +225,12 @@ class HeldForces(Limit):
         if forces is not None and held:
             x[np.concatenate(at.layout.held_forces)] = forces.start(at.wrenches[held], at.footing)[0].ravel()
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         forces, F, bound, _ = self._parts(at, block)
         balance = forces.balance(at.x[at.layout.p], F, at.wrenches[block.of])
         return np.concatenate([balance, block.function.rows(F, bound)[0]])
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         forces, F, bound, inside = self._parts(at, block)
         _, by_force, by_bound = block.function.rows(F, bound)
         result = np.zeros((len(block.labels), len(block.columns)))
@@ -242,7 +242,7 @@ class HeldForces(Limit):
             result[6:, -1] = by_bound
         return result
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         for block in blocks:
             on, (forces, F, bound, inside) = multipliers[block.rows], self._parts(at, block)
             sums.add_on_wrench(block.of, on[:6] @ forces.per_wrench)
@@ -255,7 +255,7 @@ class HeldForces(Limit):
                 sums.add_mixed(block.slack, block.columns[inside], mixed)
                 sums.matrix[block.slack, block.slack] += twice
 
-    def _parts(self, at: Point, block: Block) -> tuple[ContactForces, np.ndarray, float, slice]:
+    def _parts(self, at: Point, block: CaseRows) -> tuple[ContactForces, np.ndarray, float, slice]:
         """Contact forces, their values (3 n,), the maximum use of friction, and their place in columns."""
         forces, first = at.layout.forces, at.layout.k + at.layout.n
         assert forces is not None  # else there is no such block
@@ -264,8 +264,8 @@ class HeldForces(Limit):
         return forces, at.x[block.columns[inside]], bound, inside
 
 
-class TipOverReserve(Limit):
-    """GN of the contact solver's states; the program keeps it by `TipOver`."""
+class TipOverIndexLimit(PlacementLimit):
+    """GN of the contact solver's states; the program keeps it by `TipOverLimit`."""
 
     kind = "GN"
     by_solver = True
@@ -278,13 +278,13 @@ class TipOverReserve(Limit):
         return [self.row(found.names, values, most, True, "", most)]
 
 
-class SlipReserve(TipOverReserve):
-    """GT of the contact solver's states; the program keeps it by `Slip` or `HeldForces`."""
+class SlipIndexLimit(TipOverIndexLimit):
+    """GT of the contact solver's states; the program keeps it by `SlipLimit` or `HeldForces`."""
 
     kind = "GT"
 
 
-class Persistence(Limit):
+class Persistence(PlacementLimit):
     """All contacts are maintained in the contact solver's solution."""
 
     kind = "persistence"

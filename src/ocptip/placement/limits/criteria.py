@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.placement.limits.layout import Curvature, Layout, Point
-from ocptip.placement.limits.limit import Block, Limit, RowLabel
+from ocptip.placement.limits.layout import Hessian, Point, Variables
+from ocptip.placement.limits.limit import CaseRows, PlacementLimit, RowLabel
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 
 _SIGNS = (1.0, -1.0)
 
 
-class ForceSpace(Limit):
+class ForceSpace(PlacementLimit):
     """No joint uses more of its torque margin in a load's direction than the bound of all (4.19)."""
 
     kind = "force space"
@@ -23,7 +23,7 @@ class ForceSpace(Limit):
         self.joints = problem.limited_joints
         self.most = problem.most_torque[self.joints]
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         slack = layout.slack.get("force")
         if slack is None:
             return []
@@ -32,7 +32,7 @@ class ForceSpace(Limit):
             case = layout.cases[i]
             if case.load >= 0:
                 labels = [RowLabel(self.kind, case.name)] * (2 * len(self.joints))
-                result.append(Block(i, layout.y[case.task], labels, -np.inf, 0.0, slack))
+                result.append(CaseRows(i, layout.y[case.task], labels, -np.inf, 0.0, slack))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
@@ -46,14 +46,14 @@ class ForceSpace(Limit):
                 shares.append(np.max(np.abs(change) / np.maximum(most, 1e-6 * self.most)))
         x[slack] = max(shares)
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         own, change = self._torques(at, block.of)
         t = at.x[block.slack]
         return np.concatenate(
             [sign * change / self.most - t * (1 - sign * own / self.most) for sign in _SIGNS]
         )
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         own, t = self._torques(at, block.of)[0], at.x[block.slack]
         own_slope = at.slopes[at.layout.unloaded(block.of)][self.joints] / self.most[:, None]
         change_slope = at.slopes[block.of][self.joints] / self.most[:, None] - own_slope
@@ -63,7 +63,7 @@ class ForceSpace(Limit):
             parts.append(np.column_stack([sign * change_slope + t * sign * own_slope, -slack]))
         return np.concatenate(parts)
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         for block in blocks:
             assert block.slack is not None  # it is that of the force space
             own, t = at.layout.unloaded(block.of), at.x[block.slack]
@@ -79,18 +79,18 @@ class ForceSpace(Limit):
         return own, at.loads[i][self.joints] - own
 
 
-class TorqueAmounts(Limit):
+class TorqueAmounts(PlacementLimit):
     """Variables of the objective that are at least the amounts of torques which cost something."""
 
     kind = "torque cost"
     on_loads = True
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         result, joints = [], layout.costly
         for i, amounts in layout.amounts.items():
             case = layout.cases[i]
             labels = [RowLabel(self.kind, case.name)] * (2 * len(joints))
-            result.append(Block(i, np.r_[layout.y[case.task], amounts], labels, 0.0, np.inf))
+            result.append(CaseRows(i, np.r_[layout.y[case.task], amounts], labels, 0.0, np.inf))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
@@ -98,17 +98,17 @@ class TorqueAmounts(Limit):
         for i, amounts in objective.amounts.items():
             x[amounts] = np.abs(at.loads[i][objective.costly])
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         joints = at.layout.costly
         amounts, torques = at.x[block.columns[-len(joints) :]], at.loads[block.of][joints]
         return np.concatenate([amounts - sign * torques for sign in _SIGNS])
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         joints = at.layout.costly
         slope, unit = at.slopes[block.of][joints], np.eye(len(joints))
         return np.concatenate([np.hstack([-sign * slope, unit]) for sign in _SIGNS])
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         for block in blocks:
             for sign, on in zip(_SIGNS, multipliers[block.rows].reshape(2, -1), strict=True):
                 sums.on_loads[block.of][at.layout.costly] -= sign * on

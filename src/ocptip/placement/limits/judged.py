@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.contact.states import ContactStates
-from ocptip.placement.problem import LoadCase
+from ocptip.placement.problem import TaskLoad
 from ocptip.placement.stand import Stood
 from ocptip.placement.terrain import Patch
 
@@ -37,7 +37,7 @@ class ConstraintRows:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing(Stood):
+class PlacedBase(Stood):
     """Where the base stands at N candidates.
 
     Attributes, further to those of `Stood`:
@@ -54,7 +54,7 @@ class Standing(Stood):
 
 
 @dataclass(frozen=True, eq=False)
-class TaskEvaluation(Standing):
+class TaskEvaluation(PlacedBase):
     """One task at N candidates; C load cases of the task.
 
     Attributes:
@@ -78,7 +78,7 @@ class TaskEvaluation(Standing):
     """
 
     task: int
-    cases: list[LoadCase]
+    cases: list[TaskLoad]
     q: np.ndarray
     torques: np.ndarray
     wrenches: np.ndarray

@@ -3,37 +3,44 @@
 from __future__ import annotations
 
 from ocptip.placement.limits.arm import Clearance, JointAngles, Manipulability, Reach, Torque
-from ocptip.placement.limits.base import BaseClearance, Bounds, ContactArea, OnGround, Strokes, TerrainLimit
+from ocptip.placement.limits.base import (
+    BaseClearance,
+    ContactArea,
+    OnGround,
+    ParameterBounds,
+    Strokes,
+    TerrainLimit,
+)
 from ocptip.placement.limits.contact import (
     HeldForces,
     Persistence,
-    Slip,
-    SlipReserve,
-    TipOver,
-    TipOverReserve,
+    SlipIndexLimit,
+    SlipLimit,
+    TipOverIndexLimit,
+    TipOverLimit,
 )
 from ocptip.placement.limits.criteria import ForceSpace, TorqueAmounts
-from ocptip.placement.limits.limit import Limit
+from ocptip.placement.limits.limit import PlacementLimit
 
-TASK_LIMITS: tuple[type[Limit], ...] = (
+TASK_LIMITS: tuple[type[PlacementLimit], ...] = (
     Reach,
     JointAngles,
-    TipOver,
-    Slip,
+    TipOverLimit,
+    SlipLimit,
     HeldForces,
     Torque,
     ForceSpace,
     TorqueAmounts,
-    TipOverReserve,
-    SlipReserve,
+    TipOverIndexLimit,
+    SlipIndexLimit,
     Persistence,
     Clearance,
     Manipulability,
 )
 """Of a task; in this order they are rows of the program."""
 
-BASE_LIMITS = (Bounds, ContactArea, OnGround, Strokes, BaseClearance, TerrainLimit)
+BASE_LIMITS = (ParameterBounds, ContactArea, OnGround, Strokes, BaseClearance, TerrainLimit)
 """Of the base alone."""
 
-KINDS: dict[str, type[Limit]] = {limit.kind: limit for limit in (*TASK_LIMITS, *BASE_LIMITS)}
+KINDS: dict[str, type[PlacementLimit]] = {limit.kind: limit for limit in (*TASK_LIMITS, *BASE_LIMITS)}
 """All limits by their names in results."""

@@ -32,7 +32,7 @@ def corner_maps(problem: PlacementProblem) -> np.ndarray:
     return maps if np.any(maps[:, :, 6:]) else maps[:, :, :6]
 
 
-class Layout:
+class Variables:
     """Places of the variables, and which rows take part.
 
     Args:
@@ -139,7 +139,7 @@ class Point:
         slopes: per load case (n + 9, k + n): their derivatives with respect to y of its task.
     """
 
-    def __init__(self, layout: Layout, loads: Twice, x: np.ndarray) -> None:
+    def __init__(self, layout: Variables, loads: Twice, x: np.ndarray) -> None:
         self.layout, self.x = layout, x.copy()
         found = [loads.jacobian(x[layout.y[c.task]], c.force, c.moment) for c in layout.cases]
         self.loads, self.slopes = zip(*found, strict=True)
@@ -168,7 +168,7 @@ class Point:
         return self._known[key]
 
 
-class Curvature:
+class Hessian:
     """Second derivatives of objective and rows, as they are added up.
 
     Attributes:
@@ -178,7 +178,7 @@ class Curvature:
         of_loads: (cases, n + 9, n + 9): second derivatives by the loads.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Variables) -> None:
         self.layout, self.matrix = layout, np.zeros((layout.size, layout.size))
         cases, loads = len(layout.cases), layout.n + layout.corners.shape[2]
         self.on_loads, self.of_loads = np.zeros((cases, loads)), np.zeros((cases, loads, loads))

@@ -15,7 +15,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
-from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.layout import Hessian, Point, Variables
 from ocptip.placement.limits.twice import Local
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.terrain import Patch
@@ -33,11 +33,11 @@ class RowLabel(NamedTuple):
 
 
 @dataclass(eq=False)
-class Block:
+class CaseRows:
     """Rows of one limit at one task or load case.
 
     Attributes:
-        of: number of the task, load case or contact case (see `Layout`); -1 for the base alone.
+        of: number of the task, load case or contact case (see `Variables`); -1 for the base alone.
         columns: numbers of the variables that the rows depend on; all others have no influence.
         labels: of the rows.
         lower, upper: bounds, one for all rows or one each.
@@ -99,7 +99,7 @@ class Symbols:
         return self.origin + self.base @ cs.SX(point)
 
 
-class Limit:
+class PlacementLimit:
     """One kind of limit of a problem.
 
     Subclasses give `margins` for the check, and `blocks` for the program; rows that are smooth functions of
@@ -150,22 +150,22 @@ class Limit:
         """Rows that are smooth functions of y, such as `Twice`, per task, or one for all tasks."""
         return []
 
-    def blocks(self, layout: Layout, functions: list[Any]) -> list[Block]:
+    def blocks(self, layout: Variables, functions: list[Any]) -> list[CaseRows]:
         """Rows with their bounds; none: variables' bounds keep it, or only the final check has it."""
         return []
 
     def start(self, at: Point, x: np.ndarray) -> None:
         """Set variables of x that belong to this limit just as large as needed at a point."""
 
-    def values(self, at: Point, block: Block) -> np.ndarray:
+    def values(self, at: Point, block: CaseRows) -> np.ndarray:
         """(rows,)."""
         return self._smooth(at, block)[0][block.chosen]
 
-    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
         """(rows, columns)."""
         return self._smooth(at, block)[1][block.chosen]
 
-    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
         """Add second derivatives of the rows times their multipliers (of all rows of the program)."""
         for block in blocks:
             on = np.zeros(block.function.size)
@@ -173,5 +173,5 @@ class Limit:
             sums.add(block.columns, block.function.hessian(at.x[block.columns], on))
 
     @staticmethod
-    def _smooth(at: Point, block: Block) -> tuple[np.ndarray, np.ndarray]:
+    def _smooth(at: Point, block: CaseRows) -> tuple[np.ndarray, np.ndarray]:
         return at.once(block, lambda: block.function.jacobian(at.x[block.columns]))

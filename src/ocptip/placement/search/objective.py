@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
-from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.layout import Hessian, Point, Variables
 
 
-class Objective:
+class PlacementObjective:
     """Weighted sum of the normalised criteria.
 
     Args:
@@ -16,7 +16,7 @@ class Objective:
         power: of torques (1, n): power, its gradient and the diagonal of its Hessian; None for a torque cost.
     """
 
-    def __init__(self, layout: Layout, power: BatchFunction | None) -> None:
+    def __init__(self, layout: Variables, power: BatchFunction | None) -> None:
         self._layout, self._function, self._weights = layout, power, layout.weights
         self._share = layout.weights[3] / len(layout.counting)
         self._powered = layout.counting if self._share > 0 and power is not None else []
@@ -65,7 +65,7 @@ class Objective:
             gradient[layout.y[layout.cases[i].task]] += self._share * slope
         return gradient
 
-    def add_hessian(self, sums: Curvature, at: Point, sigma: float) -> None:
+    def add_hessian(self, sums: Hessian, at: Point, sigma: float) -> None:
         """Add sigma times its second derivatives."""
         if (s := self._layout.slack.get("moment")) is not None:
             sums.matrix[s, s] += sigma * 8 * self._weights[0] / (1 + 2 * at.x[s]) ** 3

@@ -12,13 +12,13 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.placement.limits.forces import Piece
-from ocptip.placement.limits.layout import Curvature, Layout, Point
-from ocptip.placement.limits.limit import Block
-from ocptip.placement.search.objective import Objective
+from ocptip.placement.limits.layout import Hessian, Point, Variables
+from ocptip.placement.limits.limit import CaseRows
+from ocptip.placement.search.objective import PlacementObjective
 from ocptip.placement.search.physics import PatchPhysics
 
 
-class PlacementProgram(Layout):
+class PlacementProgram(Variables):
     """Values and derivatives for `ocptip.numerics.ipopt.solve`.
 
     Args:
@@ -46,7 +46,7 @@ class PlacementProgram(Layout):
         least = tip.quantity.least_moment / tip.quantity.unit if tip.moments.count else None
         problem, stand, forces = physics.problem, physics.stand, physics.forces
         super().__init__(problem, stand, near, held, criteria, least, forces, pieces)
-        self.physics, self.objective = physics, Objective(self, physics.power)
+        self.physics, self.objective = physics, PlacementObjective(self, physics.power)
         self.limits = [(limit, limit.blocks(self, own)) for limit, own in physics.functions.items()]
         blocks, count = [block for _, own in self.limits for block in own], 0
         for block in blocks:
@@ -109,7 +109,7 @@ class PlacementProgram(Layout):
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Of sigma * objective + multipliers . rows, (nx, nx)."""
-        at, sums = self._at(x), Curvature(self)
+        at, sums = self._at(x), Hessian(self)
         loaded = 1 + max((k for k, (limit, _) in enumerate(self.limits) if limit.on_loads), default=-1)
         for limit, blocks in self.limits[:loaded]:
             limit.add_hessian(sums, at, blocks, multipliers)
@@ -123,6 +123,6 @@ class PlacementProgram(Layout):
         return sums.matrix
 
 
-def _stacked(blocks: list[Block], bound: str) -> np.ndarray:
+def _stacked(blocks: list[CaseRows], bound: str) -> np.ndarray:
     """A bound of all rows."""
     return np.concatenate([np.broadcast_to(getattr(b, bound), len(b.labels)) for b in blocks])

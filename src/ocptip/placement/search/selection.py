@@ -8,7 +8,7 @@ import numpy as np
 
 from ocptip.placement.limits.forces import Piece
 from ocptip.placement.limits.layout import corner_maps
-from ocptip.placement.problem import LoadCase
+from ocptip.placement.problem import TaskLoad
 from ocptip.placement.search.physics import PatchPhysics
 
 _NEAR_WORST = 0.95  # share of the worst corner's usage
@@ -44,7 +44,7 @@ def worst_cases(physics: PatchPhysics, p: np.ndarray, q: np.ndarray) -> list[int
 
 def _usages(
     physics: PatchPhysics, p: np.ndarray, q: np.ndarray
-) -> Iterator[tuple[int, LoadCase, float, bool]]:
+) -> Iterator[tuple[int, TaskLoad, float, bool]]:
     """Number, load case, friction utilisation of every constrained contact case, and whether it is near the
     worst.
     """

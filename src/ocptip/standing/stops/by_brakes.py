@@ -20,7 +20,7 @@ import numpy as np
 
 from ocptip.basics.errors import share_of_one
 from ocptip.numerics.batch import BatchFunction
-from ocptip.robots.braking import Braked, Terms, brake, terms
+from ocptip.robots.braking import Braked, MotionTerms, brake, terms
 from ocptip.standing.arm import Robot
 from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
 from ocptip.trajectories.trajectory import Trajectory
@@ -177,7 +177,7 @@ class BrakeCheck(StopCheck):
         qd: np.ndarray,
         moving: np.ndarray,
         process: np.ndarray | None = None,
-    ) -> tuple[Terms, np.ndarray]:
+    ) -> tuple[MotionTerms, np.ndarray]:
         """Dynamics, and accelerations per torque (M, n, n) where only joints `moving` (M, n) move."""
         found = terms(robot.arm, q, qd, robot.support.gravity, robot.support.center_of_mass, process)
         both = moving[:, :, None] & moving[:, None]
@@ -256,6 +256,6 @@ class Closing:
 
     def _accelerations(
         self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray
-    ) -> tuple[Terms, np.ndarray, np.ndarray]:
+    ) -> tuple[MotionTerms, np.ndarray, np.ndarray]:
         found, inverse = BrakeCheck.response(self._robot, q, qd, torques != 0)
         return found, inverse, np.einsum("sij,sj->si", inverse, torques - found.bias)
