@@ -10,9 +10,12 @@ from typing import Any, Literal
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.objective import objective_of
+from ocptip.motion.source import source_of
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.point_speeds import TCP
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.tolerance import load_tolerance
@@ -32,6 +35,7 @@ def load_task(
     price_per_second: float | None = None,
     duration: float | None = None,
     max_duration: float | None = None,
+    tcp_speed: float | None = None,
     **limits: float | None,
 ) -> Task:
     """Return the task of a case or of a file, a motion or a cycle.
@@ -47,6 +51,7 @@ def load_task(
             table `[tolerance]`, or the object. Default: that of the file, else "workshop".
         objective, price_per_second: what is minimised; "both" is energy plus the cost of time, J/s.
         duration, max_duration: s, of a motion; the segments of a cycle have theirs in the file.
+        tcp_speed: maximum speed of the TCP of an arm, m/s.
         limits: GN, GT, torque_ratio, clearance (m), foot_lift (m): instead of those of the file; of a cycle
             they are those of all segments.
 
@@ -64,9 +69,23 @@ def load_task(
         changes["objective"] = objective_of(objective, price_per_second)
 
     def changed(own: MotionTask) -> MotionTask:
+        if tcp_speed is not None:
+            own = _with_tcp_speed(own, tcp_speed)
         return replace(own, limits=replace(own.limits, **given), **changes)
 
-    return task.each(changed) if given or changes else task
+    return task.each(changed) if given or changes or tcp_speed is not None else task
+
+
+def _with_tcp_speed(task: MotionTask, speed: float) -> MotionTask:
+    """The task of an arm with this speed limit of its TCP, m/s, and so its file."""
+    positive_number("tcp_speed", speed)
+    if not isinstance(task.robot, Robot):
+        raise InputError("tcp_speed: is for arms")
+    robot = task.robot.varied(speed_limits={**task.robot.speed_limits, TCP: speed})
+    if (source := source_of(task)) is not None:
+        limits = {**source.data.get("limits", {}), "tcp_speed": speed}
+        source = replace(source, robot=robot, data={**source.data, "limits": limits})
+    return replace(task, robot=robot, source=source)
 
 
 def _read(source: TaskLike, base: Base | None) -> Task:

@@ -114,7 +114,8 @@ def _goal(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
-    covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, f"{CLEARANCE}_m", *robot.further_limits.names}
+    further = robot.further_limits.names if robot.proves_further else ()
+    covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, f"{CLEARANCE}_m", *further}
     return (*rigid, *(name for name in worst if name not in covered))
 
 

@@ -102,6 +102,7 @@ LIMITS = group(
             ("--torque-ratio", "X", "maximum torque / torque limit of any joint", 1),
             ("--clearance", "M", "minimum distance between colliding bodies, m", 0.01),
             ("--foot-lift", "M", "maximum lift of a compliant foot, m", 0),
+            ("--tcp-speed", "V", "maximum speed of the TCP, m/s", "none"),
         )
     ),
     TOLERANCE,

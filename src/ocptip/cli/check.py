@@ -62,6 +62,8 @@ _ROWS = {
     "position_margin_m": "position margin",
     "singularity": "distance from singular poses",
     "motor_speed": "motor speed",
+    "tcp_speed_m_s": "TCP speed",
+    "point_speed_m_s": "speed of a point",
 }
 _MARGINS = ("angle_margin_deg", "position_margin_m")
 _AT_WORST = (TIP_WITHIN, SLIP_WITHIN)
@@ -72,6 +74,8 @@ _UNITS = {
     "foot_force_N": ("N", 1.0),
     "jump_foot_force_N": ("N", 1.0),
     "angle_margin_deg": ("deg", 1.0),
+    "tcp_speed_m_s": ("m/s", 1.0),
+    "point_speed_m_s": ("m/s", 1.0),
     "position_margin_m": ("mm", 1e3),
 }
 _LEAST = (

@@ -21,7 +21,10 @@ from ocptip.motion.task import MotionTask
 from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.tolerance import load_tolerance
 
-_LIMITS = (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2, ("foot_lift",) * 2)
+_LIMITS = (
+    *(("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2),
+    *(("clearance",) * 2, ("foot_lift",) * 2, ("tcp_speed",) * 2),
+)
 
 
 def given_limits(options: Namespace) -> dict[str, Any]:

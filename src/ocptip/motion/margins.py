@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ocptip.motion.check import MotionCheck
+from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -135,3 +136,5 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         share = max((own.limit / own.value if own.value > 0 else math.inf) for own in pairs)
         limits = worst[CLEARANCE].limit, limit(_CLEARANCE_WITHIN)
         yield MotionMargin(CLEARANCE, of(CLEARANCE), of(_CLEARANCE_WITHIN), *limits, True, share)
+    for name in (TCP_SPEED, POINT_SPEED):
+        yield MotionMargin(name, of(name), None, limit(name), None, False, used(name))

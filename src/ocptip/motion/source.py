@@ -11,6 +11,7 @@ from typing import Any
 from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
 from ocptip.motion.stop_rules import kinds_of
+from ocptip.robots.point_speeds import TCP
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -80,6 +81,13 @@ class TaskSource:
         if objective.name == "both":
             motion["price_per_second"] = objective.time_weight
         return toml_text(data)
+
+
+def speed_table(speeds: Mapping[str, float]) -> dict[str, Any]:
+    """Keys of `[limits]` for speeds of points, m/s, by their names, see `Robot`."""
+    points = {name: speed for name, speed in speeds.items() if name != TCP}
+    tcp = {"tcp_speed": speeds[TCP]} if TCP in speeds else {}
+    return {**tcp, **({"point_speed": points} if points else {})}
 
 
 def tolerance_table(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:

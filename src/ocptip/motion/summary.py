@@ -24,8 +24,10 @@ TITLES = {
     "zero_moment_point_to_edge_m": "ZMP to edge",
     "torque_used": "Joint torque",
     "clearance_m": "Clearance",
+    "tcp_speed_m_s": "TCP speed",
+    "point_speed_m_s": "Speed of a point",
 }
-_UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N"}
+_UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s", "point_speed_m_s": "m/s"}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 

@@ -22,8 +22,7 @@ from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.arm_source import arm_from, resting_base
 from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
-from ocptip.robots.collision.model import ShapeCollisions, collisions_of
-from ocptip.robots.collision.opened import opened
+from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import Floor, Obstacle
@@ -32,8 +31,10 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.pinocchio import PinocchioModel
+from ocptip.robots.point_speeds import PointSpeeds, checked_points
 from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
+from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
@@ -55,6 +56,7 @@ class Robot(StandingMechanism):
         obstacles: floor, walls, pillars, solids in base axes, against which the arm is checked.
         shapes: of the base, in base axes.
         floor: what the contacts stand on is also an obstacle, unless `obstacles` has a floor.
+        speed_limits: m/s, by name of a point: "tcp", or a joint, where its link begins.
         reference_moment, redistribution: see `StandingMechanism`.
         sensor: see `StandingMechanism`; default: where the arm is mounted, in base axes.
 
@@ -67,6 +69,7 @@ class Robot(StandingMechanism):
     """
 
     knows_inertia = True
+    proves_further = False
 
     def __init__(
         self,
@@ -77,10 +80,14 @@ class Robot(StandingMechanism):
         obstacles: Sequence[Obstacle] = (),
         shapes: Sequence[BodyShape] = (),
         floor: bool = True,
+        speed_limits: Mapping[str, float] | None = None,
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
         sensor: WrenchSensor | None = None,
     ) -> None:
+        self.speed_limits = checked_points(arm, speed_limits)
+        self._points = PointSpeeds(arm, self.speed_limits)
+        self.further_limits = FurtherLimits.of_points(self.speed_limits)
         self.arm, self.obstacles, self.shapes = arm, tuple(obstacles), tuple(shapes)
         derived = floor and support.dimension == 3 and not any(isinstance(o, Floor) for o in self.obstacles)
         self.around = (*self.obstacles, *(floors_under(support) if derived else ()))
@@ -218,28 +225,6 @@ class Robot(StandingMechanism):
     @cached_property
     def _attainable(self) -> tuple[float, GapLabel | None]:
         return self.collision.attainable(random_postures(self.arm, POSTURES), CLEARANCE)
-
-    def with_finer_solids(self, postures: np.ndarray, least: float) -> Self:
-        """The same with more convex solids for meshes that are farther apart than their solids show.
-
-        Args:
-            postures: (k, n) in which all pairs should be so far apart.
-            least: m.
-
-        Returns:
-            This robot itself where more solids do not help.
-        """
-        if not isinstance(self.collision, ShapeCollisions):
-            return self
-        finer = opened(self.collision, postures, least)
-        if finer is None:
-            return self
-        before = [shape.name for shape in self.arm.geometry.shapes] if self.arm.geometry else []
-        after = [shape.name for shape in finer.shapes]
-        more = [f"{after.count(name)} for {name}" for name in dict.fromkeys(after)
-                if after.count(name) != before.count(name)]  # fmt: skip
-        note = f"convex solids so that start and goal are as free as their meshes: {', '.join(more)}"
-        return self.varied(arm=replace(self.arm, geometry=finer, notes=(*self.arm.notes, note)))
 
     def loads(
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
@@ -426,6 +411,14 @@ class Robot(StandingMechanism):
         if springs is not None and self.chain is not None:
             return gripper_batch(self.chain.arm)(self.chain.spread(q, springs))[0]
         return gripper_batch(self.arm)(q)[0]
+
+    def further(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Speeds of the points in `speed_limits`, (N, k), m/s."""
+        return self._points(q, qd)
+
+    def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
+        """The same as CasADi column."""
+        return self._points.expressions(q, qd)
 
     def gripper(self, q: np.ndarray) -> np.ndarray:
         """Poses (N, 7) of the gripper, see `MotionSamples`."""

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from ocptip.robots.point_speeds import TCP
+
+TCP_SPEED, POINT_SPEED = "tcp_speed_m_s", "point_speed_m_s"
+"""Speeds of an arm's TCP and of origins of its joints' frames, in results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +29,18 @@ class FurtherLimits:
     lower: np.ndarray = field(default_factory=lambda: np.empty(0))
     upper: np.ndarray = field(default_factory=lambda: np.empty(0))
     units: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def of_points(cls, speeds: Mapping[str, float]) -> FurtherLimits:
+        """Limits of the speeds of points of an arm, m/s, by their names."""
+        values = np.array(list(speeds.values()), dtype=float)
+        return cls(
+            names=tuple(TCP_SPEED if point == TCP else POINT_SPEED for point in speeds),
+            details=tuple("TCP" if point == TCP else point for point in speeds),
+            lower=np.full(len(values), -np.inf),
+            upper=values,
+            units=values,
+        )
 
     @property
     def count(self) -> int:

@@ -20,10 +20,13 @@ from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.objective import objective_of
 from ocptip.motion.postures import posture_pairs
+from ocptip.motion.source import speed_table
 from ocptip.motion.stop_rules import Kinds, StopRules
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
+from ocptip.robots.collision.model import ShapeCollisions
+from ocptip.robots.collision.opened import opened
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -36,7 +39,15 @@ from ocptip.task_files.motors import GEARS, read_gears
 from ocptip.task_files.payload import PROCESS, SENSOR, read_process, read_sensor
 from ocptip.task_files.scene import SCENE
 from ocptip.task_files.source import task_source
-from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limits_of, task_keys
+from ocptip.task_files.task_scene import (
+    COMMON_LIMITS,
+    SEGMENT_LIMITS,
+    SPEED_LIMITS,
+    TaskScene,
+    limits_of,
+    speed_limits,
+    task_keys,
+)
 from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.velocity_profiles import checked_rise_times
 
@@ -199,7 +210,12 @@ CASE = Keys(
             Keys("aims", "What is optimised.", {**AIM, **DURATION}, at_most_one=_ONE_DURATION), default=None
         ),
         "limits": schema.table(
-            Keys("limits of a case", "Limits.", {**SEGMENT_LIMITS, **_RISE_KEYS}, at_most_one=_RISES),
+            Keys(
+                "limits of a case",
+                "Limits.",
+                {**SEGMENT_LIMITS, **SPEED_LIMITS, **_RISE_KEYS},
+                at_most_one=_RISES,
+            ),
             default=None,
         ),
         "motors": schema.table(GEARS, default=None),
@@ -290,14 +306,18 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
     """A printed case with the sensor, the process and the gears of the file."""
     task = experiment_task(name, base)
     robot = task.robot
-    if not any(key in data for key in _OF_CASES) or not isinstance(robot, Robot):
+    speeds = speed_limits(data.table("limits"))
+    if not (speeds or any(key in data for key in _OF_CASES)) or not isinstance(robot, Robot):
         return task
     arm, sensor = robot.arm.with_process(read_process(data)), read_sensor(data, robot.sensor.position)
     with data.table("motors") as motors:
         arm = arm.with_gears(read_gears(motors, arm))
-    robot = robot.varied(arm=arm, sensor=sensor)
+    with data.table("limits").at(speed_limits="point_speed"):
+        robot = robot.varied(arm=arm, sensor=sensor, speed_limits=speeds)
     source = task_source(data, robot)
     own = {key: value for key, value in source.data.items() if key in _OF_CASES}
+    if speeds:
+        own["limits"] = speed_table(speeds)
     return replace(task, robot=robot, source=replace(source, data={"case": name, "base": base, **own}))
 
 
@@ -309,11 +329,32 @@ def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
     if not isinstance(robot, Robot):
         return ramp_task(name, robot, starts[0], goals[0], scene.limits, motion)
     given = [own[0] for own, pose in ends if pose is None]
-    robot = robot.with_finer_solids(np.reshape(given, (-1, robot.n)), scene.limits.clearance)
+    robot = _with_finer_solids(robot, np.reshape(given, (-1, robot.n)), scene.limits.clearance)
     pairs = posture_pairs(robot, scene.limits, starts, goals)
     task = ramp_task(name, robot, *pairs[0], scene.limits, motion)
     targets = ends[0][1], ends[1][1]
     return replace(task, targets=targets, choices=tuple(pairs) if len(pairs) > 1 else ())
+
+
+def _with_finer_solids(robot: Robot, postures: np.ndarray, gap: float) -> Robot:
+    """The robot with more convex solids for meshes that are farther apart than their solids show.
+
+    Args:
+        robot: itself the result where more solids do not help.
+        postures: (k, n) in which all pairs should be so far apart.
+        gap: m.
+    """
+    if not isinstance(robot.collision, ShapeCollisions):
+        return robot
+    finer = opened(robot.collision, postures, gap)
+    if finer is None:
+        return robot
+    before = [shape.name for shape in robot.arm.geometry.shapes] if robot.arm.geometry else []
+    after = [shape.name for shape in finer.shapes]
+    more = [f"{after.count(name)} for {name}" for name in dict.fromkeys(after)
+            if after.count(name) != before.count(name)]  # fmt: skip
+    note = f"convex solids so that start and goal are as free as their meshes: {', '.join(more)}"
+    return robot.varied(arm=replace(robot.arm, geometry=finer, notes=(*robot.arm.notes, note)))
 
 
 def ramp_task(

@@ -11,6 +11,7 @@ from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
 from ocptip.motion.source import LIMITS
 from ocptip.robots.model import ArmModel
+from ocptip.robots.point_speeds import TCP, checked_points
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -59,8 +60,18 @@ SEGMENT_LIMITS = {
     "foot_force": _limit("Minimum force on compliant feet.", "N", "0"),
     "jump_foot_force": _limit("Minimum force on compliant feet after acceleration steps.", "N", "0"),
 }
+SPEED_LIMITS = {
+    "tcp_speed": schema.number("Maximum speed of the TCP.", "m/s", bound="> 0", otherwise="none"),
+    "point_speed": schema.anything(
+        "Maximum speeds, m/s, by joint, where its link begins.",
+        "table of numbers",
+        {"type": "object", "additionalProperties": {"type": "number", "exclusiveMinimum": 0}},
+        otherwise="none",
+    ),
+}
 COMMON_LIMITS = {
     **SEGMENT_LIMITS,
+    **SPEED_LIMITS,
     "reference_moment": schema.number(
         "Reference moment of the tip-over index.",
         "N m",
@@ -141,6 +152,7 @@ class TaskScene:
         numbers = limits_of(table, self._support, None if "robot" in data else data.table("motors"))
         if "segment" not in data:  # segments of cycles are planned as ramps
             table.one_of("rise_time")
+        self._speeds = speed_limits(table)
         limits = table.make(Limits, angle_margin=margin, **numbers)
         parallel = "robot" in data
         tolerance = tolerance_of(data, NONE if parallel else otherwise)
@@ -155,6 +167,8 @@ class TaskScene:
         """The robot on its support, with what it holds in a segment of a cycle."""
         data = self._data
         if "robot" in data:
+            if self._speeds:
+                raise data.error("speed limits of points are for arms", "limits")
             return read_platform_robot(data, self._support, self._moment, segment)
         gripper = "" if segment is None else repr([segment.content.get(key) for key in LOCKED])
         if gripper not in self._arms:
@@ -163,6 +177,8 @@ class TaskScene:
         require_base_mass(data, arm, self._support.mass, accepted=self._accept_mass)
         require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
         obstacles = read_obstacles(data, "obstacle")
+        with data.table("limits").at(speed_limits="point_speed"):
+            checked_points(arm, self._speeds)
         robot = Robot(
             arm,
             self._support,
@@ -170,6 +186,7 @@ class TaskScene:
             obstacles=obstacles,
             shapes=self._shapes,
             floor=self._floor,
+            speed_limits=self._speeds,
             reference_moment=self._moment,
             sensor=read_sensor(data, arm.mount_position),
         )
@@ -184,6 +201,14 @@ def limits_of(table: Table, support: Support, motors: Table | None) -> dict[str,
     if motors is not None and "gear_stiffness" in motors:
         ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]
     return {"damping": min(ratios, default=1.0), **limit_numbers(table)}
+
+
+def speed_limits(table: Table) -> dict[str, float]:
+    """Speed limits of points of an arm in [limits], m/s, by their names, see `Robot`."""
+    tcp, points = table["tcp_speed"], table["point_speed"] or {}
+    if not isinstance(points, dict):
+        raise table.error(f"expected a table of joints and speeds, got {points!r}", "point_speed")
+    return {**({} if tcp is None else {TCP: tcp}), **points}
 
 
 def limit_numbers(table: Table) -> dict[str, float]:

@@ -18,6 +18,7 @@ from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.ipopt import ending
 from ocptip.standing.arm import Robot
+from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limit_kinds.worst_case import as_described
@@ -395,7 +396,8 @@ class Search:
         if (miss := self.ends.miss(motion.start, motion.goal)) > MISS:
             raise SolverError(f"start or goal misses its pose by {miss:.2g} (m, rad)")
         checked = check_motion(self.task.robot, motion, self.task.limits)
-        ratios = checked.worst["speed_ratio"].value, np.sqrt(checked.worst["acceleration_ratio"].value)
+        ratios = [checked.worst["speed_ratio"].value, np.sqrt(checked.worst["acceleration_ratio"].value)]
+        ratios += [w.value / w.limit for name, w in checked.worst.items() if name in (TCP_SPEED, POINT_SPEED)]
         if (
             not checked.verified and 1 < max(ratios) < SLOWED
         ):  # a program that was solved to its tolerance only

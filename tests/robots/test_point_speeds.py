@@ -1,0 +1,85 @@
+"""Speed limits of points of an arm: values against Pinocchio, checks, timings and files that have them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.cli.main import main
+from ocptip.motion.check import check_motion
+from ocptip.published.tasks import experiment_task
+from ocptip.retiming.retime import retime
+from ocptip.robots.urdf import arm_from_urdf
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.path_fit import path_of_motion
+from tests.places import UR5
+from tests.robots.pinocchio_twin import twin
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("A", "effective")
+
+
+def test_speeds_are_those_of_pinocchios_frames(task):
+    arm = arm_from_urdf(UR5).mounted([0.1, 0.2, 0.7])
+    elbow = arm.joint_names[2]
+    robot = task.robot.varied(arm=arm, speed_limits={"tcp": 0.25, elbow: 0.5})
+    rng, model = np.random.default_rng(0), twin(arm)
+    data = model.createData()
+    q, qd = rng.uniform(-2, 2, (2, 30, 6))
+    qd[0] = 0.0
+    found = robot.further(q, qd)
+    for k in range(30):
+        pin.forwardKinematics(model, data, q[k], qd[k])
+        pin.updateFramePlacements(model, data)
+        tcp = pin.getFrameVelocity(model, data, model.getFrameId("G"), pin.LOCAL_WORLD_ALIGNED).linear
+        joint = pin.getVelocity(model, data, model.getJointId(elbow), pin.LOCAL_WORLD_ALIGNED).linear
+        expected = np.linalg.norm(tcp), np.linalg.norm(joint)
+        np.testing.assert_allclose(found[k], expected, rtol=1e-9, atol=2e-6)
+    assert robot.further_limits.labels == ("tcp_speed_m_s_TCP", f"point_speed_m_s_{elbow}")
+
+
+def test_a_check_finds_the_maximum(task):
+    times = np.linspace(0, task.reference.end, 20_001)
+    places = task.robot.tool(task.reference.states(times)[0])
+    fastest = np.max(np.linalg.norm(np.diff(places, axis=0), axis=1)) / times[1]
+    for share, kept in ((0.99, False), (1.01, True)):
+        robot = task.robot.varied(speed_limits={"tcp": share * fastest})
+        checked = check_motion(robot, task.reference, task.limits)
+        assert checked.worst["tcp_speed_m_s"].value == pytest.approx(fastest, rel=1e-4)
+        assert any(text.startswith("tcp_speed_m_s is") for text in checked.violations) != kept
+
+
+def test_a_timing_of_a_path_keeps_the_limit_and_is_there_for_a_while(task):
+    path = path_of_motion(task.reference).path
+    robot = task.robot.varied(speed_limits={"tcp": 0.25})
+    slow = retime(robot, path, task.limits, nodes=60)
+    assert slow.verified
+    assert slow.check.worst["tcp_speed_m_s"].value == pytest.approx(0.25, rel=2e-3)
+    q, qd, _ = slow.motion.states(np.linspace(0, slow.motion.end, 400))
+    assert np.mean(robot.further(q, qd)[:, 0] > 0.249) > 0.3
+
+
+def test_a_file_has_speed_limits(tmp_path, capsys, task):
+    file, motion = tmp_path / "case.toml", tmp_path / "plan.json"
+    file.write_text('case = "A"\n[limits]\ntcp_speed = 0.25\npoint_speed = {"joint 3" = 0.5}\n')
+    motion.write_text(json.dumps({"case": "A", "base": "effective", **task.reference.to_dict()}))
+    read = load_task(file)
+    assert read.robot.speed_limits == {"tcp": 0.25, "joint 3": 0.5}
+    again = tmp_path / "again.toml"
+    again.write_text(read.source.text("A", read.limits, read.objective))
+    assert load_task(again).robot.speed_limits == read.robot.speed_limits
+    assert main(["check", str(motion), "--tcp-speed", "0.25"]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "tcp_speed_m_s is" in text
+    assert "TCP speed" in text
+    assert main(["check", str(motion), "--tcp-speed", "0"]) == 2
+    assert "--tcp-speed: must be > 0" in capsys.readouterr().err
+    file.write_text('case = "A"\n[limits]\npoint_speed = {elbow = 0.5}\n')
+    with pytest.raises(InputError, match=r"limits\.point_speed.*no joint 'elbow'; there are joint 1"):
+        load_task(file)
