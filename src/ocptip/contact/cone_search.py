@@ -65,10 +65,14 @@ class _Search:
                 continue
             y, forces = point
             k, state = self._worst(node, y, forces), None
+            # Newton's method is tried where all contacts obey their laws, or arcs are narrow enough to start
+            # it.
             if k is None or all(w <= _NARROW for what, _, w in node if what == SLIDE):
                 state = self._candidate(node, y, forces)
             if state is not None:
                 return MotionSearch(FOUND, state, programs)
+            # The relaxation obeys all laws, yet no exact motion came of it: any contact that can be divided
+            # is.
             if k is None:
                 k = next((i for i, choice in enumerate(node) if _parts(choice)), None)
             parts = _parts(node[k]) if k is not None else []

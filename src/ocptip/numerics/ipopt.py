@@ -172,6 +172,7 @@ def solve(
     Raises:
         Exception: whatever the program's functions raise, KeyboardInterrupt included.
     """
+    # CasADi gets callbacks instead of expressions: rows and derivatives come from compiled kernels.
     functions = _functions(program, len(x0), len(bounds[0]), pattern)
     limits: dict[str, Any] = {"max_iter": max_iterations}
     if seconds is not None:
@@ -297,12 +298,15 @@ def _ipopt_options(tolerance: float, start_mu: float, strategy: str, push: float
         "sb": "yes",
         "linear_solver": "mumps",
         "tol": tolerance,
+        # Rows with corners may keep Ipopt from its tolerance: five nearly optimal iterations in a row are
+        # enough.
         "acceptable_tol": 100 * tolerance,
         "acceptable_iter": 5,
         "acceptable_obj_change_tol": tolerance,
         "acceptable_constr_viol_tol": tolerance,
         "mu_init": start_mu,
         "mu_strategy": strategy,
+        # By default Ipopt relaxes bounds by 1e-8, which a check would report as violations.
         "bound_relax_factor": 0.0,
         "bound_push": push,
         "bound_frac": push,
@@ -319,6 +323,7 @@ def _warm_start(start_mu: float, push: float) -> dict[str, Any]:
         "warm_start_bound_frac": push,
         "warm_start_slack_bound_push": push,
         "warm_start_slack_bound_frac": push,
+        # Multipliers of bounds that are nearly 0 would stall the barrier method: they are pushed to its size.
         "warm_start_mult_bound_push": start_mu,
     }
 

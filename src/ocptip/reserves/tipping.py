@@ -163,6 +163,7 @@ class TipOver:
         moments = balanced @ addable.slope.T + addable.offset
         slopes = np.broadcast_to(addable.slope, (len(states), *addable.slope.shape)).copy()
         still = solved & states.persistent
+        # Only a base at rest leaves its forces open; the moment that can be added is a maximum over them.
         moments[still], slopes[still] = addable(balanced[still], states.contact_forces[still, :, 0])
         return moments, slopes
 
@@ -196,6 +197,8 @@ def largest_least(rows: np.ndarray) -> float | None:
     cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(m + n)]
     solution = solve_cones(cost, program, b, cones, quiet_settings(1e-10))
     x, y = np.array(solution.x[:n]), np.array(solution.z[1 : m + 1])
+    # The interior-point solution only suggests the active rows and columns. Their square system gives the
+    # value to rounding, and the two bounds prove it; another share is tried if the guess was wrong.
     for share in (1e-6, 1e-8, 1e-4):
         taking, holding = x > share, y > share
         if not (taking.any() and holding.any()):
@@ -226,6 +229,7 @@ def _game(A: np.ndarray) -> tuple[float, np.ndarray]:
     right = np.r_[np.zeros(m), 1.0]
     try:
         *x, value = np.linalg.solve(system, right)
+    # Degenerate games have several optimal mixtures; any of them has the right value.
     except np.linalg.LinAlgError:
         *x, value = np.linalg.lstsq(system, right, rcond=None)[0]
     return float(value), np.array(x)
@@ -301,6 +305,7 @@ class TipOverReserve:
         states, tip_over = self.states, self.tip_over
         gradient = np.where(states.solved, 0.0, np.nan)[:, None] * np.ones(states.support.wrench_size)
         if tip_over.axes and not tip_over.free_rotation:
+            # GN = M0 / (M0 + M), so that dGN = -GN^2 / M0 dM while no contact lifts.
             slope = np.where(self.lifting_contact >= 0, 0.0, -(self.tip_ratio**2) / tip_over.reference_moment)
             gradient += slope[:, None] * self.moment_gradients[np.arange(len(states)), self.nearest_axis]
         moving = np.flatnonzero(self.lifting_contact >= 0)

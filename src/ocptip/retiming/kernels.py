@@ -28,6 +28,7 @@ def reduced(alpha, beta, gamma, caps, left, right, widths, ends, extra, counts, 
     size = alpha.shape[1]
     other, other_numbers = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64)
     for i in range(len(left)):
+        # u is constant in an interval: u = (x_right - x_left) / (2 width), so every row is a line in both x.
         one, two, h = left[i], right[i], 1 / (2 * widths[i])
         polygon, names = corners[i], numbers[i]
         polygon[0, 0] = polygon[0, 1] = polygon[1, 1] = polygon[3, 0] = 0.0
@@ -74,6 +75,7 @@ def _row(alpha, beta, gamma, one, two, h, extra, first, size, k):
 def clipped(polygon, names, n, a, b, c, name, other, other_names):
     """Cut a polygon of n corners by a p + b q <= c; returns the new number. names[k]: edge after corner k."""
     outside = False
+    # Most rows cut nothing: this test is cheaper than a copy of the polygon.
     for k in range(n):
         if a * polygon[k, 0] + b * polygon[k, 1] > c:
             outside = True
@@ -101,6 +103,7 @@ def clipped(polygon, names, n, a, b, c, name, other, other_names):
             other_names[m] = names[k]
             m += 1
         here, inside = there, stays
+    # Double corners would let the number of corners grow with every cut through a corner.
     kept = 0
     for k in range(m):  # edges without length go
         following = 0 if k == m - 1 else k + 1
@@ -138,6 +141,7 @@ def controllable(counts, corners, bounds, found):
         n = counts[i]
         for k in range(n):
             polygon[k, 0], polygon[k, 1] = corners[i, k, 0], corners[i, k, 1]
+        # One step backward: x at the right end must be one from which the rest can be done.
         n = clipped(polygon, names, n, 0.0, 1.0, found[i + 1, 1], 0, other, other_names)
         n = clipped(polygon, names, n, 0.0, -1.0, -found[i + 1, 0], 0, other, other_names)
         least, greatest = np.inf, -np.inf
@@ -167,6 +171,7 @@ def greatest(counts, rows, numbers, found, x, active):
                     most, active[i] = rest / b, numbers[i, k]
             elif b < -_ZERO * abs(a):
                 least = max(least, rest / b)
+        # Rounding may leave a gap in a strip without width; only a clear gap is a contradiction.
         if most < least - 1e3 * size - 1e-9 * abs(least):
             return i
         x[i + 1] = min(max(most, found[i + 1, 0]), found[i + 1, 1])

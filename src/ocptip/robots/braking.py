@@ -146,6 +146,8 @@ def brake(
         going = np.flatnonzero(~np.isfinite(rests))
         if not len(going):
             break
+        # Terms at the middle of the step, with speeds extrapolated to it, make the method second order; a
+        # speed that would change its sign counts as 0.
         old, ahead = qd[going], 1.5 * qd[going] - 0.5 * before[going]
         ahead = np.where(ahead * old > 0, ahead, 0.0)
         acting = None if process is None else process[going]
@@ -188,6 +190,7 @@ def gravity_torques(model: ArmModel, gravity: np.ndarray) -> np.ndarray:
 
     for _ in range(_PASSES):
         for k in range(n):
+            # Three values give constant and amplitude of the sine, hence the angle of its peak.
             middle, plus, minus = (sizes(k, angle) for angle in (0.0, np.pi / 2, -np.pi / 2))
             peak = np.arctan2((plus - minus) / 2, middle - (plus + minus) / 2)
             turns = np.stack([peak + 2 * np.pi * t for t in (-1, -0.5, 0, 0.5, 1)])
@@ -228,6 +231,7 @@ def _slow_down(inertia, bias, torque, step, speeds, moved):
         for sweep in range(_SWEEPS):
             largest = 0.0
             for j in range(n):
+                # The brake torque that stops joint j by itself, cut to what the brake can give.
                 wanted = brakes[j] - speed[j] / (step * inverse[j, j])
                 wanted = min(max(wanted, -torque[i, j]), torque[i, j])
                 change = wanted - brakes[j]
@@ -239,6 +243,8 @@ def _slow_down(inertia, bias, torque, step, speeds, moved):
                         largest = max(largest, abs(shift))
             if largest <= _CLOSE * scale:
                 break
+            # Gauss-Seidel converges slowly where joints are strongly coupled; a direct solve of the held ones
+            # helps.
             if sweep < _DIRECT:
                 _hold(inverse, step, torque[i], brakes, speed, both)
         for j in range(n):

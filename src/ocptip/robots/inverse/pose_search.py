@@ -102,6 +102,7 @@ def levenberg_marquardt(
         steps += 1
         e, lam = error[active], damping[active]
         step = _damped_step(jacobian[active], e, lam)
+        # Linearisation holds for small turns only: no joint moves by more than 1 rad (1 m) in a step.
         step /= np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True))
         trial = q[active] + step
         if bounds is not None:
@@ -110,6 +111,8 @@ def levenberg_marquardt(
         better = (new**2).sum(axis=1) < (e**2).sum(axis=1)
         taken = active[better]
         q[taken], error[taken], jacobian[taken] = trial[better], new[better], new_jacobian[better]
+        # Damping falls towards Newton's method while steps help, and grows towards the gradient after a
+        # failure.
         damping[active] = np.where(better, np.maximum(lam * 0.1, least_damping), lam * 5.0)
     return q, np.abs(error).max(axis=1), steps
 
@@ -119,6 +122,7 @@ def _damped_step(J: np.ndarray, e: np.ndarray, damping: np.ndarray) -> np.ndarra
     if damping.min() >= NORMAL_DAMPING:
         normal = J.transpose(0, 2, 1) @ J + damping[:, None, None] * np.eye(J.shape[2])
         return np.linalg.solve(normal, J.transpose(0, 2, 1) @ e[:, :, None])[:, :, 0]
+    # Normal equations square the condition number; with little damping the singular values keep the digits.
     u, s, vt = np.linalg.svd(J, full_matrices=False)
     along = (e[:, None, :] @ u)[:, 0] * s / (s**2 + damping[:, None])
     return (along[:, None, :] @ vt)[:, 0]
@@ -150,6 +154,7 @@ def pose_errors(
     have, want = np.broadcast_arrays(turned @ tool_axis, rotation @ tool_axis)
     across = cross(have, want)
     sine, cosine = np.linalg.norm(across, axis=1), np.sum(have * want, axis=1)
+    # Opposite axes have no common normal: any direction across them is a shortest turn.
     side = cross(have, np.eye(3)[np.argmin(np.abs(have), axis=1)])
     direction = np.where(sine[:, None] > 1e-9, across / np.maximum(sine, 1e-9)[:, None], side)
     turn = np.arctan2(sine, cosine)[:, None] * np.where((sine > 1e-9) | (cosine < 0), 1.0, 0.0)[:, None]

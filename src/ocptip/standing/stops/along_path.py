@@ -60,6 +60,8 @@ class Bounds:
     @cached_property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower bounds u >= c + d x, (N, L) each; c is -inf where a bound gives none."""
+        # A bound whose coefficient of u is rounding says nothing about u: division by it would invent a
+        # limit.
         least = -_NO_PULL * np.max(np.abs(self.alpha), axis=1, keepdims=True, initial=0.0)
         lower = self.alpha < np.minimum(least, -1e-300)
         alpha = np.where(lower, self.alpha, -1.0)
@@ -141,6 +143,7 @@ def affine_loads(
         process: (N, 6) there, of one that varies.
     """
     still, count = np.zeros_like(q), len(q)
+    # Three evaluations give the affine functions: with q'' alone, with speed and path curvature, and at rest.
     torque, wrench = robot.loads(
         np.vstack([q, q, q]),
         np.vstack([still, dq, still]),

@@ -180,6 +180,7 @@ class Deviations:
         own = self._intervals
         size = np.maximum(np.abs(self.low[own]), np.abs(high[..., own]))
         change = np.abs(slopes[:, own]) * size
+        # Deviations without influence stay at 0, so that reports name only those that matter.
         matters = change > _NOTHING * np.max(change, axis=1, initial=1e-300)[:, None]
         theta[:, own] = np.where(matters, np.where(slopes[:, own] > 0, self.low[own], high[..., own]), 0.0)
         for name, most in (("push", self.tolerance.push), ("base_push", self.tolerance.base_push)):
@@ -215,6 +216,8 @@ class Deviations:
             span[:, self.places[name]] = 2 * most
         own = self._intervals
         inward = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
+        # Second derivatives over the whole span bound how much a slope can change, hence what another end may
+        # gain.
         lost = 0.5 * np.einsum("nij,nj->ni", bend, span)
         rest = np.minimum(inward - lost[:, own], 0.0) * span[:, own]
         found = -np.sum(rest, axis=1)
