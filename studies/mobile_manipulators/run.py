@@ -173,7 +173,7 @@ def _mesh(element: ET.Element, urdf: Path) -> np.ndarray | None:
         return None
     try:
         mesh = trimesh.load(path, force="mesh")
-    except Exception:  # trimesh raises what its readers raise
+    except Exception:
         return None
     return np.asarray(mesh.vertices) * [float(word) for word in element.get("scale", "1 1 1").split()]
 

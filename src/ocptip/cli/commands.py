@@ -52,9 +52,10 @@ COMMANDS = (
         "Writes a task file with all that the URDF tells. Fill in the lines marked #>, then plan.",
         "0 written",
         (
-            argument("robot", "ROBOT.urdf", "the robot"),
+            argument("robot", "ROBOT.urdf", "the robot; also a xacro file or a MuJoCo model"),
             BASE_LINK,
             TOOL_FRAME,
+            argument("--xacro", "NAME:=VALUE", "arguments of a xacro file", nargs="+", default=[]),
             argument("--joint-limits", "YAML", "joint_limits.yaml of MoveIt"),
             argument("--srdf", "SRDF", "SRDF of MoveIt: pairs that may touch, named states"),
             argument("--out", "FILE", "the task file (default: ROBOT.toml)"),

@@ -16,6 +16,7 @@ from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named
 from ocptip.cli.options import naming_options
+from ocptip.robots.conversion import converted
 from ocptip.task_files.template import TaskTemplate, task_template
 
 
@@ -26,14 +27,17 @@ class InitReport(Report):
     Attributes:
         path: of the file.
         template: its content.
+        converted: the URDF of a xacro file or a MuJoCo model and its meshes, which have been written.
     """
 
     path: Path
     template: TaskTemplate
+    converted: tuple[Path, ...] = ()
     good = True
 
     def write(self) -> Iterator[Path]:
         """Write the file."""
+        yield from self.converted
         write_text(self.path, self.template.text)
         yield self.path
 
@@ -88,7 +92,7 @@ def run(options: Namespace) -> InitReport:
     """Read the URDF; InputError if the file is there already."""
     if Path(options.robot).suffix == ".toml":
         raise InputError(f"{options.robot}: expected a URDF")
-    path = Path(options.out or f"{Path(options.robot).stem}.toml")
+    path = Path(options.out or f"{Path(options.robot).stem.removesuffix('.urdf')}.toml")
     if os.path.lexists(path):
         raise InputError(f"{path}: exists; give another file by --out")
     if not path.parent.is_dir():
@@ -96,4 +100,12 @@ def run(options: Namespace) -> InitReport:
     given = ("base_link", "tool_frame", "joint_limits", "srdf")
     with naming_options(*given):
         named = {key: getattr(options, key) for key in given}
-        return InitReport(path, task_template(options.robot, path.parent, **named))
+        further = converted(Path(options.robot), path.parent, options.xacro) or {}
+        for file in further:
+            if os.path.lexists(file):
+                raise InputError(f"{file}: exists; move it away, or give another folder by --out")
+        for file, text in further.items():
+            file.parent.mkdir(exist_ok=True)
+            write_text(file, text)
+        robot = next(iter(further), Path(options.robot))
+        return InitReport(path, task_template(robot, path.parent, **named), tuple(further))

@@ -72,7 +72,7 @@ def parse_urdf(file: Path) -> ElementTree.Element:
 def xml_of(file: Path) -> tuple[ElementTree.Element, str]:
     """The outermost element and the text, in UTF-8; errors as of :func:`parse_urdf`."""
     text = read_xml_text(file)
-    advice = f"a xacro file, not a URDF yet; expand it: xacro {file.name} > robot.urdf"
+    advice = f"a xacro file, not a URDF yet; expand it: xacro {file.name} > robot.urdf, or ocptip init"
     problem, root = None, ElementTree.Element("")
     try:
         # Parsers of robots know no namespaces and take undeclared prefixes, such as drake:acceleration.
@@ -94,6 +94,14 @@ def xml_of(file: Path) -> tuple[ElementTree.Element, str]:
     if problem:
         raise InputError(problem, "", str(file))
     return root, text
+
+
+def is_mjcf(text: str) -> bool:
+    """Whether an XML text is a MuJoCo model."""
+    try:
+        return parse_xml(text).tag == "mujoco"
+    except (InputError, ElementTree.ParseError):
+        return False
 
 
 def require_shallow(root: ElementTree.Element, file: Path) -> None:

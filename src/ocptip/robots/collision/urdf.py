@@ -126,7 +126,7 @@ def outlines_of_links(
         InputError: the geometry cannot be read.
     """
     file, tree = Path(path), parse_urdf(Path(path))
-    folders = _folders(file, ())
+    folders = mesh_folders(file, ())
     for link in tree.iterfind("link"):
         solids, name = link.findall("collision"), link.get("name", "")
         if name in visual and not solids:
@@ -135,7 +135,7 @@ def outlines_of_links(
             link.remove(item)
         for item in solids if name in links else ():
             item.tag, mesh = "collision", item.find("geometry/mesh")
-            found = None if mesh is None else _find_mesh(mesh.get("filename", ""), file, folders)
+            found = None if mesh is None else find_mesh(mesh.get("filename", ""), file, folders)
             if mesh is not None and found is not None:
                 mesh.set("filename", str(found))
             if mesh is None or found is not None:
@@ -182,8 +182,8 @@ def collision_meshes(
     if tree.find(".//collision/geometry/*") is None:
         return None
     names = (mesh.get("filename", "") for mesh in tree.iterfind(_MESHES))
-    folders = _folders(file, package_dirs)
-    return {name: _find_mesh(name, file, folders) for name in names}
+    folders = mesh_folders(file, package_dirs)
+    return {name: find_mesh(name, file, folders) for name in names}
 
 
 def missing_meshes(path: str | os.PathLike[str]) -> list[str] | None:
@@ -192,7 +192,7 @@ def missing_meshes(path: str | os.PathLike[str]) -> list[str] | None:
     return None if meshes is None else [name for name, found in meshes.items() if found is None]
 
 
-def _find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:
+def find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:
     """The file of a mesh as a URDF names it."""
     if name.startswith(PACKAGE):
         rest = Path(name.removeprefix(PACKAGE).lstrip("/"))  # some files write package:///
@@ -219,7 +219,7 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> list[Shap
     return _solids(model)
 
 
-def _folders(file: Path, given: Sequence[str | os.PathLike[str]]) -> list[Path]:
+def mesh_folders(file: Path, given: Sequence[str | os.PathLike[str]]) -> list[Path]:
     """Folders in which packages are searched, first those given."""
     paths = [Path(folder) for folder in given]
     for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
