@@ -104,7 +104,7 @@ def test_what_enumeration_of_modes_proves_is_strong(n, sectors, count):
     assert proved
 
 
-@pytest.mark.parametrize("layout", ["circle", "scattered"])
+@pytest.mark.parametrize("layout", some(1, ["scattered", "circle"]))
 def test_no_stand_is_strong_that_another_search_sees_move(layout):
     rng = np.random.default_rng(2)
     words = []
@@ -133,7 +133,7 @@ def true_cone_violation(support, state):
     return worst / np.max(np.abs(state.wrench))
 
 
-@pytest.mark.parametrize("n", [4, 6, 8, 12, 16])
+@pytest.mark.parametrize("n", some(2, [4, 12, 6, 8, 16]))
 def test_counterexamples_obey_the_laws_with_true_cones(n):
     rng = np.random.default_rng([3, n])
     seen = 0
@@ -148,7 +148,7 @@ def test_counterexamples_obey_the_laws_with_true_cones(n):
             assert not result.counterexample.persistent
 
 
-@pytest.mark.parametrize("layout", ["circle", "scattered"])
+@pytest.mark.parametrize("layout", some(1, ["scattered", "circle"]))
 def test_both_searches_on_cones_say_the_same(layout):
     """Triangles of the motion in the plane against arcs of sliding of each foot."""
     rng = np.random.default_rng(4)
@@ -176,7 +176,7 @@ def uneven():
     return places, normals, friction
 
 
-@pytest.mark.parametrize("facets", [4, 6, 8, 12, 16, 24, 64])
+@pytest.mark.parametrize("facets", some(3, [4, 16, 64, 6, 8, 12, 24]))
 def test_facets_do_not_decide_on_uneven_ground(facets):
     contacts = [
         UnilateralContact(position=p, normal=q, friction=mu, facets=facets)
@@ -212,7 +212,7 @@ def test_eight_feet_under_a_push_stand_for_sure():
 
 
 @pytest.mark.parametrize("friction", [0.3, 2.0])
-@pytest.mark.parametrize("n", some(3, [3, 4, 6, 9]))
+@pytest.mark.parametrize("n", some(2, [3, 6, 4, 9]))
 def test_where_nothing_can_stand_the_search_finds_how_it_moves(n, friction):
     """Ordinary contacts always have a solution: sliding, tipping about edges and corners, lifting off."""
     rng = np.random.default_rng([9, n])

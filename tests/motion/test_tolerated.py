@@ -16,6 +16,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
+from tests.quick import some
 
 JUST = Limits(GN=1.0, GT=1.0, torque_ratio=1e6)
 
@@ -29,7 +30,8 @@ def values(robot, motion):
 
 
 @pytest.mark.parametrize(
-    ("case", "degrees"), [("A", 9.1), ("B", 2.05), ("D", 9.3), ("E", 1.65), ("G", 8.4), ("H", 0.45)]
+    ("case", "degrees"),
+    some(2, [("A", 9.1), ("H", 0.45), ("B", 2.05), ("D", 9.3), ("E", 1.65), ("G", 8.4)]),
 )
 def test_tilts_at_rest_are_those_of_statics_by_hand(case, degrees):
     """Effective base; figures of the specification, to two digits."""

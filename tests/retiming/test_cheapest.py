@@ -13,6 +13,7 @@ from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.retime import retime
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.limits import Limits
+from tests.quick import some
 from tests.retiming.paths import arm_of, cart, random_path, tripod
 
 
@@ -22,7 +23,7 @@ def robot_with(regeneration: float, standby: float, viscous: float = 1.0):
     return task, task.robot.varied(motors=replace(motors, viscous=viscous * motors.viscous))
 
 
-@pytest.mark.parametrize(("regeneration", "standby"), [(1.0, 0.0), (0.0, 0.1), (0.4, 2.0)])
+@pytest.mark.parametrize(("regeneration", "standby"), some(1, [(0.4, 2.0), (1.0, 0.0), (0.0, 0.1)]))
 def test_cheaper_than_every_slower_and_faster(regeneration, standby):
     task, robot = robot_with(regeneration, standby, viscous=0.0)
     path = random_path(task, 1, 0.1)

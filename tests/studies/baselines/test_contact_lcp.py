@@ -68,8 +68,8 @@ def law_violation(arguments, forces, acceleration):
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("facets", [3, 4, 5, 12])
-@pytest.mark.parametrize("feet", [1, 3, 4, 8])
+@pytest.mark.parametrize("facets", some(2, [4, 5, 3, 12]))
+@pytest.mark.parametrize("feet", some(2, [3, 8, 1, 4]))
 def test_rest_under_gravity(formulation, feet, facets):
     arguments = standing_platform(feet, facets=facets)
     # A single foot carries only what passes through it.
@@ -120,8 +120,8 @@ def test_lifted_platform_is_free(formulation):
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("facets", [4, 6, 12])
-@pytest.mark.parametrize("feet", [3, 4, 6, 8])
+@pytest.mark.parametrize("facets", some(1, [6, 4, 12]))
+@pytest.mark.parametrize("feet", some(2, [3, 6, 4, 8]))
 def test_answers_obey_the_contact_laws(formulation, feet, facets):
     arguments = standing_platform(feet, facets=facets)
     problem = formulation(*arguments)
@@ -133,7 +133,7 @@ def test_answers_obey_the_contact_laws(formulation, feet, facets):
         assert law_violation(arguments, forces, acceleration) < 1e-7
 
 
-@pytest.mark.parametrize("facets", [3, 4, 5, 6, 12])
+@pytest.mark.parametrize("facets", some(2, [4, 5, 3, 6, 12]))
 def test_formulations_agree_on_three_feet(facets):
     arguments = standing_platform(3, facets=facets)
     loads = standing_loads(100, seed=1)

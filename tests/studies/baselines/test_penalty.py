@@ -16,6 +16,7 @@ from ocptip.standing.limits import Limits
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from studies.baselines.penalty import MotionPenalty, _piecewise_maxima, _spline_maxima
+from tests.quick import some
 
 INSIDE = 1.5e-7
 
@@ -104,7 +105,7 @@ def test_limits_of_the_task_count(task, random_points):
 
 
 @pytest.mark.parametrize("between", ["spline", "sides"])
-@pytest.mark.parametrize("name", ["A", "F", "H"])
+@pytest.mark.parametrize("name", some(1, ["A", "F", "H"]))
 def test_verified_references_are_feasible_and_others_are_not(name, between):
     task = experiment_task(name, "printed")
     penalty = MotionPenalty(task, between=between)
