@@ -14,7 +14,7 @@ from ocptip.pictures.world_view import half_plane
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.maps import PlacementMap
 from ocptip.placement.place import place
-from ocptip.placement.result import judge
+from ocptip.placement.result import evaluate_placement
 from ocptip.placement.scan import scan
 from ocptip.placement.terrain import custom_terrain
 from ocptip.task_files.placement import load_placement
@@ -84,7 +84,7 @@ def test_map_holds_what_a_scan_finds(placed):
     assert (total[np.isfinite(total)] >= best.total - 1e-6).all()  # nothing beats the optimum
     evaluator = Evaluator(best.problem)
     row = int(np.nanargmin(chart.found.totals))
-    again = judge(evaluator, best.patch, chart.found.parameters[row], chart.found.angles[row])
+    again = evaluate_placement(evaluator, best.patch, chart.found.parameters[row], chart.found.angles[row])
     assert again.feasible
     assert again.total == pytest.approx(chart.found.totals[row])
     x, y = chart.axes

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
-from ocptip.placement.result import NoPlacementError, judge
+from ocptip.placement.result import NoPlacementError, evaluate_placement
 from ocptip.published.arms import load_arm
 from ocptip.robots.geometry import Pillar
 from ocptip.standing.arm import Robot
@@ -100,4 +100,4 @@ def test_spheres_before_the_first_joint_are_balls_of_the_base():
         there = origins + turns @ centres[k]
         gaps = np.linalg.norm(there[:, :2] - [-0.4, 0.3], axis=1) - 0.1 - radius
         np.testing.assert_allclose(values[:, at], gaps, atol=1e-9)
-    assert judge(Evaluator(problem), 0, PARAMETERS[0], np.zeros((1, 6))).problem is problem
+    assert evaluate_placement(Evaluator(problem), 0, PARAMETERS[0], np.zeros((1, 6))).problem is problem

@@ -14,7 +14,7 @@ from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.judged import smallest_margin
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights, sampled_loads
-from ocptip.placement.result import NoPlacementError, judge
+from ocptip.placement.result import NoPlacementError, evaluate_placement
 from ocptip.placement.scan import scan
 from ocptip.placement.search.refine import followed
 from ocptip.placement.terrain import plane
@@ -184,7 +184,7 @@ def test_one_stand_serves_several_tasks(drilled):
     found = [evaluator.task(t, 0, both.parameters[None], both.angles[t : t + 1]) for t in range(2)]
     assert both.criteria["GN"] == pytest.approx(max(f.GN[0, 1] for f in found))
     assert both.criteria["GE"] == pytest.approx(np.mean([f.GE[0, 1] for f in found]))
-    alone = judge(Evaluator(drilled.problem), 0, both.parameters, both.angles[:1])
+    alone = evaluate_placement(Evaluator(drilled.problem), 0, both.parameters, both.angles[:1])
     assert alone.total >= drilled.best.total - 1e-6  # one stand for two is no better for the first
 
 

@@ -7,7 +7,7 @@ from ocptip.basics.errors import InputError
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import place_for_motion, placed_robot, shortest_way
 from ocptip.placement.problem import GripperTask, PlacementProblem, Weights
-from ocptip.placement.result import judge
+from ocptip.placement.result import evaluate_placement
 from ocptip.placement.terrain import plane
 from ocptip.published.arms import experiment_poses
 from ocptip.robots.geometry import Pillar, Wall
@@ -18,7 +18,7 @@ def test_placed_robot_feels_the_loads_of_the_evaluation():
     problem = drilling(terrain=plane((0.2, -0.1)))
     q = np.full(6, 0.3)
     evaluator = Evaluator(problem)
-    placement = judge(evaluator, 0, np.array([-0.5, 0.1, 0.7]), q[None])
+    placement = evaluate_placement(evaluator, 0, np.array([-0.5, 0.1, 0.7]), q[None])
     torques, wrench = placed_robot(placement).loads(q[None], np.zeros((1, 6)), np.zeros((1, 6)))
     found = evaluator.task(0, 0, placement.parameters[None], q[None])
     assert torques[0] == pytest.approx(found.torques[0, 0])

@@ -12,7 +12,7 @@ from ocptip.placement import for_path
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import motion_limits, placed_robot
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem
-from ocptip.placement.result import judge
+from ocptip.placement.result import evaluate_placement
 from ocptip.placement.terrain import plane
 from ocptip.retiming.retime import retime
 from ocptip.robots.kinematics import gripper_pose
@@ -31,7 +31,7 @@ def sweep():
     tasks = [GripperTask(*pose, name=f"point {k}") for k, pose in enumerate(poses, 1)]
     limits = PlacementLimits(GN=0.9, GT=0.9, clearance=0.01)
     problem = PlacementProblem(robot, tasks, plane(), limits=limits)
-    return problem, judge(Evaluator(problem), 0, np.zeros(3), postures)
+    return problem, evaluate_placement(Evaluator(problem), 0, np.zeros(3), postures)
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +66,7 @@ def test_a_place_where_the_same_path_is_faster(sweep):
 def test_the_gripper_keeps_its_lines_in_the_world(sweep):
     every, there = sweep
     problem = PlacementProblem(every.robot, every.tasks[:2], plane(), limits=every.limits)
-    here = judge(Evaluator(problem), 0, there.parameters, there.angles[:2])
+    here = evaluate_placement(Evaluator(problem), 0, there.parameters, there.angles[:2])
     (found,) = for_path.place_for_path(problem, ENERGY, between="tool lines", known=[here])
     assert found.verified
     assert found.cost == pytest.approx(found.timed.check.energy)

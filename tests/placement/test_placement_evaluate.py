@@ -12,7 +12,7 @@ from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.limits.judged import TaskEvaluation
 from ocptip.placement.manipulability import LogMeasures, index_of, measures
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad
-from ocptip.placement.result import judge
+from ocptip.placement.result import evaluate_placement
 from ocptip.placement.terrain import plane
 from ocptip.robots.collision.shapes import Ball, BodyShape, Box
 from ocptip.robots.geometry import Pillar, Solid, Wall
@@ -132,7 +132,7 @@ def test_clearances_are_those_of_the_collision_model():
     found = evaluated(problem, q)
     evaluator = Evaluator(problem)
     for k in range(3):
-        robot = placed_robot(judge(evaluator, 0, PARAMETERS[k], q[k : k + 1]))
+        robot = placed_robot(evaluate_placement(evaluator, 0, PARAMETERS[k], q[k : k + 1]))
         mine = np.concatenate([r.values[k] for r in found.rows if r.kind == "clearance"])
         theirs = robot.collision.gaps(q[k])
         assert np.sort(mine) == pytest.approx(np.sort(theirs), abs=1e-12)

@@ -11,7 +11,7 @@ from ocptip.contact.support import Support
 from ocptip.placement import place, place_for_motion
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.ground import HeightField, Wave
-from ocptip.placement.result import judge
+from ocptip.placement.result import evaluate_placement
 from ocptip.placement.search.starts import sample
 from ocptip.placement.terrain import plane, rough_ground
 from ocptip.reserves.slip import Slip
@@ -63,7 +63,7 @@ def test_nothing_inside_the_tolerance_is_worse_and_the_named_corner_attains_it(n
     own = PROBLEMS[name]()
     evaluator, p, q = candidate(own)
     found = evaluator.task(0, 0, p[None], q)
-    placed, rng = judge(evaluator, 0, p, q), np.random.default_rng(1)
+    placed, rng = evaluate_placement(evaluator, 0, p, q), np.random.default_rng(1)
     nominal, case = own.robot.support, found.cases[1]
     corners = {corner.name: corner for corner in own.corners}
     worst = {m.kind: m for m in placed.margins if m.kind in ("GN", "GT") and case.name in m.name}
@@ -89,7 +89,7 @@ def test_placements_hold_at_every_corner():
     best = place(own, starts=1, samples=500).best
     assert best.feasible
     nominal = replace(own, tolerance=Uncertainty())
-    assert judge(Evaluator(nominal), 0, best.parameters, best.angles).total < best.total
+    assert evaluate_placement(Evaluator(nominal), 0, best.parameters, best.angles).total < best.total
     nominal, case = own.robot.support, own.cases[1]
     for corner in own.corners:
         centre = nominal.center_of_mass + corner.shift

@@ -8,7 +8,7 @@ import pytest
 
 from ocptip.contact.solver import solve_many
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.result import judge
+from ocptip.placement.result import evaluate_placement
 from ocptip.placement.search.starts import sample
 from ocptip.placement.within import placement_within, rest_case, searched
 from ocptip.reserves.slip import Slip
@@ -24,7 +24,7 @@ def placement():
     own = replace(own, robot=own.robot.varied(arm=arm))
     evaluator = Evaluator(own)
     found = sample(evaluator, np.random.default_rng(0), 500)
-    return judge(evaluator, 0, found[0][1], found[0][2])
+    return evaluate_placement(evaluator, 0, found[0][1], found[0][2])
 
 
 def test_wrenches_are_those_of_the_evaluator(placement):

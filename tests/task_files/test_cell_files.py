@@ -13,7 +13,7 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.motion.check import NO_FLOOR, scope_of
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import placed_robot
-from ocptip.placement.result import judge
+from ocptip.placement.result import evaluate_placement
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.tolerance import WORKSHOP
@@ -41,7 +41,7 @@ def changed(tmp_path):
 
 def at(cell, parameters):
     angles = np.tile([0.1, -1.5, 1.2, -1.0, -1.5, 0.3], (len(cell.problem.tasks), 1))
-    return judge(Evaluator(cell.problem), 0, parameters, angles)
+    return evaluate_placement(Evaluator(cell.problem), 0, parameters, angles)
 
 
 @pytest.mark.parametrize("slope", ["", "incline_deg = 6\nuphill_deg = 40\n"])

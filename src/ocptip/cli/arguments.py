@@ -51,7 +51,7 @@ def either(*arguments: Argument) -> Argument:
 
 
 def group(title: str, *arguments: Argument) -> Argument:
-    """Arguments under a title of their own in the help."""
+    """Arguments under a separate title in the help."""
 
     def add(parser: Any) -> None:
         under = parser.add_argument_group(title)
@@ -209,7 +209,7 @@ def objective(default: str) -> Argument:
 
 
 def time_scale(text: str) -> Argument:
-    """Factors of the duration that are checked, too."""
+    """Factors of the duration that are also checked."""
     return argument("--time-scale", "F", text, type=float, nargs="+", default=[])
 
 

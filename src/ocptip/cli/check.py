@@ -213,13 +213,13 @@ def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
     far = int(np.argmax(fit.distance / fit.tolerance))
     wide = int(np.argmax(fit.tolerance * scales))
 
-    def said(joint: int, values: np.ndarray, per: str = "") -> str:
+    def with_unit(joint: int, values: np.ndarray, per: str = "") -> str:
         return f"{scales[joint] * values[joint]:.2g} {units[joint]}{per} ({robot.names[joint]})"
 
     why = "noise of the samples" if fit.noisy[wide] else "rounding of the file"
     notes = [
         f"checked is the calmest motion that passes {fit.samples} samples within at most "
-        f"{said(wide, fit.tolerance)}, {why}; its maximum distance is {said(far, fit.distance)}; "
+        f"{with_unit(wide, fit.tolerance)}, {why}; its maximum distance is {with_unit(far, fit.distance)}; "
         f"speeds and accelerations may exceed limits by {100 * PEAK_TOLERANCE:g} %"
     ]
     with np.errstate(divide="ignore"):
@@ -228,7 +228,7 @@ def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
     notes += [f"10 % too much acceleration for less than {1e3 * longest:.2g} ms may not be seen"]
     if fit.speed_distance is not None:
         worst = int(np.argmax(fit.speed_distance * scales))
-        notes += [f"its speeds are up to {said(worst, fit.speed_distance, '/s')} from those of the file"]
+        notes += [f"its speeds are up to {with_unit(worst, fit.speed_distance, '/s')} from those of the file"]
     return notes
 
 

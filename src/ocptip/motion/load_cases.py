@@ -154,10 +154,10 @@ def tilt_by_direction(
         does not stand on level ground.
     """
     loads, gravity = _in_pose(robot, q, acting), robot.support.gravity
-    sides, judge = around(gravity, count), _judge(robot)
+    sides, keeps_contacts = around(gravity, count), _contact_test(robot)
 
     def stands(tilt: np.ndarray) -> np.ndarray:
-        good = judge(np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
+        good = keeps_contacts(np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
         return np.all(good.reshape(count, -1), axis=1)
 
     return sides, _largest(stands, np.full(count, MOST_TILT))
@@ -169,10 +169,10 @@ def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = No
     At most the mass of the robot; what the drives can hold is not checked. A process that varies needs its
     values, (N, 6).
     """
-    loads, gravity, judge = RestLoads(robot, q, process), robot.support.gravity, _judge(robot)
+    loads, gravity, keeps_contacts = RestLoads(robot, q, process), robot.support.gravity, _contact_test(robot)
 
     def stands(payload: np.ndarray) -> np.ndarray:
-        return judge(loads.wrenches(gravity, payload[:, None]))
+        return keeps_contacts(loads.wrenches(gravity, payload[:, None]))
 
     return _largest(stands, np.full(len(q), robot.mass))
 
@@ -197,7 +197,7 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
     )  # fmt: skip
 
 
-def _judge(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
+def _contact_test(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
     """Says of wrenches (N, 6) whether no contact is lost, (N,); what half spaces prove is not solved."""
     held = robot.slip.half_spaces(1.0)
 

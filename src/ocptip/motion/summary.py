@@ -166,9 +166,9 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
     if lost is not None:
         return [f"Robust to nothing: the nominal model loses a contact ({lost.how}, {lost.time:.3f} s)."]
     title = "Robust to (one at a time): "
-    lines, room = [], WIDTH - len(title)
+    lines, width = [], WIDTH - len(title)
     for part in (one.short for one in tolerated):
-        if lines and len(lines[-1]) + len(part) + 3 <= room:
+        if lines and len(lines[-1]) + len(part) + 3 <= width:
             lines[-1] += f" | {part}"
         else:
             lines.append(part)

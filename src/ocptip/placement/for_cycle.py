@@ -18,7 +18,7 @@ from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
-from ocptip.placement.result import Placement, PlacementResult, judge
+from ocptip.placement.result import Placement, PlacementResult, evaluate_placement
 from ocptip.placement.search import starts as sampling
 
 _SAMPLES = 2000
@@ -156,7 +156,7 @@ def sampled_places(
     if not candidates.reached:
         return []
     for i in sampling.spread(evaluator, candidates, _SAMPLED * count):
-        placement = judge(evaluator, *candidates[i])
+        placement = evaluate_placement(evaluator, *candidates[i])
         known = any(placement.shares_place(other) for other in (*static.placements, *found))
         if placement.feasible and not known:
             found.append(placement)

@@ -16,7 +16,7 @@ from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
-from ocptip.placement.result import FEASIBLE, Placement, PlacementResult, judge
+from ocptip.placement.result import FEASIBLE, Placement, PlacementResult, evaluate_placement
 from ocptip.placement.search.starts import solutions
 from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.model import ArmModel
@@ -194,7 +194,7 @@ def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> P
             options.append((costs[best], [*path[best], near[best]]))
         cost, path = np.array([c for c, _ in options]), [way for _, way in options]
     angles = np.array(path[int(np.argmin(cost))])
-    return judge(evaluator, placement.patch, placement.parameters, angles, placement.start)
+    return evaluate_placement(evaluator, placement.patch, placement.parameters, angles, placement.start)
 
 
 def _near(arm: ArmModel, goal: np.ndarray, start: np.ndarray) -> np.ndarray:

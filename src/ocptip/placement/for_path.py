@@ -16,7 +16,7 @@ from ocptip.placement.for_cycle import sampled_places
 from ocptip.placement.for_motion import motion_limits, require_way, robot_at, shortest_way
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementProblem
-from ocptip.placement.result import FEASIBLE, Placement, judge
+from ocptip.placement.result import FEASIBLE, Placement, evaluate_placement
 from ocptip.placement.search.refine import followed
 from ocptip.placement.search.starts import exact_scores
 from ocptip.retiming.retime import Retimed, least_cost, retime
@@ -145,7 +145,9 @@ class _Paths:
         parameters, q = self._around(placement, rng)
         if np.array_equal(parameters, placement.parameters):
             return first
-        found = self._timed(judge(self.evaluator, placement.patch, parameters, q, placement.start))
+        found = self._timed(
+            evaluate_placement(self.evaluator, placement.patch, parameters, q, placement.start)
+        )
         return min(first, found, key=lambda one: one.cost)
 
     def _around(self, placement: Placement, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ from ocptip.placement.result import (
     Placement,
     PlacementResult,
     StartReport,
-    judge,
+    evaluate_placement,
 )
 from ocptip.placement.search import starts as sampling
 from ocptip.placement.search.elastic import ElasticProgram
@@ -171,7 +171,7 @@ class _PatchPrograms:
         The better one of start and result counts, both checked.
         """
         began, iterations, status = time.perf_counter(), 0, ""
-        best = judge(self.evaluator, patch, p, self._exact(patch, p, q), number)
+        best = evaluate_placement(self.evaluator, patch, p, self._exact(patch, p, q), number)
         near, held, low = None, None, np.inf
         for _ in range(_ROUNDS):
             solution, near, held, elsewhere = self._program(patch, p, q, near, held)
@@ -179,7 +179,7 @@ class _PatchPrograms:
             if solution.violation > _KEPT:
                 break
             p, q = solution.x[: len(p)], solution.x[len(p) : len(p) + q.size].reshape(q.shape)
-            placement = judge(self.evaluator, patch, p, self._exact(patch, p, q), number)
+            placement = evaluate_placement(self.evaluator, patch, p, self._exact(patch, p, q), number)
             if placement.feasible and (not best.feasible or placement.total < best.total):
                 best = placement
             if not elsewhere and (placement.feasible or not self._wider(patch, p, q, near, held)):
@@ -278,7 +278,7 @@ class _PatchPrograms:
                 if all(np.array_equal(a, b) for a, b in zip(near, wider, strict=True)):
                     break
                 near = wider
-            placement = judge(self.evaluator, patch, p, self._exact(patch, p, q))
+            placement = evaluate_placement(self.evaluator, patch, p, self._exact(patch, p, q))
             if _violation(placement) < least:
                 best, least = placement, _violation(placement)
             if placement.feasible:

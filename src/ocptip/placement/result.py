@@ -324,7 +324,7 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
     }
 
 
-def judge(
+def evaluate_placement(
     evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray, start: int = -1
 ) -> Placement:
     """Evaluate one placement with all constraints, independently of the search.

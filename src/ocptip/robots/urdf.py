@@ -68,7 +68,7 @@ def arm_from_urdf(
 
     Raises:
         InputError: the file cannot be read, or a name is not in it (the message lists candidates), or a joint
-            of the chain neither turns nor slides nor is locked, or one beside it mimics one that moves, or a
+            of the chain neither turns nor slides nor is locked; or one beside it mimics one that moves; or a
             link that moves has no inertia, or one that no body has.
 
     Warns:

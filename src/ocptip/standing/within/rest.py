@@ -7,9 +7,9 @@ masses m_k at c_k + d_k and gravity g,
 
 It is linear in each of masses, shifts d_k, gravity and pushes, so that the worst of each is a closed form: an
 end, a corner, the edge of the cap of gravity, the push along the gradient. A push at the centre of mass of a
-body moves with it, f . (a_F + a_M x (c_k + d_k)): least over the push this is concave in d_k, so all corners
-are tried. What is worst of masses and shifts depends on gravity a little and the other way round: the choices
-are repeated, from many directions of tilt.
+body moves with it, f . (a_F + a_M x (c_k + d_k)): minimised over the push this is concave in d_k, so all
+corners are tried. The worst masses and shifts depend on gravity a little and conversely: the choices are
+repeated, from many directions of tilt.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import towards
 from ocptip.standing.within.tolerable import why_not
 
-LOOKED_AT = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
+SEARCHED = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
 """Quantities that a scene can have; a scene knows no arm, payload or motion."""
 
 AROUND = 24  # directions of tilt from which the worst is looked for
@@ -46,7 +46,7 @@ class Weight:
 
     Attributes:
         name: in words.
-        mass: kg, as described; negative for a load that pulls upwards.
+        mass: kg, nominal; negative for a load that pulls upwards.
         center: (3,), m, from the base's centre of mass, base axes.
         less, more: kg, by which the mass may be off.
         half: (3,), m, half sides of the box about the centre.
@@ -96,7 +96,7 @@ class Off:
 
 @dataclass(frozen=True)
 class WithinAtRest:
-    """What was found.
+    """The worst of a base at rest.
 
     Attributes:
         tolerance: within which.
@@ -150,9 +150,9 @@ def scene_within(
 
     Args:
         support: the base.
-        loads: on it, as described.
-        tolerance: of it; what a scene cannot have is left out, and said.
-        reference_moment: M0 of GN, N m; default that of the base as described.
+        loads: on it, nominal.
+        tolerance: of it; what a scene cannot have is left out, with a remark.
+        reference_moment: M0 of GN, N m; default that of the nominal base.
 
     Raises:
         InputError: a planar scene, or one without gravity; a base mass outside its interval.
@@ -161,7 +161,7 @@ def scene_within(
         raise InputError("tolerance: only for spatial scenes (--tolerance none)")
     if not np.any(support.gravity):
         raise InputError("tolerance: without gravity there is no tilt and no weight (--tolerance none)")
-    own = tolerance.only(*(name for name in LOOKED_AT if name in tolerance.given))
+    own = tolerance.only(*(name for name in SEARCHED if name in tolerance.given))
     moment = reference_moment or TipOver(support).reference_moment
     fixed, hanging = _fixed_and_hanging(support, loads)
 
@@ -169,8 +169,8 @@ def scene_within(
         weights = [base_weight(support, some), *hanging]
         return RestCase(support, weights, fixed, some, base_pushes(some), moment)
 
-    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in LOOKED_AT)
-    return found_within([within], own, LOOKED_AT, ignored)
+    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in SEARCHED)
+    return found_within([within], own, SEARCHED, ignored)
 
 
 def base_weight(support: Support, tolerance: Uncertainty) -> Weight:
@@ -205,7 +205,7 @@ def _fixed_and_hanging(support: Support, loads: Sequence[Load]) -> tuple[np.ndar
 def found_within(
     cases: Sequence[Callable[[Uncertainty], RestCase]],
     tolerance: Uncertainty,
-    looked_at: Sequence[str],
+    searched: Sequence[str],
     ignored: tuple[str, ...] = (),
 ) -> WithinAtRest:
     """The worst of several cases within a tolerance, each made by a function of it; a reason if one fails.
@@ -213,7 +213,7 @@ def found_within(
     Args:
         cases: postures or loads.
         tolerance: of what can be off.
-        looked_at: names of that, likely culprits first.
+        searched: names of that, likely culprits first.
         ignored: what else was given, in words.
     """
     made = [case(tolerance) for case in cases]
@@ -227,22 +227,22 @@ def found_within(
         made = (case(within) for case in cases)
         return all(case.tip()[0] < _LOST and case.slip()[0] < _LOST for case in made)
 
-    reason, possible = ("", 1.0) if stands else why_not(tolerance, looked_at, kept)
+    reason, possible = ("", 1.0) if stands else why_not(tolerance, searched, kept)
     worst = first.words(tip), other.words(slip)
     return WithinAtRest(tolerance, GN, GT, *worst, stands, reason, possible, ignored)
 
 
 class RestCase:
-    """Bodies on contacts with the least friction, within a tolerance.
+    """Bodies on contacts with the minimum friction, within an uncertainty.
 
     Args:
-        support: as described.
+        support: nominal.
         weights: all bodies, the base first.
         fixed: (6,), wrench of all else, N and N m about the base's centre of mass.
         tolerance: of tilt and friction; that of weights and pushes is theirs.
         pushes: that may be there.
         moment: M0 of GN, N m.
-        name: put in front of what is said.
+        name: put in front of messages.
     """
 
     def __init__(
@@ -280,7 +280,7 @@ class RestCase:
         return float(self.footing.tip_over.ratio(moments[k])), offs[k]
 
     def slip(self) -> tuple[float, Off]:
-        """The greatest GT that is found, and what is off there."""
+        """The maximum GT of the search, and the deviations there."""
         offs = [self._off(gravity) for gravity in self._starts()]
         if self._pushes:  # from pushes on, too: a base without tangential load says nothing of where to push
             level = self._level
@@ -333,7 +333,7 @@ class RestCase:
         return Off(self._masses, np.zeros_like(self._half), gravity, np.zeros((len(self._pushes), 3)))
 
     def _starts(self) -> Iterator[np.ndarray]:
-        """Gravity as described, and tilted by all of it in directions around."""
+        """Nominal gravity, and tilted by the whole tilt in directions around."""
         yield self._gravity
         if self._tolerance.tilt:
             level = self._level
@@ -344,7 +344,7 @@ class RestCase:
                 )
 
     def _worst(self, a: np.ndarray, gravity: np.ndarray) -> Off:
-        """What makes a . w least, from a direction of gravity on."""
+        """Deviations that minimise a . w, from a direction of gravity on."""
         force, moment, masses = a[:3], a[3:], self._masses
         shifts = np.zeros_like(self._half)
         for _ in range(ROUNDS):
@@ -381,7 +381,7 @@ class RestCase:
         return push.point if push.weight is None else push.point + shifts[push.weight]
 
     def _tilted(self, b: np.ndarray) -> np.ndarray:
-        """Gravity within the cap at which b . g is least."""
+        """Gravity within the cap at which b . g is minimal."""
         wanted = -b / max(np.linalg.norm(b), 1e-300)
         along = float(wanted @ self._down)
         side = wanted - along * self._down
@@ -391,7 +391,7 @@ class RestCase:
         return self._size * (np.cos(angle) * self._down + np.sin(angle) * across)
 
     def _wrenches(self, offs: Sequence[Off]) -> np.ndarray:
-        """(N, 6), N and N m about the base's centre of mass as described."""
+        """(N, 6), N and N m about the nominal centre of mass of the base."""
         found = []
         for off in offs:
             points = np.array([self._point(push, off.shifts) for push in self._pushes]).reshape(-1, 3)
