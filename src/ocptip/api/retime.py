@@ -22,6 +22,7 @@ from ocptip.motion.execution import Execution, execute
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
 from ocptip.motion.plan_files import run_by
+from ocptip.motion.stops import cancels_by_segment
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
 from ocptip.retiming.retime import Retimed
@@ -219,6 +220,7 @@ def retime(
         task=planned.task,
         checked=checked,
         robustness=robustness(planned.task, motion),
+        cancels=cancels_by_segment(planned.task, motion),
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import Limits
+from ocptip.standing.limits import WITHIN_OF, Limits
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
 from ocptip.standing.within.cancelled import worst_of_cancels
 from ocptip.standing.within.worst_case import worst_case_of
@@ -230,9 +230,11 @@ def _levels(
             broken.append(f"clearance is {least:.3g} mm, must be >= {asked:g}")
         if tolerance.given and not broken:
             worst = worst_of_cancels(worst_case_of(robot, tolerance), motion, own, times)
-            for name, at in zip(("GN", "GT"), worst, strict=True):
-                if at and (at.bound or at.value) > getattr(limits, f"{name}_worst_case"):
-                    broken.append(f"{name} reaches {at.bound or at.value:.3g} within {tolerance.title}")
+            for name, at in zip(WITHIN_OF, worst, strict=True):
+                value = 0.0 if at is None else at.value if at.bound is None else at.bound
+                if value > getattr(limits, WITHIN_OF[name]):
+                    broken.append(f"{name} reaches {value:.3g} within {tolerance.title}")
+                    break  # slip need not be evaluated
         return CancelLevel(
             share=share,
             GN=float(np.max(stops.GN)),

@@ -8,10 +8,12 @@ planned also counts as decelerating harder, by the square.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from ocptip.standing.stops.by_cancel import Cancel, StopStates, stop_states
-from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_of_delayed
+from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
 from ocptip.standing.within.late_joints import DelayedStates, worst_options
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import Trajectory
@@ -21,34 +23,49 @@ _STEP = 1e-9  # s
 
 def worst_of_cancels(
     cases: WorstCase, motion: Trajectory, cancel: Cancel, times: np.ndarray
-) -> tuple[WorstInstant | None, WorstInstant]:
-    """The worst instants for tip-over and slip; their times are when the joints begin to decelerate.
+) -> Iterator[WorstInstant | None]:
+    """The worst instants for tip-over (None: the base cannot tip), then for slip, which takes longer.
+
+    Their times are when the joints begin to decelerate.
 
     Args:
         cases: of the arm within its uncertainty.
         motion, cancel: that is cancelled, and how it stops.
         times: (N,), s, when joints begin to decelerate.
     """
+    every = range(cases.axes + 1)
+    if cases.axes:
+        yield worst_tip_of(cases, _states(cases, motion, cancel, times, every[:-1]))
+    else:
+        yield None
+    yield worst_slip_of(cases, _states(cases, motion, cancel, times, every[-1:]))
+
+
+def _states(
+    cases: WorstCase, motion: Trajectory, cancel: Cancel, times: np.ndarray, functions: Sequence[int]
+) -> DelayedStates:
+    """States of the stops, and those at steps of accelerations that are worst for some functions."""
     acting = cases.deviations.robot.during(motion)
     process = acting.acting(times)
     start, rate = motion.states(times), np.array(cancel.decelerations)
     at = stop_states(*start[:2], rate)
     own = np.hstack([at.q, at.qd, at.qdd, process[at.owner]])
-    late = cases.deviations.tolerance.late
+    late, more = cases.deviations.tolerance.late, cases.deviations.tolerance.overshoot
     rests = np.abs(start[1]) / rate
     since = at.after[:, None] - np.where(at.qdd != 0, 0.0, rests[at.owner])
     words = [_after(after) for after in at.after.tolist()]
-    delayed = DelayedStates(own, times[at.owner], np.clip(since, 0.0, late), words)
-    if late or cases.deviations.tolerance.overshoot:
-        options, when, stop = _options(start, at, rate, late, cases.deviations.tolerance.overshoot)
-        number, values, _ = worst_options(options, cases, process[stop])
-        for k in range(values.shape[1]):
-            rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
-            chosen = options[rows[:, None], np.arange(options.shape[1]), number[rows, k]]
-            s = np.hstack([chosen[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), process[stop[rows]]])
-            step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in rows]
-            delayed = delayed.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
-    return worst_of_delayed(cases, delayed)
+    found = DelayedStates(own, times[at.owner], np.clip(since, 0.0, late), words)
+    if not (late or more):
+        return found
+    options, when, stop = _options(start, at, rate, late, more)
+    number, values, _ = worst_options(options, cases, process[stop], functions=functions)
+    for k in range(values.shape[1]):
+        rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
+        chosen = options[rows[:, None], np.arange(options.shape[1]), number[rows, k]]
+        s = np.hstack([chosen[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), process[stop[rows]]])
+        step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in rows]
+        found = found.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
+    return found
 
 
 def _after(seconds: float) -> str:

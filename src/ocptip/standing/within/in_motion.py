@@ -182,13 +182,14 @@ def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> W
     return WithinTolerance(tolerance, tip, slip, torque, gap, len(delayed.times), alike, force, course)
 
 
-def worst_of_delayed(cases: WorstCase, delayed: DelayedStates) -> tuple[WorstInstant | None, WorstInstant]:
-    """The worst of some states for tip-over (None where the base cannot tip) and for slip."""
-    tip, slip = (
-        delayed.some(np.argsort(-badness(cases, delayed), kind="stable")[:EXACT])
-        for badness in ((_least_moments if cases.axes else _greatest_slips), _greatest_slips)
-    )
-    return _worst_tip(cases, tip) if cases.axes else None, _worst_slip(cases, slip)
+def worst_tip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
+    """The worst of some states for tip-over."""
+    return _worst_tip(cases, at.some(np.argsort(-_least_moments(cases, at), kind="stable")[:EXACT]))
+
+
+def worst_slip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
+    """The same for slip."""
+    return _worst_slip(cases, at.some(np.argsort(-_greatest_slips(cases, at), kind="stable")[:EXACT]))
 
 
 def _least_if_alike(cases: WorstCase, at: DelayedStates) -> Margin | None:

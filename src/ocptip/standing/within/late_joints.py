@@ -280,7 +280,11 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> list[Delayed
 
 
 def worst_options(
-    options: np.ndarray, cases: WorstCase, acting: np.ndarray, matters: np.ndarray | None = None
+    options: np.ndarray,
+    cases: WorstCase,
+    acting: np.ndarray,
+    matters: np.ndarray | None = None,
+    functions: Sequence[int] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which case of every joint is worst for each moment and for friction, by their slopes.
 
@@ -288,22 +292,23 @@ def worst_options(
         options: (D, n, K, 4) at D instants: angle, speed, acceleration, maximum delay; NaN beyond these.
         cases: the functions, F of them.
         acting: (D, 6) what a process is that varies; else (D, 0).
-        matters: (F,) where a function stays below this, by its slopes, it is not checked more closely.
+        matters: where a function, of all, stays below this by its slopes, it is not checked more closely.
+        functions: F numbers of those that are evaluated, see `WorstCase.function`; default: all.
 
     Returns:
         Numbers (D, F, n) of cases; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
         where a function does not matter, less precisely.
     """
     count, n = options.shape[:2]
-    functions = cases.axes + 1
-    number = np.repeat(np.sum(~np.isnan(options[..., 0]), axis=2)[:, None] - 1, functions, axis=1)
-    values, slopes = np.empty((count, functions)), np.empty((count, functions, 3 * n))
-    row, which = (own.ravel() for own in np.indices((count, functions)))
+    each = np.arange(cases.axes + 1) if functions is None else np.array(functions)
+    number = np.repeat(np.sum(~np.isnan(options[..., 0]), axis=2)[:, None] - 1, len(each), axis=1)
+    values, slopes = np.empty((count, len(each))), np.empty((count, len(each), 3 * n))
+    row, which = (own.ravel() for own in np.indices((count, len(each))))
     for turn in range(1 + _CHOICES):
         chosen = options[row[:, None], np.arange(n), number[row, which]]  # (R, n, 4)
         states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
         states = np.hstack([states, acting[row]])
-        values[row, which], found = cases.function(states, which, chosen[..., 3])
+        values[row, which], found = cases.function(states, each[which], chosen[..., 3])
         slopes[row, which] = found[:, : 3 * n]
         if turn < _CHOICES:
             over = slopes[row, which].reshape(-1, 3, n)
@@ -313,7 +318,7 @@ def worst_options(
             number[row, which] = np.argmax(gains, axis=2)
             if matters is not None:
                 values[row, which] += gained
-                kept = values[row, which] >= matters[which]
+                kept = values[row, which] >= matters[each[which]]
                 row, which = row[kept], which[kept]
     return number, values, slopes
 
