@@ -19,6 +19,7 @@ from ocptip.basics.write import plain, versions, write_json
 from ocptip.contact.elastic import Shared
 from ocptip.contact.states import ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, state_remark
+from ocptip.reserves.classical import ClassicalMeasures
 from ocptip.reserves.equal_compliance import EqualSharing, equal_sharing, face_each_other, reported_slip
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.friction_needed import friction_needed
@@ -236,6 +237,14 @@ class Standing:
         return equal if equal and np.isfinite(equal.GT[0]) else None
 
     @cached_property
+    def classical(self) -> ClassicalMeasures | None:
+        """Classical measures, to compare; None unless ordinary contacts lie on one plane."""
+        if self.scene.planar or not self.tip.tip_over.on_polygon:
+            return None
+        forces = self.normal_forces[None]
+        return ClassicalMeasures.under(self.scene.wrench[None], self.tip.tip_over, forces)[0]
+
+    @cached_property
     def friction_needed(self) -> float | None:
         """Factor on the friction with which the contacts just hold the base; None if it is not known."""
         if self.scene.planar or not self.state.solved:
@@ -352,6 +361,7 @@ class Standing:
             "slide_acceleration_m_s2": self.slip.slide_acceleration[0],
             "friction_needed": self.friction_needed,
             "tipping_axis": axis,
+            **({"classical": self.classical.to_dict()} if self.classical else {}),
             "wrench": self.scene.wrench,
             **({"sensitivities": changes} if changes else {}),
             **({"posture": self.posture.to_dict()} if self.posture else {}),

@@ -19,6 +19,7 @@ from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.made_of import MadeOf
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
+from ocptip.reserves.classical import ClassicalMeasures
 from ocptip.reserves.slip import Redistribution, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.robots.collision.gaps import CLEARANCE, Collisions
@@ -382,6 +383,28 @@ class StandingMechanism(MadeOf, Footing, ABC):
         Raises:
             InputError: shapes do not fit, or what acts on the gripper varies with time or place.
         """
+        wrenches, single = self._wrenches(q, qd, qdd)
+        margins = Margins.under(wrenches, self.tip_over, self.slip)
+        return margins[0] if single else margins
+
+    def classical(
+        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
+    ) -> ClassicalMeasures:
+        """Classical measures of tip-over stability in one state or in many, to compare with :meth:`margins`.
+
+        Args:
+            q, qd, qdd: see :meth:`margins`.
+
+        Raises:
+            InputError: the same; or contacts are not ordinary ones on one plane.
+        """
+        wrenches, single = self._wrenches(q, qd, qdd)
+        forces = Margins.under(wrenches, self.tip_over, self.slip).normal_forces
+        measures = ClassicalMeasures.under(wrenches, self.tip_over, forces)
+        return measures[0] if single else measures
+
+    def _wrenches(self, q: ArrayLike, qd: ArrayLike | None, qdd: ArrayLike | None) -> tuple[np.ndarray, bool]:
+        """Wrenches (N, 6) on the base in states, and whether a single state was given."""
         angles, single = joint_states("q", q, self.n)
         speeds, accelerations = (
             np.zeros_like(angles) if value is None else joint_states(name, value, self.n)[0]
@@ -390,8 +413,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
         if not len(angles) == len(speeds) == len(accelerations):
             counts = f"{len(angles)}, {len(speeds)} and {len(accelerations)}"
             raise InputError(f"q, qd, qdd: expected as many states of each, got {counts}")
-        found = Margins.under(self.loads(angles, speeds, accelerations)[1], self.tip_over, self.slip)
-        return found[0] if single else found
+        return self.loads(angles, speeds, accelerations)[1], single
 
     def require_fit(self, joints: int) -> None:
         """Raise InputError unless a motion has as many joints."""
