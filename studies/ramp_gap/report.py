@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ocptip.contact.solver import solve_many
+from ocptip.pictures import style
+from ocptip.pictures.frame import new_figure, save_figure
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.standing.arm import Robot
@@ -70,50 +69,54 @@ NOTES = """\
 
 
 def draw(case_name: str, results: list[dict], plans: dict[str, Trajectory | None], path: Path) -> None:
-    """Angles, speeds, power and reserves of the free-form motion and of the ramps; one column per base."""
+    """Angles, speeds, power and margins of both motions; one column per base, in the style of all figures."""
     case = motion_case(case_name)
-    figure = Figure(figsize=(6.4 * len(results), 11), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(4, len(results), squeeze=False, sharex=True, sharey="row")
+    figure = new_figure(5.2 * len(results) + 1.6, 12.5)
+    axes = figure.subplots(5, len(results), squeeze=False, sharex=True, sharey="row")
     for r, column in zip(results, axes.T, strict=True):
         robot = experiment_robot(case, r["base"])
-        limits = robot.arm.limits
-        plan = plans[r["base"]]
-        name = "reference motion" if plan is None else "ramp plan"
+        limits, plan = robot.arm.limits, plans[r["base"]]
         ramps = plan or case.reference_motion(limits.speed, limits.acceleration)
-        histories = [(name, "--", 1.1, r["ramp_plan_J"] or r["reference_J"], _ramp_history(robot, ramps))]
+        name = "published" if plan is None else "profiles"
+        histories = [
+            (name, style.REFERENCE, r["ramp_plan_J"] or r["reference_J"], _ramp_history(robot, ramps))
+        ]
         if r["free"]["motion"]:
             history = _free_history(robot, motion_from(r["free"]["motion"]))
-            histories.append(("free form", "-", 1.8, r["free"]["energy_J"], history))
-        for name, style, width, energy, (times, q, v, power, GN, GT) in histories:
+            histories.append(("free form", style.NOMINAL, r["free"]["energy_J"], history))
+        for name, line, energy, (times, q, v, power, moment, friction) in histories:
             for j in range(robot.arm.n):
-                look = {"color": f"C{j}", "ls": style, "lw": width}
-                column[0].plot(times, np.rad2deg(q[:, j] - case.start[j]), **look)
+                look = {**line, "color": style.MEMBERS[j]}
+                label = f"joint {j + 1}" if name == "free form" else None
+                column[0].plot(times, np.rad2deg(q[:, j] - case.start[j]), **look, label=label)
                 column[1].plot(times, np.rad2deg(v[:, j]), **look)
-            column[2].plot(times, power, "k", ls=style, lw=width, label=f"{name}: {energy:.1f} J")
-            for values, color, label in ((GN, "C3", "GN"), (GT, "C0", "GT")):
-                column[3].plot(times, values, color=color, ls=style, lw=width, label=f"{label}, {name}")
-        column[3].axhline(LIMIT, color="#888888", lw=0.9)
-        place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points", "xytext": (-3, 2)}
-        column[3].annotate("limit", (1, LIMIT), ha="right", va="bottom", color="#666666", fontsize=8, **place)
-        column[0].set_title(f"case {case_name}, {r['base']} base")
-        column[3].set_xlabel("time [s]")
-        column[2].legend(fontsize=8, loc="upper right")
-        column[3].legend(fontsize=8, ncols=2, loc="upper left")
-    joints = [Line2D([], [], color=f"C{j}", lw=1.8, label=f"joint {j + 1}") for j in range(6)]
-    joints += [Line2D([], [], color="k", ls="-", lw=1.8, label="free form"),
-               Line2D([], [], color="k", ls="--", lw=1.1, label="ramps")]  # fmt: skip
-    axes[0, 0].legend(handles=joints, fontsize=8, ncols=2, loc="upper left")
-    names = ("angle from start [deg]", "speed [deg/s]", "electric power [W]", "reserve values")
-    for row, name in zip(axes, names, strict=True):
-        row[0].set_ylabel(name)
-        for axis in row:
-            axis.grid(color="#e4e4e4", lw=0.6)
-            axis.set_axisbelow(True)
-            axis.tick_params(labelbottom=True)
-    axes[2, 0].set_ylim(top=1.2 * axes[2, 0].get_ylim()[1])  # room for the legends
-    axes[3, 0].set_ylim(0, 1.3)
-    figure.savefig(path, dpi=110)
+            for ax, quantity, values, label in (
+                (column[2], style.POWER, power, f"{name}: {energy:.1f} J"),
+                (column[3], style.TIPPING, moment, name),
+                (column[4], style.FRICTION, friction, name),
+            ):
+                ax.plot(times, quantity.scale * values, **line, color=quantity.color, label=label)
+        for ax, quantity, value in (
+            (column[3], style.TIPPING, robot.tip_over.reference_moment * (1 / LIMIT - 1)),
+            (column[4], style.FRICTION, LIMIT),
+        ):
+            value *= quantity.scale
+            ax.axhline(value, **style.LIMIT, label=f"limit {value:.3g} {quantity.unit}")
+    rows = (
+        ("Angles from the start", "angle [deg]"),
+        ("Speeds", "speed [deg/s]"),
+        ("Electric power", style.POWER.label),
+        ("Tipping margin", style.TIPPING.label),
+        ("Friction used", style.FRICTION.label),
+    )
+    for row, (title, label) in zip(axes, rows, strict=True):
+        for ax, r in zip(row, results, strict=True):
+            style.finish(ax, f"{title}, {r['base']} base", label)
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    style.head(figure, f"Case {case_name}: trapezoidal velocity profiles against free-form motions")
+    style.note(figure, "solid: free form; dotted: trapezoidal velocity profiles")
+    save_figure(figure, path, 110)
 
 
 def _free_history(robot: Robot, motion: FreeMotion) -> tuple[np.ndarray, ...]:
@@ -124,7 +127,7 @@ def _free_history(robot: Robot, motion: FreeMotion) -> tuple[np.ndarray, ...]:
     states = solve_many(robot.support, wrenches)
     power = robot.motors.power(torques, v).sum(axis=1)
     GT = robot.slip.evaluate(states, derivatives=False).GT
-    return times, q, v, power, robot.tip_over.evaluate(states).GN, GT
+    return times, q, v, power, np.maximum(robot.tip_over.evaluate(states).moments.min(axis=1), 0.0), GT
 
 
 def _ramp_history(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, ...]:
@@ -132,4 +135,11 @@ def _ramp_history(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, ...]:
     times = np.linspace(*motion.intervals.T, 41)[1:-1].ravel()
     times = np.sort(np.concatenate([times, (motion.intervals + margin * [1, -1]).ravel()]))
     s = robot.samples(motion, times)
-    return times, s.angles, s.speeds, s.powers.sum(axis=1), s.tip.GN, s.slip.GT
+    return (
+        times,
+        s.angles,
+        s.speeds,
+        s.powers.sum(axis=1),
+        np.maximum(s.tip.moments.min(axis=1), 0),
+        s.slip.GT,
+    )

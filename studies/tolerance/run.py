@@ -237,25 +237,52 @@ def _medians(
     return found
 
 
+_PARTS = {
+    ALL: ("the whole uncertainty", "D"),
+    RAMPS: ("the whole, trapezoidal profiles", "v"),
+    STATIC: ("all but delay and overshoot", "s"),
+    "both": ("delay and overshoot", "P"),
+    "tilt": ("floor tilt alone", "o"),
+    "masses": ("masses alone", "o"),
+    "friction": ("friction alone", "o"),
+    "pace": ("speed alone", "^"),
+    "push": ("push alone", "<"),
+    "overshoot": ("overshoot alone", ">"),
+    "lateness": ("delay alone", "p"),
+}
+"""What the legend says of a part, and its mark."""
+
+
 def figure(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Prices of the parts, one row of dots per task."""
-    from matplotlib.figure import Figure
+    """Additional energy of the parts, one row of marks per task."""
+    from ocptip.pictures import style
+    from ocptip.pictures.frame import new_figure, save_figure
 
     found = prices(rows, "energy_J")
-    fig = Figure(figsize=(7.5, 0.45 * len(found) + 1.4), layout="constrained")
-    ax = fig.add_subplot()
-    marks = {ALL: "D", RAMPS: "v", STATIC: "s"} | dict.fromkeys(QUANTITIES, "o") | {"both": "P"}
-    for part, mark in marks.items():
-        points = [(100 * own[part], k) for k, own in enumerate(found.values()) if part in own]
+    fig = new_figure(10.5, 0.42 * len(found) + 1.9)
+    ax = fig.subplots()
+    for k, (part, (label, mark)) in enumerate(_PARTS.items()):
+        points = [(100 * own[part], row) for row, own in enumerate(found.values()) if part in own]
         if points:
-            ax.plot(*zip(*points, strict=True), mark, label=part, ms=7 if part == ALL else 5, alpha=0.8)
+            look = {"color": style.member(k)["color"], "marker": mark, "ls": "", "label": label}
+            ax.plot(*zip(*points, strict=True), **look, ms=8 if part == ALL else 5.5, alpha=0.85)
+    ax.axvline(0.0, color=style.NOTE, lw=0.8, zorder=0)
     ax.set_yticks(range(len(found)), list(found))
     ax.invert_yaxis()
     ax.set_xscale("symlog", linthresh=5)
-    ax.set_xlabel("more energy than nominally, %")
-    ax.grid(axis="x", alpha=0.3)
-    ax.legend(fontsize=8, ncols=2)
-    fig.savefig(path, dpi=150)
+    ticks = [-5, 0, 5, 10, 20, 50, 100, 200]
+    ax.set_xticks(ticks, [f"{tick}" for tick in ticks])
+    ax.xaxis.minorticks_off()
+    ax.set_xlim(left=max(-5.0, ax.get_xlim()[0]))
+    style.finish(
+        ax,
+        "Each mark is one plan; farther to the right costs more",
+        "task",
+        "energy beyond the plan of the nominal model [%]",
+    )
+    ax.grid(axis="x", color=style.GRID, lw=0.8)
+    style.head(fig, "What keeping the margins within an uncertainty costs in energy")
+    save_figure(fig, path, 130)
 
 
 def run(

@@ -151,7 +151,8 @@ def test_title_carries_verdict_and_reserves(scenes):
     scene = read_scene(scenes / "pushed_cart.toml")
     states, tip, slip = evaluate(scene)
     title = draw_scene(scene, states, tip, slip).get_suptitle()
-    assert title == f"pushed_cart.toml: does not stand    GN {tip.GN[0]:.3g}, GT {slip.GT[0]:.3g}  (limit 1)"
+    used = f"friction used {100 * slip.GT[0]:.3g} %"
+    assert title == f"pushed_cart.toml: NOT STABLE    tipping margin 0 N m, {used}"
     figure = draw_scene(scene, states, tip, slip)
     assert to_hex(figure._suptitle.get_color()) == BROKEN
 
@@ -211,7 +212,7 @@ def test_any_state_of_a_batch_can_be_drawn(scenes):
     states = solve_many(scene.support, [scene.support.weight, scene.wrench])
     tip, slip = TipOver(scene.support).evaluate(states), Slip(scene.support).evaluate(states)
     figure = draw_scene(dataclasses.replace(scene, loads=()), states, tip, slip, index=0)
-    assert f"GN {tip.GN[0]:.3g}" in figure.get_suptitle()
+    assert f"tipping margin {tip.moments.min():.3g} N m" in figure.get_suptitle()
     assert not any(text.startswith("load") for text in texts(figure))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.text import percent, quantity, ratio, without_noise
+from ocptip.basics.text import percent, quantity, without_noise
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.force_sets import ForceSets, force_scale
 from ocptip.reserves.slip import SlipReserve
@@ -133,10 +133,17 @@ class ScenePicture:
 
     @property
     def title(self) -> str:
-        state = self.states[self.index]
-        verdict = "stands" if state.persistent else ("does not stand" if state.solved else "no answer")
-        tip, slip = ratio(self.tip.GN[self.index]), ratio(self.slip.GT[self.index])
-        return f"{self.scene.name}: {verdict}    GN {tip}, GT {slip}  (limit 1)"
+        """Verdict and margins."""
+        state, GT = self.states[self.index], float(self.slip.GT[self.index])
+        verdict = "STABLE" if state.persistent else ("NOT STABLE" if state.solved else "NO ANSWER")
+        parts = []
+        if self.nearest >= 0:
+            moment = max(float(self.tip.moments[self.index][self.nearest]), 0.0)
+            parts.append(f"tipping margin {quantity(moment, 'N m', 3)}")
+        if math.isfinite(GT):  # rounded to 100 %, a value below could contradict the verdict
+            used = quantity(100 * GT, "%", 3 if GT < 0.9995 else 6)
+            parts.append(f"friction used {used}" if GT < 1 else "slips")
+        return f"{self.scene.name}: {verdict}    {', '.join(parts)}".rstrip()
 
     def axis_name(self, index: int) -> str:
         """Tipping axis as "1-2"."""
