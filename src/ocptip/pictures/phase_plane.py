@@ -54,8 +54,10 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     assert timing is not None
     rates = np.sqrt(timing.x)
     top = HEIGHT * float(rates.max())
-    seen = (name for name, pace in zip(timed.curve_limits, timed.curve, strict=False) if pace <= top)
-    names = sorted({*timed.active, *seen} - {""}, key=_rank)
+    seen = {name for name, pace in zip(timed.curve_limits, timed.curve, strict=False) if pace <= top}
+    coloured = len(timed.active) == len(timing.s) - 1 and timed.cheapest is None and timed.jerk is None
+    seen |= set(timed.active) if coloured else set()
+    names = sorted(seen - {""}, key=_rank)
     kinds = {name: _kind(name) for name in names}
     others = [name for name in names if kinds[name] not in _QUANTITIES]
     colors = {
@@ -64,9 +66,9 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     }
     begins = timing.s[:-1]
     _by_name(ax, begins, timed.curve, timed.curve_limits, colors, lw=1.2, alpha=0.55, gid="limit")
-    coloured = len(timed.active) == len(begins) and timed.cheapest is None and timed.jerk is None
-    ax.plot(timing.s, rates, color=_NONE, lw=2.0, gid="timing", label=None if coloured else "timing")
-    if coloured:
+    if not coloured:
+        ax.plot(timing.s, rates, color="#000000", lw=2.6, gid="timing", label="timing")
+    else:
         _by_name(ax, timing.s, rates, timed.active, colors, lw=2.6, alpha=1.0, gid="active")
     if (given := plan.task.reference) is not None:
         places, speeds = _pace(timing.path, given)
@@ -75,12 +77,14 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
         ax.axvline(float(timing.path.breakpoints[k]), color=style.EVENT, lw=0.8, zorder=0)
     for name in names:
         ax.plot([], [], color=colors[name], lw=2.6, label=f"limit: {name}")
-    if "" in (*timed.curve_limits, *(timed.active if coloured else ())):
-        ax.plot([], [], color=_NONE, lw=2.6, label="none at this place", gid="none")
+    if "" in seen:
+        ax.plot([], [], color=_NONE, lw=2.6, label="no single limit", gid="none")
     ax.set_xlim(0.0, 1.0)
     ax.set_ylim(0.0, top)
     style.finish(
-        ax, "Thick: the timing; faint: the speed that each place allows alone", "ds/dt [1/s]",
+        ax,
+        "Thick: the timing; thin: the speed that each place allows alone",
+        "speed along the path ds/dt [1/s]",
         "place s on the path, 0: start, 1: goal [-]",
     )  # fmt: skip
     word = "" if timed.check.verified else ", NOT verified"

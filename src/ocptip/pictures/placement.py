@@ -22,6 +22,7 @@ from matplotlib.patches import Polygon
 
 from ocptip.motion.check import scope_of
 from ocptip.pictures.frame import new_figure, save_figures
+from ocptip.pictures.style import FRICTION, TIPPING
 from ocptip.pictures.world_view import (
     BASE,
     COLORS,
@@ -47,24 +48,26 @@ CAUSES = {
     "terrain": ("terrain", "#cfcfcf"),
     "base clearance": ("base in obstacle", "#a6a6a6"),
     "clearance": ("collision of the arm", "#b9a3cf"),
-    "joint angle": ("joint angles", "#f2c6de"),
-    "torque": ("joint torques", "#f0b27a"),
+    "joint angle": ("joint angles", "#c5e0b4"),
+    "torque": ("joint torques", "#e3bcd3"),
     "manipulability": ("manipulability", "#f7e29b"),
     "tip-over": ("tips over", "#7fb3d5"),
     "GN": ("tips over", "#7fb3d5"),
-    "GT": ("slips", "#8fcfb0"),
+    "GT": ("slips", "#f0b58a"),
     "persistence": ("loses a contact", "#5f9ea0"),
 }
 DPI = 110
 
 _OTHER_CAUSE = ("other", "#ffffff")
 _NAMES = {
-    "total": "Total",
-    "GN": "Tip-over GN",
-    "GT": "Slip GT",
-    "GK": "Force space GK",
-    "GE": "Power GE",
+    "total": ("Weighted total", "total [-]"),
+    "GN": ("Tipping margin", TIPPING.label),
+    "GT": ("Friction used", FRICTION.label),
+    "GK": ("Force space index", "GK [-]"),
+    "GE": ("Power at rest", "GE"),
 }
+"""Title and label of the scale of each map."""
+
 _SAME = 0.05  # m, rad: bases nearer than this are drawn once
 
 
@@ -174,10 +177,13 @@ def _map_panel(figure: Figure, ax: Any, panel: str, chart: PlacementMap, best: P
         gid="causes",
     )
     if panel != "causes":
-        values = chart.values(panel)
+        values, worse = (
+            _in_units(panel, chart.values(panel), best),
+            "viridis" if panel == "GN" else "viridis_r",
+        )
         if np.isfinite(values).any():
-            mesh = ax.pcolormesh(x, y, values, cmap="viridis_r", shading="nearest", gid=panel)
-            figure.colorbar(mesh, ax=ax, shrink=0.85, aspect=28, pad=0.02)
+            mesh = ax.pcolormesh(x, y, values, cmap=worse, shading="nearest", gid=panel)
+            figure.colorbar(mesh, ax=ax, shrink=0.85, aspect=28, pad=0.02, label=_scale_label(panel, best))
     if chart.patch.horizontal:
         ax.set_aspect("equal")
         limits = (x[0], x[-1]), (y[0], y[-1])
@@ -196,7 +202,8 @@ def _map_panel(figure: Figure, ax: Any, panel: str, chart: PlacementMap, best: P
 def _curve_panel(ax: Any, panel: str, chart: PlacementMap, best: Placement) -> None:
     x = _scale(chart.patch, chart.shown[0]) * chart.axes[0]
     if panel != "causes":
-        ax.plot(x, chart.values(panel), color=COLORS[0], gid=panel)
+        ax.plot(x, _in_units(panel, chart.values(panel), best), color=COLORS[0], gid=panel)
+        ax.set_ylabel(_scale_label(panel, best))
     numbers = _cause_numbers(chart)
     for k, (_, color) in enumerate(_labels(chart)):
         ax.fill_between(
@@ -226,12 +233,27 @@ def _cause_numbers(chart: PlacementMap) -> np.ma.MaskedArray:
 def _title(panel: str, best: Placement) -> str:
     if panel == "causes":
         return "Which limit fails"
-    value = best.total if panel == "total" else best.criteria[panel]
-    energy = best.problem.energy
-    unit = f" {energy.unit}".rstrip() if panel == "GE" and energy is not None else ""
+    name, _ = _NAMES[panel]
     weight = "" if panel == "total" else f", weight {getattr(best.problem.weights, panel):.3g}"
-    at = f": {value:.3g}{unit} at the star" if best.feasible else ""
-    return f"{_NAMES[panel]}{weight}{at}"
+    if not best.feasible:
+        return f"{name}{weight}"
+    value = _in_units(panel, np.array(best.total if panel == "total" else best.criteria[panel]), best)
+    unit = _scale_label(panel, best).partition("[")[2].rstrip("-]")
+    return f"{name}: {float(value):.3g} {unit}".rstrip() + f" at the star{weight}"
+
+
+def _in_units(panel: str, values: np.ndarray, best: Placement) -> np.ndarray:
+    """The tip-over index GN as a margin in N m, the friction used in %; other criteria as they are."""
+    if panel == "GN":
+        reference = best.problem.robot.tip_over.reference_moment or 0.0
+        with np.errstate(divide="ignore"):  # a base that cannot tip has no margin to draw
+            return np.maximum(reference * (1 / values - 1), 0.0)
+    return FRICTION.scale * values if panel == "GT" else values
+
+
+def _scale_label(panel: str, best: Placement) -> str:
+    label, energy = _NAMES[panel][1], best.problem.energy
+    return f"{label} [{energy.unit if energy is not None else '-'}]" if panel == "GE" else label
 
 
 def _shown(chart: PlacementMap, placement: Placement) -> list[float]:
@@ -305,10 +327,17 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
     if best.problem.keep_out:
         handles.append(Swatch(fc="none", ec=FORBIDDEN, hatch="///", label="not for the base"))
     figure.legend(handles=handles, loc="outside lower center", ncol=min(len(handles), 7), frameon=False)
-    verdict = f"total {best.total:.4f}" if best.feasible else "NOT feasible, minimum violation"
+    verdict = _margins(best) if best.feasible else "NOT feasible, minimum violation"
     verdict += scope_of(best.problem.collision)
     figure.suptitle(f"{name}: {verdict}", fontsize=14, fontweight="bold")
     return figure
+
+
+def _margins(best: Placement) -> str:
+    """Margins of the contacts, where they are criteria, and the total."""
+    known = [panel for panel in ("GN", "GT") if panel in best.criteria]
+    texts = [_title(panel, best).split(" at the star")[0] for panel in known]
+    return ", ".join([*(text[:1].lower() + text[1:] for text in texts), f"weighted total {best.total:.4f}"])
 
 
 def _apart(best: Placement, others: Sequence[Placement]) -> list[tuple[Placement, str]]:

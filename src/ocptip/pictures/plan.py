@@ -83,7 +83,7 @@ def _motion(curves: PlanCurves) -> Figure:
     row = curves.margins.get(kinds.TIPPING)
     moments = [("start", 0.0), ("goal", end)]
     if row and row.nominal and row.nominal.time is not None and _SAME < row.nominal.time < end - _SAME:
-        moments.insert(1, (f"smallest tipping margin, {row.nominal.time:.3f} s", row.nominal.time))
+        moments.insert(1, (f"minimum tipping margin, {row.nominal.time:.3f} s", row.nominal.time))
     _postures(top, curves, moments)
     _angles(panels[0], curves)
     limits, units = robot.limits.speed, ([f"{unit}/s" for unit in curves.units], curves.scales)
@@ -104,7 +104,7 @@ def _ground(curves: PlanCurves) -> Figure:
     row = curves.margins.get(kinds.TIPPING)
     worst = row.nominal if row else None
     time = 0.0 if worst is None or worst.time is None else min(max(worst.time, 0.0), curves.plan.motion.end)
-    moments = [("start" if worst is None else f"smallest tipping margin, {time:.3f} s", time)]
+    moments = [("start" if worst is None else f"minimum tipping margin, {time:.3f} s", time)]
     _, above = _postures(top, curves, moments, more=1, feet=True, axis=worst.contacts if worst else ())
     _support(above, curves)
     _tipping(panels[0], curves)
@@ -119,7 +119,7 @@ def _drives(curves: PlanCurves) -> Figure:
     row = curves.margins.get(kinds.TORQUE)
     time = 0.0 if row is None or row.nominal is None or row.nominal.time is None else row.nominal.time
     time = min(max(time, 0.0), curves.plan.motion.end)
-    _postures(top, curves, [(f"largest torque / limit, {time:.3f} s", time)], joints=True)
+    _postures(top, curves, [(f"maximum torque / limit, {time:.3f} s", time)], joints=True)
     torques, robot = curves.samples.torques, curves.plan.task.robot
     limits, units = robot.limits.torque, (robot.motor_units, np.ones(robot.n))
     _shares(panels[0], curves, style.TORQUE, "Torque of the drives", torques, limits, units, row)
@@ -231,7 +231,7 @@ def _friction(ax: Any, curves: PlanCurves) -> None:
         curves,
         quantity,
         curves.friction(curves.samples),
-        "largest of all",
+        "maximum",
         "friction",
         zorder=1.9,
         lw=3.0,
@@ -255,20 +255,25 @@ def _foot_forces(ax: Any, curves: PlanCurves) -> None:
     for k, values in enumerate(curves.normal_forces.T):
         line_style = {**style.member(k), "label": f"contact {k + 1}", "gid": f"normal-{k + 1}"}
         ax.plot(curves.times, values, **line_style)
-    for side, word in ((0, "least"), (1, "most")):
+    for side, word in ((0, "minimum"), (1, "maximum")):
         bounds = curves.normal_range[:, side]
         for value in np.unique(bounds[np.isfinite(bounds)]):
             which = np.flatnonzero(bounds == value)
-            of = "" if len(which) == len(bounds) else f" of {', '.join(str(k + 1) for k in which)}"
-            ax.axhline(value, **style.LIMIT, label=f"{word}{of}: {value:.4g} N", gid=f"{word}-normal")
-    title, contacts = "Normal forces", curves.plan.check.contacts
-    if curves.normal_range[:, 0].any():
-        title += ", distance from where a contact lets go"  # as clamps do at other forces than 0
+            of = "" if len(which) == len(bounds) else f" of {', '.join(str(k + 1) for k in which)}:"
+            ax.axhline(value, **style.LIMIT, label=f"limit{of} {value:.4g} N", gid=f"{word}-normal")
+    contacts, title = curves.plan.check.contacts, "Normal forces"
+    if contacts.alike:
+        title += " of equally compliant feet"
+    elif not contacts.unique:
+        title += ", one possible sharing"
+    if contacts.alike and contacts.alike.value < 0:
+        title += f": one lifts {contacts.alike}"
+    elif curves.normal_range[:, 0].any():  # as of clamps, which let go where they would have to pull more
+        title = title if row is None else _title(f"{title}, distance from where a contact lets go", row)
     elif row is not None:
         _marks(ax, curves, quantity, row)
-    title = title if row is None else _title(title, row)
-    shared = ", of equally compliant feet" if contacts.alike else ", one possible sharing"
-    _finish(ax, curves, title + ("" if contacts.unique else shared), quantity.label)
+        title = _title(title, row)
+    _finish(ax, curves, title, quantity.label)
 
 
 def _clearance(ax: Any, curves: PlanCurves) -> None:
@@ -306,7 +311,7 @@ def _support(ax: Any, curves: PlanCurves) -> None:
 def _begin(curves: PlanCurves, what: str, count: int) -> tuple[Figure, Any, list[Any]]:
     """A figure with room for sketches, and panels (count) over one time axis."""
     figure = new_figure(_WIDTH, 0.9 + _SKETCHES + _PANEL * count)
-    style.head(figure, f"{curves.plan.task.name}: {what}", curves.headline)
+    style.head(figure, f"{curves.motion_text}: {what}", curves.plan.check.headline)
     parts: Any = figure.subfigures(2, 1, height_ratios=(_SKETCHES, _PANEL * count))
     top, below = parts
     return figure, top, list(below.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
@@ -399,7 +404,7 @@ def _worst_limit(ax: Any, quantity: Quantity, row: MotionMargin) -> None:
 
 def _title(name: str, row: MotionMargin) -> str:
     """Name, nominal value and worst case, as the summary of a plan has them."""
-    word = "smallest" if row.minimum else "largest"
+    word = "minimum" if row.minimum else "maximum"
     parts = [name if row.nominal is None else f"{name}: {word} {at_text(row, row.nominal)}"]
     if row.worst_case is not None:
         parts.append(f"worst case {at_text(row, row.worst_case)}")

@@ -91,10 +91,10 @@ class PlanCurves:
         return reported_normal_forces(self.samples.states)
 
     @property
-    def headline(self) -> str:
-        """Verdict with its scope, duration and energy."""
+    def motion_text(self) -> str:
+        """Name, duration and energy."""
         checked = self.plan.check
-        return f"{checked.headline}; {checked.duration:.3f} s, {checked.energy:.1f} J"
+        return f"{self.plan.task.name}, {checked.duration:.3f} s, {checked.energy:.1f} J"
 
     @cached_property
     def margins(self) -> dict[str, MotionMargin]:
@@ -106,8 +106,8 @@ class PlanCurves:
         return np.maximum(samples.tip.moments.min(axis=1), 0.0)
 
     def friction(self, samples: MotionSamples) -> np.ndarray:
-        """(N,): largest share of a contact's friction in use."""
-        return np.max(samples.slip.usage, axis=1)
+        """(N,): largest share of a contact's friction in use; contacts without load have none."""
+        return np.fmax.reduce(samples.slip.usage, axis=1)
 
     @cached_property
     def worst_moments(self) -> tuple[np.ndarray, np.ndarray]:
