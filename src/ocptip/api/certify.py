@@ -39,7 +39,7 @@ class Certified:
 
     @property
     def check(self) -> MotionCheck:
-        """Of a cycle the worst of all segments."""
+        """The check of the motion; of a cycle the worst of all segments."""
         return self.checked.whole
 
     @property

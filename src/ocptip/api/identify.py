@@ -104,7 +104,7 @@ def identify(
 
 
 def _predictor(plan: PlanFolder | str | os.PathLike[str], task: str | os.PathLike[str] | None) -> Predictor:
-    """Of the folder of a plan, or of a motion file and a task."""
+    """The predictor of the folder of a plan, or of a motion file and a task."""
     name = str(plan.path) if isinstance(plan, PlanFolder) else str(plan)
     if task is None:
         folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
@@ -158,7 +158,7 @@ def _doubt_plain(found: Identified, recording: Recording) -> None:
 
 
 def beyond_samples(maps: Sequence[PowerMap], predictor: Predictor) -> list[float]:
-    """Of each joint, the share of the plan's motion that is beyond the samples of its power map."""
+    """Per joint, the share of the plan's motion that is beyond the samples of its power map."""
     times = np.linspace(0.0, predictor.motion.end, _INSTANTS)
     state = predictor.state(times, np.zeros(len(maps)), np.zeros(4 * predictor.robot.arm.links + 1))
     return [float(own.outside(state.torques[:, j], state.qd[:, j]).mean()) for j, own in enumerate(maps)]

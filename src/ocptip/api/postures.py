@@ -71,7 +71,7 @@ class RestingPosture:
         return own_refusals(self.robot, self.limits, self.instant)
 
     def within(self, tolerance: Uncertainty) -> WithinAtRest | None:
-        """The worst of a tolerance; None without one, and for parallel robots, which have none."""
+        """The worst within an uncertainty; None without one, and for parallel robots, which have none."""
         if not tolerance.given or not isinstance(self.robot, Robot):
             return None
         return posture_within(self.robot, self.q, tolerance)

@@ -160,7 +160,7 @@ class Stability:
 
     @property
     def cases(self) -> list[LoadCase]:
-        """Of all stages."""
+        """Load cases of all stages."""
         return [case for stage in self.stages for case in stage.cases]
 
     @property

@@ -29,7 +29,7 @@ from ocptip.task_files.plan_folder import read_plan_folder
 from ocptip.task_files.scene import read_scene
 
 PLAN_FOLDER = "plan"
-"""Of a cell: the folder of the plan at its best place."""
+"""Name of the folder of the plan at the best place of a cell."""
 
 
 def view(

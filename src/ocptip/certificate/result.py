@@ -17,7 +17,7 @@ AT_LIMIT = 1e-6
 """Relative (of distances m): what is claimed where a limit is used up."""
 
 LATE = "delayed joints", "overshoot after acceleration steps"
-"""Among what is sampled only: bounds within a tolerance are of all joints on time then."""
+"""Among what is sampled only: bounds within an uncertainty are then those of joints on time."""
 
 _CLAIMS = (
     ("Tipping margin", "N m", "GN", TIP_WITHIN),
@@ -176,7 +176,7 @@ def claims(verdict: Verdict, on_time: bool = False) -> str:
 
 
 def claim_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
-    """Of every quantity what is proved: nominal, and in the worst case ("-": nothing).
+    """The proved bounds of every quantity: nominal, and in the worst case ("-": nothing).
 
     Rounded to the safe side; what exceeds a limit by rounding is the limit.
     """

@@ -80,7 +80,7 @@ class Report(ABC):
 
     @property
     def exit_code(self) -> int:
-        """Of the command."""
+        """Exit code of the command."""
         return YES if self.good else NO
 
 

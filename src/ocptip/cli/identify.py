@@ -147,7 +147,7 @@ def _left(found: Identified, recording: Recording) -> list[str]:
 
 
 def _unit(parameter: str) -> str:
-    """Of a mass m1, a first moment mx1, an entry of an inertia Ixx1, or a rotor."""
+    """Unit of a mass m1, a first moment mx1, an entry of an inertia Ixx1, or a rotor."""
     return "kg m^2" if parameter.startswith(("I", "rotor")) else "kg m" if parameter[1] in "xyz" else "kg"
 
 

@@ -178,7 +178,7 @@ class _TaskRow:
 
     @property
     def cells(self) -> list[str]:
-        """Of the table in the end."""
+        """Cells of the final table."""
         answer = ("yes", "NO", "BAD INPUT", "ERROR")[min(self.code, 3)]
         known = self.data or {}
         energy, seconds = known.get("energy_J"), known.get("duration_s")

@@ -31,7 +31,7 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
 
 POSE_COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
-"""Of arms and platforms: position, m, base frame; rotation vector, rad, base axes, that turns the pose."""
+"""Coordinates of arms and platforms: position, m, base frame; rotation vector of the pose, rad, base axes."""
 
 USUAL_OF_ARMS = ("dm_2", "dm_inf", "pi_oe", "inv_cdn_oe", "manipulability")
 USUAL_OF_PLATFORMS = ("ctn", "inv_cdn_oe", "manipulability", "sigma_r", "sigma_s")

@@ -145,7 +145,7 @@ def _slides(names: tuple[str, ...], moved: np.ndarray, contacts: np.ndarray) -> 
 
 
 def _variance_of_mean(values: np.ndarray) -> float:
-    """Of noise with memory."""
+    """Variance of the mean of correlated noise."""
     a = autoregression(values)
     order = len(a) - 1
     away = values - values.mean()

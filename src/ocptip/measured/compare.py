@@ -192,7 +192,7 @@ class _Comparing:
         return theta
 
     def _springs(self, theta: np.ndarray) -> Elasticity:
-        """Of the joints, by sizes of `causes.of_motion`; dampings stay within what swings."""
+        """Springs of the joints by sizes of `causes.of_motion`; dampings stay below critical damping."""
         _, seen, beyond, damping = theta[self.joint_columns]
         damping = np.clip(np.where(damping == 0, DAMPING, damping), 1e-3, 1.0)
         return Elasticity(seen + beyond, damping, seen != 0)
@@ -306,7 +306,7 @@ class _Comparing:
         return [Loose(*one) for one in errors if one[-1] > 0]
 
     def _either(self, lag: float, loose: Sequence[Loose]) -> list[tuple[float, State, State]]:
-        """Of each delay and spring a step, and the robot with half of it less and more, as of `state`."""
+        """Per delay and spring a step, and the robot with half of it less and more, see `state`."""
         found, times = self.found, self.recording.times - self.found.clock - lag
         most, ends = {DELAY: _TINY * self.recording.period, BEND: 1e-7, DAMP: 1e-3}, []
         for one in loose:

@@ -195,7 +195,7 @@ class _SeriesSearch:
         yield 0, np.max(at.slip.GT) / (_SHARE * self.limits.GT)
 
     def condition(self, motion: Trajectory) -> float:
-        """Of a motion."""
+        """Condition number of a motion."""
         return self._condition(*motion.states(np.linspace(0.0, motion.end, 4 * _INSTANTS)))
 
     def _rows(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

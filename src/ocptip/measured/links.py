@@ -168,7 +168,7 @@ class Identified:
 
 
 def parameter_names(arm: ArmModel) -> list[str]:
-    """Of all parameters, (10 L,) and rotors."""
+    """Names of all parameters, (10 L,), and of the rotors."""
     rotors = [f"rotor{j + 1}" for j in range(arm.n)] if arm.armature.any() else []
     return [f"{name}{k + 1}" for k in range(arm.links) for name in NAMES] + rotors
 

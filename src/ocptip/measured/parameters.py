@@ -20,7 +20,7 @@ from ocptip.standing.sensor import WrenchSensor
 PER_BODY = 10
 _PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-"""Of the parameters of a body."""
+"""Names of the parameters of a body."""
 
 
 def parameters_of(body: RigidBody) -> np.ndarray:

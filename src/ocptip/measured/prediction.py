@@ -27,7 +27,7 @@ _DIFFERENCE = 1e-3  # N m: step of the power's slope over torques
 
 @dataclass(frozen=True, eq=False)
 class Elasticity:
-    """Of the joints.
+    """Elasticity of the joints.
 
     Attributes:
         bends: (n,), rad / N m; 0 where a joint is stiff.
@@ -41,7 +41,7 @@ class Elasticity:
 
     @classmethod
     def none(cls, n: int) -> Elasticity:
-        """Of stiff joints."""
+        """Elasticity of stiff joints."""
         return cls(np.zeros(n), np.full(n, DAMPING), np.ones(n, dtype=bool))
 
 

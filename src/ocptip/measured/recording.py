@@ -305,7 +305,7 @@ def _known(body: str, names: Sequence[str], sensor: str) -> tuple[str, str, int]
 
 
 def _of_joint(body: str, names: Sequence[str]) -> tuple[str, str, int] | None:
-    """Of a joint's name, alone or with a word for the quantity before or after it."""
+    """Quantity and joint of a column with a joint's name, alone or with a word for the quantity beside it."""
     short = {ANGLE: "q", SPEED: "qd", TORQUE: "tau"}
     for joint, name in enumerate(names):
         match = re.fullmatch(rf"(?:(?P<a>.*)[./\s_])?{re.escape(name)}(?:[./\s_](?P<b>\w+))?", body)

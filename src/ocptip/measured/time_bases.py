@@ -103,7 +103,7 @@ def _even(times: np.ndarray) -> bool:
 
 
 def _without_repeats(times: np.ndarray, signals: Columns) -> tuple[np.ndarray, dict]:
-    """Of lines with the same time the last one, as in motion.csv."""
+    """The last one of lines with the same time, as in motion.csv."""
     last = np.append(np.diff(times) > 0, True)
     return times[last], {name: (kind, index, values[last]) for name, (kind, index, values) in signals.items()}
 

@@ -89,7 +89,7 @@ class Proof(Protocol):
         ...
 
     def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
-        """Of motions one after the other, this one first, which begin then, s."""
+        """The result for motions one after the other, this one first, which begin at `begins`, s."""
         ...
 
     def to_dict(self) -> dict[str, Any]:
@@ -115,7 +115,7 @@ class MotionCheck:
         drives: how gripper and base vibrate with elastic joints; None where they do not.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was checked, and the smallest distance, see `Collisions.to_dict`.
-        within: the contacts at the worst of the tolerance; None where none was given.
+        within: the contacts in the worst case of the uncertainty; None without uncertainty.
         certificate: what is proved for all instants; None where nobody has put one there.
     """
 

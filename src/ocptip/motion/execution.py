@@ -49,8 +49,8 @@ class Execution:
     def of_drives(
         cls, robot: StandingMechanism, motion: Trajectory, limits: Limits, check: MotionCheck
     ) -> Execution:
-        """Of drives that take commands, whose check is known; the points are for controllers that run them
-        exactly.
+        """Execution by drives that take commands, whose check is known; the points are for controllers that
+        run them exactly.
 
         These draw cubics for trapezoidal velocity profiles, and quintics for S-curves. Times in whole
         nanoseconds raise accelerations between neighbouring switching times of two joints. So the points are

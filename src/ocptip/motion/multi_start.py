@@ -296,7 +296,7 @@ class ToleranceError(PlanningError):
 
 
 def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
-    """Says how the starts ended, what the nearest one lacks, and how much of a tolerance there can be."""
+    """Says how the starts ended, what the nearest one lacks, and how much of an uncertainty there can be."""
     moving = [(a.result, a.motion, a.check) for a in attempts if a.motion is not None and a.check is not None]
     if not moving:
         first = attempts[0].result.status

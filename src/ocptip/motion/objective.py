@@ -30,7 +30,7 @@ class Objective:
     size: float
 
     def cost(self, energy: float, duration: float) -> float:
-        """Of a motion with this energy (J) and duration (s), in `unit`."""
+        """Cost of a motion with this energy (J) and duration (s), in `unit`."""
         return self.energy_weight * energy + self.time_weight * duration
 
     def with_power(self, power: float) -> Objective:

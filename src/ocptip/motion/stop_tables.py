@@ -43,7 +43,7 @@ class PathTable:
         self.durations = np.array([path.stop(t).times[-1] for t in times])
 
     def worst(self) -> dict[str, Any]:
-        """Of the check: values, and when the stop passes there."""
+        """Worst values of the check, and when the stop passes there."""
         found: dict[str, Any] = {"longest_stop_s": float(np.max(self.durations))}
         for name in ("GN", "GT"):
             if worst := self._checked.worst.get(f"{name}_stop"):

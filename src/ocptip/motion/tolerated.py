@@ -220,7 +220,9 @@ def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
 
 
 def _worse(one: Tolerated, other: Tolerated) -> bool:
-    """Of the same quantity; a factor of friction is worse if it is larger."""
+    """Whether one value of a quantity is worse than another; a factor of friction is worse if it is
+    larger.
+    """
     if one.quantity == "friction":
         return one.value > other.value
     return (one.value, one.at_most) < (other.value, other.at_most)
@@ -435,7 +437,7 @@ def too_much(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> tu
 
 
 def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Callable[[Uncertainty], bool]:
-    """Whether a motion keeps its contacts within a tolerance."""
+    """Whether a motion keeps its contacts within an uncertainty."""
     cases = worst_case_of(robot, limits.tolerance)
     kinds = limits_of(robot, limits)
     times = motion.both_sides(SPACING)

@@ -43,15 +43,15 @@ class Program(Protocol):
         ...
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """Of the objective."""
+        """Gradient of the objective, (nx,)."""
         ...
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Of the rows (rows, nx)."""
+        """Jacobian of the rows, (rows, nx)."""
         ...
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
-        """Of sigma * objective + multipliers . rows."""
+        """Hessian of sigma * objective + multipliers . rows, (nx, nx)."""
         ...
 
 

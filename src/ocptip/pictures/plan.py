@@ -197,7 +197,7 @@ def _shares(
 
 
 def _sign(curves: PlanCurves, shares: np.ndarray, row: MotionMargin) -> float:
-    """Of the share that is largest at the worst instant."""
+    """Sign of the share that is largest at the worst instant."""
     if row.nominal is None or row.nominal.time is None:
         return 1.0
     at = shares[int(np.argmin(np.abs(curves.times - row.nominal.time)))]

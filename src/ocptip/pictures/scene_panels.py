@@ -287,7 +287,7 @@ def _best_view(positions: np.ndarray) -> tuple[int, int]:
 
 
 def _area(points: np.ndarray) -> float:
-    """Of the convex hull, m^2."""
+    """Area of the convex hull, m^2."""
     x, y = points[hull(points)].T if len(points) > 2 else np.zeros((2, 1))
     return float(abs(x @ np.roll(y, 1) - y @ np.roll(x, 1))) / 2
 

@@ -33,7 +33,7 @@ class Quantity:
 
     @property
     def label(self) -> str:
-        """Of an axis: name and unit."""
+        """Label of an axis: name and unit."""
         return f"{self.name} [{self.unit}]"
 
 

@@ -48,7 +48,7 @@ class CyclePlacement:
 
     @property
     def cost(self) -> float:
-        """Of the plan, in the unit of the cycle's objective; infinite where there is no verified one."""
+        """Cost of the plan, in the unit of the cycle's objective; infinite where there is no verified one."""
         if self.plan is None or not self.plan.verified:
             return np.inf
         return self.plan.task.objective.cost(self.plan.energy, self.plan.duration)

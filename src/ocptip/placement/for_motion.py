@@ -50,7 +50,7 @@ class MotionPlacement:
 
     @property
     def duration(self) -> float:
-        """Of all legs, s; infinite if one has no plan."""
+        """Duration of all legs, s; infinite if one has no plan."""
         return float(sum(np.inf if plan is None else plan.duration for plan in self.plans))
 
     def to_dict(self) -> dict[str, Any]:

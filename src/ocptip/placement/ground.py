@@ -14,7 +14,7 @@ from ocptip.basics.frozen import settle
 from ocptip.numerics.batch import BatchFunction
 
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
-"""Of the derivatives by x and y that a height field gives, in this order."""
+"""Orders of the derivatives by x and y that a height field gives."""
 
 _SLOPES = 3  # of them: height and slopes
 _DEGREE = 3

@@ -88,7 +88,7 @@ class PlacementMap:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the tables: (cells,), or (second axis, first axis)."""
+        """Shape of the tables: (cells,), or (second axis, first axis)."""
         return tuple(len(axis) for axis in reversed(self.axes))
 
     def values(self, name: str) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""Whether a robot at rest keeps its contacts at the worst of a tolerance, arm and payload included."""
+"""Whether a robot at rest keeps its contacts in the worst case of an uncertainty, arm and payload
+included.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,7 @@ def posture_within(robot: Robot, q: np.ndarray, tolerance: Uncertainty) -> Withi
 
 
 def _within(cases: Sequence[Callable[[Uncertainty], RestCase]], tolerance: Uncertainty) -> WithinAtRest:
-    """The worst of cases within the part of a tolerance that counts at rest."""
+    """The worst of cases within the part of an uncertainty that counts at rest."""
     own = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
     ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in AT_REST)
     return found_within(cases, own, AT_REST, ignored)

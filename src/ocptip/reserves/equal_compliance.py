@@ -114,7 +114,7 @@ def face_each_other(support: Support) -> bool:
 
 @lru_cache(maxsize=8)
 def _equal_slip(support: Support) -> Slip | None:
-    """Of the same feet with one stiffness, whatever it is."""
+    """Friction utilisation on the same feet with equal stiffness, whose value has no influence."""
     feet = all(isinstance(contact, UnilateralContact) for contact in support.contacts)
     if not feet or face_each_other(support) or Slip(support).redistribution == "tangential":
         return None

@@ -67,7 +67,7 @@ class FourFeet:
         self._equal = np.ascontiguousarray(equal)
 
     def share(self, wrenches: np.ndarray) -> SharedLoads:
-        """Of wrenches (N, 6) on the base, N and N m."""
+        """Shared loads under wrenches (N, 6) on the base, N and N m."""
         count = len(wrenches)
         found = SharedLoads(*(np.full((count, *shape), np.nan) for shape in ((), (4,), (4,))))
         given = np.ascontiguousarray(wrenches), self._loads, self._normals, self._shift, self._friction

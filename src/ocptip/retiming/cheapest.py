@@ -96,7 +96,7 @@ class CheapestProgram:
         self.by_joint = drives.regeneration < 1
 
     def cost(self, x: np.ndarray) -> float:
-        """Of a timing, x in 1/s^2."""
+        """Cost of a timing, x in 1/s^2."""
         x = x / self.unit
         z = 0.5 * (np.sqrt(x[1:]) + np.sqrt(x[:-1]))[:, None]
         m = self.on_p * x[:-1, None] + self.on_q * x[1:, None] + self.constant

@@ -51,7 +51,9 @@ class QuadraticDrives:
 
     @classmethod
     def of(cls, motors: Motors, limits: JointLimits) -> QuadraticDrives:
-        """Of DC motors they themselves; of others drives below them, within torque and speed limits."""
+        """The DC motors themselves; for other motors quadratic lower bounds, within torque and speed
+        limits.
+        """
         if not isinstance(motors, DCMotors):
             return _below(motors, limits)
         loss, viscous = motors.motor_constant**-2, motors.viscous

@@ -140,7 +140,7 @@ class Grid:
         return found
 
     def name(self, number: int, extra: ExtraRows, interval: int) -> str:
-        """Of the limit of a row of an interval."""
+        """Name of the limit of a row of an interval."""
         size = len(self.planes.names)
         if number >= 2 * size:
             return extra.names[int(np.searchsorted(extra.intervals, interval)) + number - 2 * size]

@@ -38,7 +38,7 @@ class PoweredTiming:
         )
 
     def cost(self, x: np.ndarray) -> float:
-        """Of a timing, x (N + 1,) in 1/s^2."""
+        """Cost of a timing, x (N + 1,) in 1/s^2."""
         z = 0.5 * (np.sqrt(x[1:]) + np.sqrt(x[:-1]))
         torque = self._on_p * x[:-1, None] + self._on_q * x[1:, None] + self._rest
         power = self._motors.power(torque, self._dq * z[:, None], np.where(self._dq < 0, -1.0, 1.0))

@@ -275,7 +275,7 @@ def _solve(
 
 
 def _drives(robot: StandingMechanism, objective: Objective, coupled: bool) -> QuadraticDrives | None:
-    """Of the cone program; None: none is solved."""
+    """Drives of the cone program; None: none is solved."""
     if objective.name == "time":
         return QuadraticDrives.free(robot.n) if coupled else None
     if not robot.direct_drives:

@@ -188,7 +188,7 @@ class TimingLimits:
         return HalfPlanes(tuple(names), *np.concatenate(blocks, axis=2))
 
     def tangents(self, places: Places, u: np.ndarray, x: np.ndarray) -> Tangents:
-        """Of the curved limits, where their use is near 1 or more, at u and x (P,)."""
+        """Tangents of the curved limits, where their use is near 1 or more, at u and x (P,)."""
         at = places.instants(u, x)
         slopes = places.slopes(at, u, x)
         found: list[tuple[np.ndarray, str, np.ndarray]] = []

@@ -34,7 +34,7 @@ _ASCENTS, _PASSES = 24, 6  # of the search for the largest gravity torques: star
 
 @dataclass(frozen=True, eq=False)
 class MotionTerms:
-    """Of N states: torques are inertia qdd + bias, the wrench on the base is per_acceleration qdd + rest.
+    """Terms of N states: torques are inertia qdd + bias, the base wrench is per_acceleration qdd + rest.
 
     Attributes:
         inertia: (N, n, n), kg m^2.
@@ -92,7 +92,7 @@ def terms(
     about: np.ndarray,
     process: np.ndarray | None = None,
 ) -> MotionTerms:
-    """Of angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes.
+    """Terms at angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes.
 
     A process that varies needs its values, (N, 6) in its axes.
     """

@@ -310,7 +310,7 @@ class CollisionModel(Collisions):
 
 @lru_cache(maxsize=8)
 def _gap_functions(collision: CollisionModel, pairs: tuple[int, ...]) -> tuple[BatchFunction, BatchFunction]:
-    """Of some distances: values with slopes, and the weighted sum's second derivative."""
+    """Functions of some distances: values with slopes, and the weighted sum's second derivative."""
     q, weights = cs.SX.sym("q", collision.n), cs.SX.sym("weights", len(pairs))
     gaps = collision.function(q)[list(pairs)]
     hessian, _ = cs.hessian(cs.dot(weights, gaps), q)

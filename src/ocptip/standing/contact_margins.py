@@ -78,7 +78,7 @@ class ContactMargins:
 
     @classmethod
     def of(cls, at: Loaded, times: np.ndarray) -> ContactMargins:
-        """Of instants at times (N,), s."""
+        """Margins of instants at times (N,), s."""
         tip, tip_over = at.tip, at.robot.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
         weak = at.states.persistent & at.states.without_basis

@@ -14,7 +14,7 @@ from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import NONE, Uncertainty, overshoot_of
 
 NEARLY_LOST = 0.999
-"""Of GN and GT: so near to 1, where a contact is lost, may the worst within a tolerance come in samples."""
+"""Maximum GN and GT of samples within an uncertainty; at 1 a contact is lost."""
 
 TIP_WITHIN, SLIP_WITHIN = "GN_worst_case", "GT_worst_case"
 TORQUE_WITHIN, CLEARANCE_WITHIN = "torque_ratio_worst_case", "clearance_worst_case"
@@ -43,9 +43,9 @@ class Limits:
         jump_foot_force: the same of the loads after acceleration steps with their overshoot, N.
         jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
         tolerance: the uncertainty.
-        GN_worst_case, GT_worst_case: largest values at the worst of the tolerance, planned, and evaluated by
-            the sampled check; proofs keep smaller limits as they are, and instead of the default that no
-            contact is lost: below 1.
+        GN_worst_case, GT_worst_case: largest values in the worst case of the uncertainty, planned, and
+            evaluated by the sampled check; proofs keep smaller limits as they are, and instead of the default
+            that no contact is lost: below 1.
         clearance_worst_case: smallest distance, m, with joints that are delayed within the tolerance.
         stops: what stops along the path, begun at any instant, have to keep; None: they are not checked.
         brakes: the same of stops by brakes.

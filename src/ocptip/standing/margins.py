@@ -96,7 +96,7 @@ class Margins:
 
     @classmethod
     def of(cls, states: ContactStates, tip_over: TipOver, slip: Slip) -> Margins:
-        """Of contact states, as `contact.resting` gives them, by the margins of their support."""
+        """Margins of contact states, as `contact.resting` gives them, by those of their support."""
         tip, slipping = tip_over.evaluate(states), slip.evaluate(states, derivatives=False)
         shown, unique = reported_slip(states, slipping), slip.redistribution == "tangential"
         lifts = tip.lifting_contact >= 0

@@ -274,7 +274,7 @@ def _has_friction(contact: Binding) -> bool:
 
 
 def _base_shifts(stand: _Stand) -> list[_Change]:
-    """Of the base's centre of mass, towards where GN falls fastest, and down."""
+    """Shifts of the base's centre of mass in the direction in which GN falls fastest, and down."""
     support, d = stand.support, stand.support.dimension
     pull, mm = support.mass * support.gravity, f"{1e3 * MILLIMETRES:g} mm"
     down = support.gravity / max(float(np.linalg.norm(support.gravity)), 1e-300)
@@ -299,7 +299,7 @@ def _base_shifts(stand: _Stand) -> list[_Change]:
 
 
 def _base_mass(stand: _Stand, reference: float) -> _Change:
-    """Of a mass at the base's centre of mass; `reference`: of the reference moment's logarithm per kg."""
+    """Change by a mass at the base's centre of mass; `reference`: slope of the logarithm of M0 per kg."""
     support = stand.support
     per_unit = np.zeros_like(stand.wrenches)
     per_unit[:, : support.dimension] = support.gravity

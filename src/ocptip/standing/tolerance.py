@@ -175,7 +175,7 @@ class Uncertainty:
 
     @property
     def overshoot(self) -> float:
-        """Of an acceleration step, as a share of its height; 0 where none is counted."""
+        """Overshoot of an acceleration step, as a share of its height; 0 where none is counted."""
         return 0.0 if self.damping is None else overshoot_of(self.damping)
 
     @property

@@ -393,7 +393,7 @@ def _durations(table: Table) -> dict[str, float]:
 
 
 def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | None:
-    """Of the accelerations, of [limits], else of the joints: those with which no jerk can be exceeded.
+    """Rise times of [limits], else those with which no jerk limit of the joints can be exceeded.
 
     Within a rise time an acceleration changes by no more than from its limit to the opposite one.
     """

@@ -168,7 +168,7 @@ def read_gears(table: Table, arm: ArmModel) -> Gears | None:
 
 
 def gear_damping_ratio(table: Table) -> float:
-    """Of [motors]."""
+    """Damping ratio of the gears in [motors]."""
     ratio = table["gear_damping_ratio"]
     if ratio >= 1:
         raise table.error(f"must be below 1 (5 %: 0.05), got {ratio:g}", "gear_damping_ratio")

@@ -108,7 +108,7 @@ def load_table(data: Table, segment: Table | None = None, key: str = "payload") 
 
 
 def _names(data: Table, key: str) -> list[str]:
-    """Of the tables below `[payload]`, where there is nothing else in it."""
+    """Names of the tables below `[payload]`, if it has nothing else."""
     value = data.value(key)
     tables = isinstance(value, dict) and value and all(isinstance(own, dict) for own in value.values())
     return [name for name in value if name != "shape"] if tables and list(value) != ["shape"] else []

@@ -196,7 +196,9 @@ class TaskScene:
 
 
 def limits_of(table: Table, support: Support, motors: Table | None) -> dict[str, float]:
-    """Of [limits]; acceleration steps count with the minimum damping ratio of feet and elastic joints."""
+    """Numbers of [limits]; acceleration steps count with the minimum damping ratio of feet and elastic
+    joints.
+    """
     ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
     if motors is not None and "gear_stiffness" in motors:
         ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]

@@ -97,7 +97,7 @@ def columns_of(
 
 
 def _numbered(number: int, text: str) -> _Column | None:
-    """Of q1_deg, qd1_deg_s, qdd1_deg_s2, with unit or without."""
+    """Column of q1_deg, qd1_deg_s, qdd1_deg_s2, with unit or without."""
     match = _NUMBERED.match(text)
     if match is None:
         return None
@@ -109,7 +109,7 @@ def _numbered(number: int, text: str) -> _Column | None:
 
 
 def _named(number: int, text: str, names: Sequence[str] | None) -> _Column | None:
-    """Of a joint's name with a word for the quantity, or alone."""
+    """Column of a joint's name with a word for the quantity, or alone."""
     for joint, name in enumerate(names or ()):
         for body, unit in _bodies(text):
             match = re.fullmatch(rf"(?:(.*)[./\s_])?{re.escape(name)}(?:[./\s_](.*))?", body)
@@ -143,7 +143,7 @@ def _missing(
 
 
 def _unit(header: Sequence[str], column: _Column, units: Sequence[str], unit: str | None) -> str:
-    """Of a column: what it says, else m for joints that slide, else what the user says."""
+    """Unit of a column: that of its title, else m for joints that slide, else that of the user."""
     if column.unit:
         return column.unit
     if column.joint < len(units) and units[column.joint] == "m":

@@ -50,7 +50,7 @@ class Leg:
     def of_rows(
         cls, rows: list[np.ndarray], knots: list[float], lengths: np.ndarray, points: np.ndarray, own: slice
     ) -> Leg:
-        """Of the polynomials between knots."""
+        """Leg of polynomials between knots."""
         kept = np.append(np.diff(knots) > LEAST * knots[-1], True)  # blends may leave no line between them
         curve = PPoly(np.stack(rows, axis=1)[:, kept[:-1]], np.array(knots)[kept])
         return cls(curve, lengths[own], points[own], np.arange(len(points))[own])

@@ -37,7 +37,7 @@ def s_curve(ramps: JointRamps, rise_time: float) -> Pieces:
 
 
 def _integral(ramps: JointRamps, times: np.ndarray) -> np.ndarray:
-    """Of the angle from t = 0 to each time, rad s; the joint rests before and after."""
+    """Integral of the angle from t = 0 to each time, rad s; the joint rests before and after."""
     lengths, angles, speeds = ramps.durations, ramps.angles[:-1], ramps.speeds[:-1]
     pieces = lengths * (angles + lengths * (speeds / 2 + lengths * ramps.accelerations / 6))
     at_edges = np.concatenate([[0.0], np.cumsum(pieces)])

@@ -372,7 +372,7 @@ class Trajectory:
 
     @property
     def _source(self) -> VelocityProfiles | Points | PathTiming:
-        """Of a single motion: what it is made of."""
+        """The data of a single motion."""
         made = self.profiles or self.points or self.timing
         if made is None:
             raise InputError("trajectory: expected profiles, points, a timing or parts, got none")

@@ -29,7 +29,7 @@ _SAME = 1e-6  # rad, m
 Way = tuple[int, ...]
 """Numbers of the postures in the layers."""
 Cost = Callable[[int, int, int], float]
-"""Of a segment from one posture to another: numbers of segment and postures; infinite where there is none."""
+"""Cost of a segment between two postures: numbers of segment and postures; infinite where there is none."""
 
 
 def layers_of(task: CycleTask) -> list[np.ndarray]:
@@ -55,7 +55,7 @@ def layers_of(task: CycleTask) -> list[np.ndarray]:
 
 
 def _promising(task: CycleTask, layers: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Of many postures per layer those through which the shortest paths lead."""
+    """The postures of each layer through which the shortest paths lead."""
     lengths = [
         np.sum(np.abs(after[None] - before[:, None]) / _speeds(task.segments[0]), axis=2)
         for before, after in pairwise(layers)
@@ -122,12 +122,12 @@ def best_sequences(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -
 
 
 def rest_cost(segment: Segment, goal: np.ndarray) -> float:
-    """Of the standstill after a segment that ends in posture `goal`, (n,), in units of the objective."""
+    """Cost of the standstill after a segment that ends in posture `goal`, (n,), in units of the objective."""
     return segment.task.objective.cost(segment.standby(goal) * segment.rest, segment.rest)
 
 
 def leg_cost(segment: Segment, start: np.ndarray, goal: np.ndarray) -> float:
-    """Of the synchronised default motion between postures (n,) and the rest after it, in units of the
+    """Cost of the synchronised default motion between postures (n,) and the rest after it, in units of the
     objective's size.
 
     Infinite if it never stands.

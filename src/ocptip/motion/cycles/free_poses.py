@@ -22,7 +22,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 
 STEPS = (0.5, 0.25, 0.125, 0.0625)
-"""Of a range of the TCP; of `TURN` along a redundancy."""
+"""Steps as shares of a range of the TCP, or of `TURN` along a redundancy."""
 TURN = 0.8  # rad (sliding joints: m), of the joint that moves most
 SPARED = 1e-4  # share of the cost that a step has to spare
 _SAME = 1e-6  # rad, m
@@ -99,7 +99,7 @@ class MovedWay:
 
     @property
     def cost(self) -> float:
-        """Of all segments, in units of the objective's size."""
+        """Cost of all segments, in units of the objective's size."""
         return float(np.sum(self._costs))
 
     def _leg(self, k: int, postures: Sequence[np.ndarray]) -> float:

@@ -110,7 +110,7 @@ class CycleTask:
         return off[np.argmin(off.max(axis=1))]
 
     def titles(self) -> list[str]:
-        """Of the segments, for messages: "segment 2 (carry)"."""
+        """Titles of the segments, for messages: "segment 2 (carry)"."""
         return [f"segment {k} ({segment.name})" for k, segment in enumerate(self.segments, 1)]
 
     def each(self, change: Callable[[MotionTask], MotionTask]) -> CycleTask:

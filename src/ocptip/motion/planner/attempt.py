@@ -99,7 +99,7 @@ class Attempt:
     check: MotionCheck | None
 
     def cost(self, objective: Objective) -> float:
-        """Of the motion; infinite unless it is verified."""
+        """Cost of the motion; infinite unless it is verified."""
         if self.check is None or not self.check.verified:
             return np.inf
         return objective.cost(self.check.energy, self.check.duration)
@@ -140,7 +140,7 @@ class Clock:
         self.solves += refiner.solves
 
     def result(self, number: int, status: str, checked: MotionCheck | None) -> StartResult:
-        """Of a start that took so long."""
+        """Result of a start, with its computing times."""
         return StartResult(
             number=number,
             status=status,

@@ -111,7 +111,7 @@ def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay:
 
 
 def _apart(groups: np.ndarray, times: np.ndarray) -> list[int]:
-    """Of groups of steps that meet, the first; together they are one step."""
+    """The first of each group of steps that coincide; together they are one step."""
     return groups[np.diff(times[groups], prepend=-np.inf) > MEET].tolist()
 
 
@@ -154,7 +154,7 @@ def masks_of(order: EventOrder, place: Deviating) -> tuple[np.ndarray, np.ndarra
 def worst_places(
     program: MotionProgram, x: np.ndarray, places: list[Deviating], first: int, share: float
 ) -> list[Deviating]:
-    """Of deviating nodes, from node `first` on, the worst of each switching time and row, if its use is at
+    """The worst deviating nodes, from node `first` on, of each switching time and row, if their use is at
     least `share`.
     """
     if not places:
@@ -175,7 +175,7 @@ def worst_places(
 
 
 def kept_at_worst(program: MotionProgram, x: np.ndarray) -> bool:
-    """Whether rows within a tolerance are kept with deviations chosen at x, not those of the solve."""
+    """Whether rows within an uncertainty are kept with deviations chosen at x, not those of the solve."""
     at = program.instants(x, np.arange(program.n_nodes))
     own = [limit for limit in program.limits if DEVIATING in limit.node_kinds]
     return all(float(np.max(limit.use(at), initial=0.0)) <= 1 + KEPT for limit in own)

@@ -22,7 +22,7 @@ from ocptip.parallel.robot import ParallelRobot
 PLATFORM = "platform"
 BASE = "base"
 SKETCH_RADIUS = 0.01
-"""Of the lines that are drawn from joint to joint, m."""
+"""Radius of the lines that are drawn from joint to joint, m."""
 
 
 @dataclass(frozen=True, eq=False)

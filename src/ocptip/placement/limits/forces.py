@@ -95,7 +95,9 @@ class Piece:
     __hash__ = None  # pyright: ignore[reportAssignmentType] # arrays have none
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the forces (3 n,); tangential ones of contacts without friction are zero, no cone is asked."""
+        """Bounds of the forces (3 n,); tangential ones of contacts without friction are zero and need no
+        cone.
+        """
         wide = np.where((self.radius == 0) & (self.slope == 0), 0.0, np.inf)
         low, high = ((end, sign * wide, sign * wide) for end, sign in ((self.lower, -1), (self.upper, 1)))
         return np.column_stack(low).ravel(), np.column_stack(high).ravel()

@@ -105,7 +105,7 @@ class TaskEvaluation(PlacedBase):
 
     @cached_property
     def names(self) -> list[str]:
-        """Of the constrained cases."""
+        """Names of the constrained cases."""
         return [self.cases[c].name for c in self.constrained]
 
     def margin(self) -> np.ndarray:

@@ -37,10 +37,10 @@ TASK_LIMITS: tuple[type[PlacementLimit], ...] = (
     Clearance,
     Manipulability,
 )
-"""Of a task; in this order they are rows of the program."""
+"""Kinds of limits of a task, in the order of the program's rows."""
 
 BASE_LIMITS = (ParameterBounds, ContactArea, OnGround, Strokes, BaseClearance, TerrainLimit)
-"""Of the base alone."""
+"""Kinds of limits of the base alone."""
 
 KINDS: dict[str, type[PlacementLimit]] = {limit.kind: limit for limit in (*TASK_LIMITS, *BASE_LIMITS)}
 """All limits by their names in results."""

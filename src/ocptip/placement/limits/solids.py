@@ -116,7 +116,7 @@ def needs_solids(problem: PlacementProblem) -> bool:
 
 @lru_cache(maxsize=4)
 def _placed_frames(arm: ArmModel) -> cs.Function:
-    """Of q (n,) and the base's axes (row by row) and origin (12,): those of links and base in the world."""
+    """Axes and origins of links and base in the world, from q (n,) and those of the base (row by row, 12)."""
     y = cs.SX.sym("y", arm.n + 12)
     own = link_frames_function(arm)(y[: arm.n])
     base, origin = cs.reshape(y[arm.n : arm.n + 9], 3, 3).T, y[arm.n + 9 :]

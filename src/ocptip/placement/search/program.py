@@ -85,11 +85,11 @@ class PlacementProgram(Variables):
         return np.concatenate([limit.values(at, own) for limit, blocks in self.limits for own in blocks])
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """Of the objective, (nx,)."""
+        """Gradient of the objective, (nx,)."""
         return self.objective.gradient(self._at(x))
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Of the rows, (rows, nx)."""
+        """Jacobian of the rows, (rows, nx)."""
         at, result = self._at(x), np.zeros((len(self.labels), self.size))
         for limit, blocks in self.limits:
             for block in blocks:
@@ -108,7 +108,7 @@ class PlacementProgram(Variables):
         return slopes, bends
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
-        """Of sigma * objective + multipliers . rows, (nx, nx)."""
+        """Hessian of sigma * objective + multipliers . rows, (nx, nx)."""
         at, sums = self._at(x), Hessian(self)
         loaded = 1 + max((k for k, (limit, _) in enumerate(self.limits) if limit.on_loads), default=-1)
         for limit, blocks in self.limits[:loaded]:

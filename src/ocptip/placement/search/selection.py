@@ -38,7 +38,7 @@ def held_cases(physics: PatchPhysics, p: np.ndarray, q: np.ndarray, share: float
 
 
 def worst_cases(physics: PatchPhysics, p: np.ndarray, q: np.ndarray) -> list[int]:
-    """Of every constrained load case the contact cases that are about as bad as its worst."""
+    """Numbers of the contact cases that are nearly the worst of their constrained load case."""
     return [j for j, _, _, near_worst in _usages(physics, p, q) if near_worst]
 
 

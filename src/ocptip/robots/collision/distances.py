@@ -31,7 +31,7 @@ _AT_ONCE = 32  # states: what is computed of so many fits into a cache
 
 
 class Distances:
-    """Of pairs of solids on K bodies.
+    """Distances of pairs of solids on K bodies.
 
     Args:
         frames: CasADi function of y (ny,): for each moving body its axes, row by row, and its origin, m; one
@@ -169,7 +169,7 @@ class Distances:
         pairs: np.ndarray,
         points: bool = True,
     ) -> Contact:
-        """Of some pairs at some states; if not asked for, normals and points are empty."""
+        """Nearest points of some pairs at some states; if not asked for, normals and points are empty."""
         rows, distance = len(states), self._coal.distance
         result = self._coal.DistanceResult()  # of its own: threads may share this object
         distances, found = np.empty(rows), np.empty((rows, 3, 3)) if points else None

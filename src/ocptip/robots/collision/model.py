@@ -254,7 +254,7 @@ def link_frames_function(arm: ArmModel) -> cs.Function:
 def collisions_of(
     arm: ArmModel, obstacles: tuple[Obstacle, ...], shapes: tuple[BodyShape, ...]
 ) -> Collisions:
-    """Of spheres among floor, walls, pillars and balls in closed form, of all else by solids."""
+    """Collisions in closed form of spheres among floor, walls, pillars and balls; all else by solids."""
     if arm.geometry is None and not arm.sphere_sets:
         return CollisionModel(arm)
     if arm.geometry is None and all(map(in_closed_form, (*obstacles, *shapes))):

@@ -20,7 +20,7 @@ from ocptip.robots.pinocchio import load_coal
 from ocptip.robots.urdf_parser import load_mesh
 
 CUTS = 40
-"""Of the meshes of a pair of links, for a posture."""
+"""Maximum number of cuts of the meshes of a pair of links, for a posture."""
 
 _GAIN = 1e-6  # m by which a cut has to part two solids
 

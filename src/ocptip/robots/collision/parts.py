@@ -151,7 +151,7 @@ def side_of(surface: np.ndarray, axis: int, level: float, side: float) -> np.nda
 
 
 def _volume(surface: np.ndarray) -> float:
-    """Of the body that triangles (T, 3, 3) bound, m^3."""
+    """Volume of the body that triangles (T, 3, 3) bound, m^3."""
     a, b, c = surface.transpose(1, 0, 2)
     return abs(float(np.sum(a * np.cross(b, c)))) / 6
 

@@ -129,7 +129,7 @@ class Capsule(Ball):
 
 @dataclass(frozen=True, eq=False)
 class Cylinder(Shape):
-    """Of some radius and length (m) along z about the origin; a prism about it (0.5 % of the radius).
+    """A cylinder of a radius and length (m) along z about the origin; a prism about it (0.5 % of the radius).
 
     On a true rim coal's search for the nearest points ends too early for derivatives.
     """
@@ -151,7 +151,7 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Box(Shape):
-    """Of edges `size` (3,), m, about the origin."""
+    """A box with edges `size` (3,), m, about the origin."""
 
     size: Sequence[float] | np.ndarray
 

@@ -202,7 +202,7 @@ def softest_feet(robot: StandingMechanism, motion: Trajectory) -> SoftestFeet | 
 
 
 def _range(lifted: Callable[..., Margin | None], exponents: list[float]) -> SoftestFeet:
-    """Of what lifts at powers of ten of the stiffness, the stiffest first.
+    """Stiffness range from what lifts at powers of ten of the stiffness, the stiffest first.
 
     Args:
         lifted: called as lifted(exponent, whether): some margin below zero is enough if `whether` is true.

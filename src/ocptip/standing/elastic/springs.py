@@ -146,7 +146,7 @@ class Ride:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Of base and mechanism at the start, all feet pressing, gears that do not give.
+    """Modes of base and mechanism at the start, all feet pressing, with rigid gears.
 
     Attributes:
         lowest, highest: natural frequencies, Hz.

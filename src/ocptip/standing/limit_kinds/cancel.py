@@ -117,7 +117,7 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
         return self.quantity.exact(stops.some(number[:, 0])), number
 
     def _chosen(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Of the worst states: sign, moves, weights, (N, width, n) each."""
+        """The worst states: sign, moves, weights, (N, width, n) each."""
         stops = self._stopped(q, qd, process)
         number, at = self._worst_of(stops)[1], stops.states_of_stops
         sign = np.repeat(np.sign(without_creep(qd))[:, None], number.shape[1], axis=1)

@@ -183,9 +183,7 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         return other
 
     def _latest(self, at: Instants) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Of pairs that are near: node, number (r,), which joints are delayed (r, n), the distance
-        (r,), m.
-        """
+        """Near pairs: node, number (r,), which joints are delayed (r, n), the distance (r,), m."""
         i, k = np.nonzero(super()._gaps(at) < self.number + FAR)
         states = np.stack(at.motion_states, axis=1)  # (N, 3, n)
         places, moved = states[i, 0], np.einsum("a,raj->rj", self._steps, states[i])

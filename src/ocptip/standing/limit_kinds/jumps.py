@@ -47,7 +47,7 @@ class Jumps:
 
     @classmethod
     def of(cls, motion: Trajectory) -> Jumps:
-        """Of any motion: velocity profiles, or samples with a polynomial between them."""
+        """Steps of any motion: velocity profiles, or samples with a polynomial between them."""
         times = motion.event_times
         angles, speeds, _ = motion.states(times)
         before, after = (motion.states(times + side)[2] for side in (-INSIDE, INSIDE))

@@ -90,19 +90,19 @@ class PeakLimit(Limit):
 
 
 class SpeedLimit(PeakLimit):
-    """Of the joints."""
+    """Maximum speeds of the joints."""
 
     name = "speed"
 
 
 class AccelerationLimit(PeakLimit):
-    """Of the joints."""
+    """Maximum accelerations of the joints."""
 
     name = "acceleration"
 
 
 class DurationLimit(Limit):
-    """Of the motion; programs have it as bounds of the end time."""
+    """Duration of the motion; programs have it as bounds of the end time."""
 
     name = "duration"
     scenario = WHOLE

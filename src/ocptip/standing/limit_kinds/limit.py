@@ -149,11 +149,11 @@ class Limit:
         return np.empty((len(at), 0))
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        """Of a motion: of measured values (N, m) at its instants, or of what else the scenario is about."""
+        """The worst of a motion: of values (N, m) at its instants, or of what else the scenario is about."""
         return []
 
     def within(self, found: Any) -> list[Worst]:
-        """Of a motion at the worst of an uncertainty, a `WithinTolerance`."""
+        """The worst of a motion within an uncertainty, from a `WithinTolerance`."""
         return []
 
     def kept(self, at: Instants) -> bool:

@@ -1,4 +1,5 @@
-"""Limits of the contacts at the worst of a tolerance: no contact is lost. See `standing.within.worst_case`.
+"""Limits of the contacts in the worst case of an uncertainty: no contact is lost. See
+`standing.within.worst_case`.
 
 Their values at instants are not measured one by one: `standing.within.in_motion` evaluates motions with
 joints that are delayed or overshoot.

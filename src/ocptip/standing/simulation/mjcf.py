@@ -61,7 +61,7 @@ class Jaw:
     friction: float
 
     def name(self, what: str) -> str:
-        """Of a geom, site or sensor."""
+        """Name of a geom, site or sensor."""
         return f"{what}{self.contact + 1}"
 
 

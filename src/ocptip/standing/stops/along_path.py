@@ -92,7 +92,7 @@ class Path:
         time: float,
         process: np.ndarray | None = None,
     ) -> Path:
-        """Of angles, speeds and accelerations, (N, n) each.
+        """Loads at angles, speeds and accelerations, (N, n) each.
 
         Args:
             robot: whose.
@@ -182,7 +182,7 @@ class StopPoints(Loaded):
 
     @classmethod
     def of(cls, robot: StandingMechanism, path: Path) -> StopPoints:
-        """Of all states of a path."""
+        """Points of all states of a path."""
         c, d = path.bounds.lines
         state = np.arange(len(c))
         x, line, end = np.zeros(len(c)), _steepest(c, d, state), np.full(len(c), -1)

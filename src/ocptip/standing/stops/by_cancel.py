@@ -96,7 +96,7 @@ class StopStates(NamedTuple):
 
 
 def stop_states(q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray) -> StopStates:
-    """Of stops from angles and speeds (N, n) at decelerations (n,); the last of each is at rest."""
+    """States of stops from angles and speeds (N, n) at decelerations (n,); the last of each is at rest."""
     count, n = q.shape
     qd = without_creep(qd)
     rests = np.abs(qd) / decelerations  # (N, n), s

@@ -91,7 +91,7 @@ class StopCheck:
         reached: tuple[np.ndarray, np.ndarray],
         postures: np.ndarray,
     ) -> JointStops:
-        """Of M states during the stops.
+        """Worst values of M states during the stops.
 
         Args:
             begun: (N, n) angles where the stops begin.

@@ -1,1 +1,1 @@
-"""A standing arm within a tolerance: its deviations, the worst of them, what is tolerable at rest."""
+"""A standing arm within an uncertainty: its deviations, the worst of them, what is tolerable at rest."""

@@ -102,7 +102,7 @@ class WorstGap:
 
 @dataclass(frozen=True)
 class WithinTolerance:
-    """A motion at the worst of a tolerance.
+    """A motion in the worst case of an uncertainty.
 
     Attributes:
         tolerance: of the arm, its base, the floor and the drives.
@@ -263,9 +263,7 @@ def _smallest_gap(
 def _late_gaps(
     robot: Robot, motion: Trajectory, delay: float, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of pairs that come near: when, s, which, the distance, m, (r,), and which joints are delayed, (r,
-    n).
-    """
+    """Pairs that come near: when, s, which, the distance, m, (r,), and which joints are delayed, (r, n)."""
     earlier = times[:, None] - np.linspace(0.0, delay, LATER)
     places = motion.states(earlier.ravel())[0].reshape(len(times), LATER, robot.n)
     ends = np.stack([places.min(axis=1), places.max(axis=1)])

@@ -152,7 +152,7 @@ class _Events:
     def _smooth_options(
         self, inside: np.ndarray, joint: int, own: np.ndarray, then: np.ndarray
     ) -> list[_Way]:
-        """Of an acceleration without step: on time, delayed, and where it was beyond in between."""
+        """Options of a joint without acceleration step: on time, delayed, and the extremes in between."""
         between = self.after[inside, joint]
         low, high = sorted((own[2], then[2]))
         least, most = between.min(initial=low), between.max(initial=high)
@@ -256,7 +256,7 @@ class _Instant:
 
 
 def _worst_combinations(every: list[_Instant], cases: WorstCase) -> list[DelayedStates]:
-    """Of each instant the combinations that are the worst for a moment or for friction, by slopes.
+    """The combinations of each instant that are the worst for a moment or for friction, by slopes.
 
     At the worst instants of each they are the worst that exchanging the case of one joint at a time leads to.
     """

@@ -208,7 +208,7 @@ def found_within(
     searched: Sequence[str],
     ignored: tuple[str, ...] = (),
 ) -> WithinAtRest:
-    """The worst of several cases within a tolerance, each made by a function of it; a reason if one fails.
+    """The worst of several cases within an uncertainty, each made by a function of it; a reason if one fails.
 
     Args:
         cases: postures or loads.

@@ -1,4 +1,4 @@
-"""How much of a tolerance is possible: why something within a tolerance is refused."""
+"""How much of an uncertainty is possible, and why something within an uncertainty is refused."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def why_not(
     Args:
         tolerance: with which something is lost.
         names: of the quantities that count, likely culprits first.
-        kept: whether nothing is lost within a tolerance.
+        kept: whether nothing is lost within an uncertainty.
     """
     if not kept(Uncertainty()):
         return UNDESCRIBED, 0.0
@@ -58,7 +58,7 @@ def culprit(
 
 
 def largest(tolerance: Uncertainty, kept: Callable[[Uncertainty], bool], close: float = CLOSE) -> float:
-    """The largest factor of a tolerance, 0 to 1, with which nothing is lost, by bisection."""
+    """The largest factor of an uncertainty, 0 to 1, with which nothing is lost, by bisection."""
     if kept(tolerance):
         return 1.0
     low, high = 0.0, 1.0
