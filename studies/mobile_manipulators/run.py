@@ -1,11 +1,11 @@
 """Mobile manipulators of other people: what `ocptip init` reads of their bases, and whether its file plans.
 
-    python -m studies.mobile_manipulators.run --folder ROBOTS --out FOLDER [--only NAME ...] [--init]
+    python -m studies.mobile_manipulators.run --folder ROBOTS --out FOLDER [--only NAME ...] [--joints N]
     python -m studies.mobile_manipulators.run --out FOLDER --table
 
 Every URDF below ROBOTS whose name is asked for goes through `init`. Where it asks which link is the tool it
 gets the first of its candidates behind most moved joints. The study then takes the marks out of the file,
-names two joints to be optimised, and plans with one start. Judged independently of ocptip: the mass against
+names the first joints to be optimised, and plans with one start. Judged independently of ocptip: the mass against
 the sum of Pinocchio's bodies, the contacts against the vertices of the meshes of their links, read by trimesh
 and placed by the URDF's own origins at zero.
 
@@ -59,8 +59,8 @@ def urdfs(folder: Path) -> Iterator[Path]:
         yield from (Path(place, name) for name in sorted(names) if name.endswith(".urdf"))
 
 
-def studied(urdf: Path, folder: Path, seconds: int, *, plans: bool) -> dict[str, Any]:
-    """What is known about one robot."""
+def studied(urdf: Path, folder: Path, seconds: int, joints: int) -> dict[str, Any]:
+    """What is known about one robot; it is planned with so many joints optimised, 0: not at all."""
     folder.mkdir(parents=True, exist_ok=True)
     first = ("init", str(urdf.absolute()), "--out", "task.toml", "--json")
     (folder / "task.toml").unlink(missing_ok=True)
@@ -73,16 +73,16 @@ def studied(urdf: Path, folder: Path, seconds: int, *, plans: bool) -> dict[str,
     about = json.loads((folder / "init.out").read_text())
     path = folder / "task.toml"
     text = path.read_text().replace(f"{MARK} ", "")
-    two = json.dumps(about["joints"][:2])
-    path.write_text(text.replace("\n# optimised", f"\noptimised = {two}\n# optimised"))
+    optimised = json.dumps(about["joints"][: max(joints, 1)])
+    path.write_text(text.replace("\n# optimised", f"\noptimised = {optimised}\n# optimised"))
     lines = len(about["to_fill"]) + 1
     row = {"init": "yes", "joints": about["joints"], "tool": about["tool_frame"], "lines": lines}
     row |= {"base": about["base"], "to_fill": about["to_fill"], "examples": about["examples"]}
     row |= _masses(urdf, path) | _off(urdf, about["base_link"], about["base"]["contacts"])
-    if plans:
+    if joints:
         call = ("plan", "task.toml", "--out", "plan", "--jobs", "1", "--starts", "1", "--seed", f"{SEED}")
         outcome = command((*call, "--no-figures", "--overwrite"), folder, seconds)
-        row |= {"plan": outcome.outcome, "reason": outcome.reason, "cpu_s": outcome.cpu}
+        row |= {"plan": outcome.outcome, "reason": outcome.reason, "cpu_s": outcome.cpu, "optimised": joints}
     return row
 
 
@@ -208,7 +208,7 @@ def study(options: argparse.Namespace) -> str:
         head = {"commit": commit(), "software": versions(), "seed": SEED}
         for number, urdf in enumerate(chosen):
             progress(number, len(chosen), urdf.stem)
-            row = studied(urdf, options.out / urdf.stem, options.seconds, plans=not options.init)
+            row = studied(urdf, options.out / urdf.stem, options.seconds, options.joints)
             rows.append({"robot": urdf.stem, **head, **row})
     return written(rows.read(), options.out)
 
@@ -222,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where results go")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="names of URDF files")
     parser.add_argument("--seconds", type=int, default=600, metavar="S", help="CPU time of a command (600)")
-    parser.add_argument("--init", action="store_true", help="do not plan")
+    parser.add_argument("--joints", type=int, default=2, metavar="N", help="optimised ones (2); 0: no plans")
     parser.add_argument("--table", action="store_true", help="print the table of what is there")
     return ended("mobile_manipulators", lambda: study(parser.parse_args(arguments)), "rows are kept.")
 

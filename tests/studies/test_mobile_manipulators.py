@@ -14,7 +14,7 @@ def test_a_cart_goes_through_the_study(tmp_path, capsys):
 
     (tmp_path / "robots").mkdir()
     written(tmp_path / "robots", *cart(), *folded_arm("chassis"))
-    assert main(["--folder", str(tmp_path / "robots"), "--out", str(tmp_path / "out"), "--init"]) == 0
+    assert main(["--folder", str(tmp_path / "robots"), "--out", str(tmp_path / "out"), "--joints", "0"]) == 0
     assert "| robot | 48.00 | 3.10 |" in capsys.readouterr().out
     (row,) = map(json.loads, (tmp_path / "out" / "mobile_manipulators.jsonl").read_text().splitlines())
     assert row["mass_error"] < 1e-9
