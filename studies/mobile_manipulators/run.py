@@ -5,9 +5,9 @@
 
 Every URDF below ROBOTS whose name is asked for goes through `init`. Where it asks which link is the tool it
 gets the first of its candidates behind most moved joints. The study then takes the marks out of the file,
-names the first joints to be optimised, and plans with one start. Judged independently of ocptip: the mass against
-the sum of Pinocchio's bodies, the contacts against the vertices of the meshes of their links, read by trimesh
-and placed by the URDF's own origins at zero.
+names the first joints to be optimised, and plans with one start. Judged independently of ocptip: the mass
+against the sum of Pinocchio's bodies, the contacts against the vertices of the meshes of their links, read by
+trimesh and placed by the URDF's own origins at zero.
 
 Writes a line per robot to mobile_manipulators.jsonl and the table to mobile_manipulators.csv.
 """
@@ -33,7 +33,7 @@ import trimesh
 from ocptip.basics.toml import MARK
 from ocptip.basics.write import versions
 from ocptip.task_files.cycle import read_task
-from studies.common import JsonLines, ended, progress, table
+from studies.common import JsonLines, ended, progress, software, table
 from studies.stock_robots.robots import StockRobot
 from studies.stock_robots.run import asked_for_tool, command, commit
 
@@ -196,7 +196,20 @@ def written(rows: Sequence[Mapping[str, Any]], out: Path) -> str:
         lines.append([row["robot"], *masses, contacts, off, gap, str(row["lines"]), plan, cpu])
     with (out / "mobile_manipulators.csv").open("w", newline="") as file:
         csv.writer(file).writerows([COLUMNS, *lines])
-    return "\n".join(table(COLUMNS, sorted(lines))) + "\n"
+    commits = ", ".join(sorted({row["commit"] for row in rows}))
+    head = [
+        "# Mobile manipulators of other people's packages",
+        "",
+        "`init` got the URDF, and the tool where it asked for one; plans had one start and seed 0.",
+        "`mass_error`: of base and arm against all bodies of Pinocchio, a share. `off_mm`: largest distance",
+        f"of a contact from the lowest vertices (within {1e3 * _BELOW:g} mm) of its link, seen from above.",
+        "`gap_mm`: difference of the heights of the contacts' links. `lines`: that had to be changed, one of",
+        "them names the optimised joints. `-`: not run.",
+        "",
+        f"Commits {commits}; {software(rows[-1]['software'])}." if rows else "",
+        "",
+    ]
+    return "\n".join([*head, *table(COLUMNS, sorted(lines))]) + "\n"
 
 
 def study(options: argparse.Namespace) -> str:

@@ -137,6 +137,10 @@ def _groups(arm: ArmModel, foot: ExampleBase, to_fill: Sequence[str]) -> dict[st
         usual.insert(0, "acceleration limits")
     groups = {"From the URDF": known, "From a default": usual}
     groups[f"To be given, in the lines that begin with {MARK}"] = list(to_fill)
+    groups["Not known to any URDF either"] = [
+        "whether drives or brakes hold the wheels",
+        "power of the drives",
+    ]
     return groups
 
 
