@@ -13,6 +13,7 @@ from ocptip.basics.read import read_json
 from ocptip.basics.write import plain
 from ocptip.cli.main import main
 from ocptip.standing.tolerance import NONE, WORKSHOP
+from ocptip.trajectories.read import load_motion
 from tests.places import EXAMPLES
 
 TIMES = ("seconds", "cpu_seconds")
@@ -107,7 +108,12 @@ def test_a_report_is_what_the_command_says(folder, tmp_path, capsys, few_tilts):
 
 def test_a_path_is_timed_as_the_command_does(tmp_path, capsys):
     path, file = EXAMPLES / "paths" / "ur5_sweep.json", EXAMPLES / "tasks" / "ur5_cart.toml"
-    plan = ocptip.retime(ocptip.load_task(file, uncertainty="none"), path)
+    task = ocptip.load_task(file, uncertainty="none")
+    plan = ocptip.retime(task, path)
+    motion = load_motion(path, task.robot.names, task.robot.units, start=task.start)
+    assert ocptip.retime(task, motion).duration == plan.duration
+    with pytest.raises(ocptip.InputError, match="task: missing"):
+        ocptip.retime(None, motion)
     options = ["--task", file, "--tolerance", "none", "--no-figures", "--out", tmp_path / "out"]
     code, data = said(capsys, "retime", path, *options)
     assert (code, plan.verified) == (0, True)

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
-from ocptip.api.given import task_of_motion
+from ocptip.api.given import MotionLike, task_of_motion
 from ocptip.api.plan import Plan
-from ocptip.api.tasks import Base, TaskLike
+from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
@@ -30,7 +30,7 @@ from ocptip.retiming.retime import retime as time_path
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import WORKSHOP
-from ocptip.task_files.path import load_path, refuse_early
+from ocptip.task_files.path import load_path, path_along, refuse_early
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.path_fit import FittedPath
 from ocptip.trajectories.tool_path import ToolPath, tool_distance
@@ -147,7 +147,7 @@ class RetimedPlan(Plan):
 
 def retime(
     task: TaskLike | None,
-    path: str | os.PathLike[str],
+    path: MotionLike,
     *,
     base: Base | None = None,
     objective: Literal["time", "energy", "both"] | None = None,
@@ -170,7 +170,7 @@ def retime(
 
     Args:
         task: robot and limits; what :func:`ocptip.load_task` takes. None: what the path's file names.
-        path: a file of waypoints (TOML), or of a motion, whose times are not kept.
+        path: a file of waypoints (TOML), or a motion or its file, whose times are not kept.
         base: of a case, if it is not that of the file.
         objective, price_per_second: what is minimised; default "time".
         max_duration: s, at most.
@@ -189,11 +189,16 @@ def retime(
     for name, value in (("rate", rate), ("jerk", jerk), ("max_duration", max_duration)):
         if value is not None:
             positive_number(name, value)
-    refuse_early(path)  # the task may have to be compiled first
-    task, path = task_of_motion(path, task, base, WORKSHOP)
-    given = load_path(
-        path, task, columns=columns, tolerance=path_tolerance, unit=unit, rate=rate, topic=topic
-    )
+    if isinstance(path, Trajectory):
+        if task is None:
+            raise InputError("task: missing; a motion that is no file does not say which robot it is of")
+        task, name = load_task(task, base=base), "motion"
+        given = path_along(path, task, path_tolerance)
+    else:
+        refuse_early(path)  # the task may have to be compiled first
+        task, file = task_of_motion(path, task, base, WORKSHOP)
+        reading = {"columns": columns, "unit": unit, "rate": rate, "topic": topic}
+        name, given = file.name, load_path(file, task, tolerance=path_tolerance, **reading)
     motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
     goal = (
         TIME if objective is None and price_per_second is None else objective_of(objective, price_per_second)
@@ -206,7 +211,7 @@ def retime(
         ends = {"start": fit.path.start, "goal": fit.path.goal, "targets": (None, None), "choices": ()}
         limits = replace(segment.task.limits, **most)
         asked = replace(segment.task, **ends, reference=motion, limits=limits, objective=goal)
-        where = f"{path.name} (segment {segment.name})" if task.is_cycle else path.name
+        where = f"{name} (segment {segment.name})" if task.is_cycle else name
         with naming(where):
             timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or _silent))
     planned = _cycle(cast(CycleTask, task), timings) if task.is_cycle else timings[0].plan

@@ -107,12 +107,17 @@ def load_path(
     if path.suffix.lower() == ".toml":
         return _waypoints(path, task, tolerance)
     known = {"unit": unit or "", "start": task.start, "rate": rate, "columns": columns, "topic": topic}
-    found = load_motions(path, task.robot.names, task.robot.units, **known)
+    motion = load_motions(path, task.robot.names, task.robot.units, **known)
     with naming(path.name):
-        task.robot.require_fit(found.n)
-        motions = segments_of(task, found).segments
-        within = None if not tolerance else joint_tolerance(task, tolerance)
-        return GivenPath(tuple(path_of_motion(own, within) for own in motions), motions)
+        return path_along(motion, task, tolerance)
+
+
+def path_along(motion: Trajectory, task: Task, tolerance: float | None = None) -> GivenPath:
+    """The path of a motion, whose times are a comparison; see :func:`load_path`."""
+    task.robot.require_fit(motion.n)
+    motions = segments_of(task, motion).segments
+    within = None if not tolerance else joint_tolerance(task, tolerance)
+    return GivenPath(tuple(path_of_motion(one, within) for one in motions), motions)
 
 
 def joint_tolerance(task: Task, tolerance: float) -> np.ndarray:
