@@ -23,7 +23,7 @@ from ocptip.trajectories.read import CERTIFICATE
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certified:
-    """What was proved of a motion, or of the motions of a cycle.
+    """The bounds that were proved for a motion, or for the motions of a cycle.
 
     Attributes:
         name: of the motion's file.
@@ -44,7 +44,7 @@ class Certified:
 
     @property
     def certificate(self) -> Proof | None:
-        """What is proved; None where the sampled check breaks a limit already."""
+        """The certificate; None where the sampled check violates a limit already."""
         return self.check.certificate
 
     @property

@@ -72,7 +72,7 @@ _SCALE = 1e6  # factors of time up to this and down to its inverse
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(CheckedMotion):
-    """What is known about a given motion, or cycle.
+    """The result of checking a given motion or cycle.
 
     Attributes:
         name: of the motion's file.
@@ -93,7 +93,7 @@ class Check(CheckedMotion):
 
     @property
     def assumed(self) -> list[str]:
-        """What the file does not say of the motion."""
+        """The assumptions about the motion where its file gives nothing, one sentence each."""
         return [*self.motion.assumed, f"the robot rests before 0 s and after {self.motion.end:.4g} s"]
 
     def require(self, text: str) -> tuple[Outcome, ...]:

@@ -82,7 +82,7 @@ class Exported:
 
     @property
     def remarks(self) -> list[str]:
-        """What differs in the simulator."""
+        """The differences between the robot's data and the exported models, one sentence each."""
         return remarks(self.parts)
 
     def __repr__(self) -> str:

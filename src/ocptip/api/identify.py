@@ -166,7 +166,7 @@ def beyond_samples(maps: Sequence[PowerMap], predictor: Predictor) -> list[float
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification:
-    """What was identified.
+    """The parameters that were identified.
 
     Attributes:
         what: was asked for.
@@ -187,7 +187,7 @@ class Identification:
     predictor: Predictor | None = None
 
     def __repr__(self) -> str:
-        """What, and the tables."""
+        """The subject of the identification, and the names of the tables."""
         return f"<Identification {self.what}: tables {some(list(self.tables))}>"
 
     def to_dict(self) -> dict[str, Any]:
@@ -237,7 +237,7 @@ class ExcitingMotion:
         return f"<ExcitingMotion {self.name}: {found.motion.end:.3g} s, condition {found.condition:.0f}>"
 
     def to_dict(self) -> dict[str, Any]:
-        """What is known of it."""
+        """The motion and its condition number, as plain data for JSON."""
         found = self.found
         return {
             "task": self.name,

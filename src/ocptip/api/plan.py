@@ -47,8 +47,8 @@ SPACING = 0.01
 """s, between the instants of sensitivities."""
 
 Runner = Controller | Literal["ramps"]
-"""What runs a motion: a controller between points, or `"ramps"`: drives that take the commands of trapezoidal
-velocity profiles.
+"""The executor of a motion: a controller that interpolates between points, or `"ramps"`: drives that are
+commanded with trapezoidal velocity profiles.
 """
 Ask = Kinds | Literal["given"]
 """Stops of these kinds, or of those that the task gives brake torques for."""
@@ -122,7 +122,7 @@ class Plan(CheckedMotion):
 
     @property
     def motion(self) -> Trajectory:
-        """What is run; of a cycle the motions of the segments and the rests between them."""
+        """The executed motion; of a cycle the motions of the segments and the rests between them."""
         return run_by(self.planned, self.executions)
 
     @property
@@ -140,7 +140,7 @@ class Plan(CheckedMotion):
         return {**planned_to_dict(self.planned, self.executions, self.checked), **plain(self._entries())}
 
     def _entries(self) -> dict[str, Any]:
-        """What plan.json holds beside the plan."""
+        """The entries of plan.json beside the plan."""
         source = self.task.source
         base = source.data.get("base") if source and "case" in source.data else None
         rows = [{"factor": f, **checked.to_dict()} for f, checked in self.time_scale]
@@ -359,5 +359,5 @@ def _largest(
 
 
 def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity, ...]:
-    """What changes of the robot and its base would do to the smallest margins of a motion."""
+    """The effects of changes of the robot and its base on the smallest margins of a motion."""
     return motion_sensitivities(task.robot, *motion.states(motion.both_sides(SPACING)))

@@ -327,7 +327,7 @@ def rate_workspace(
 
 
 def kind_of(robot: Rated, *, several: bool) -> Kind:
-    """What a robot is rated as; `several` poses of a hexapod are those of a parallel robot."""
+    """The kind that a robot is rated as; with `several` poses a hexapod counts as a parallel robot."""
     if isinstance(robot, ParallelRobot):
         return "parallel"
     if isinstance(robot, PlatformFile):

@@ -133,7 +133,7 @@ class Stage:
 
 
 class Stability:
-    """What is known about the contacts of a robot at rest, and of its motion.
+    """The stability of a robot at rest and during its motion, and the forces of its contacts.
 
     Args:
         name: of the plan's folder, or of the task's file.

@@ -78,7 +78,7 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a requirement.
+    """The result of testing a requirement.
 
     Attributes:
         requirement: that.

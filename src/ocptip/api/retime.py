@@ -136,7 +136,7 @@ class RetimedPlan(Plan):
         effort: bool = False,
         extra: Mapping[str, Any] | None = None,
     ) -> Iterator[Path]:
-        """What a plan has, and the phase plane of each segment."""
+        """The files of a plan, and the phase plane of each segment."""
         yield from super().write(folder, figures=figures, effort=effort, extra=extra)
         for number, own in enumerate(self.timings if figures else (), 1):
             from ocptip.pictures.phase_plane import draw_phase_plane  # loads Matplotlib

@@ -100,7 +100,7 @@ def _changes(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulated:
-    """What the simulator saw.
+    """The result of replaying a plan in a simulator.
 
     Attributes:
         name: of the task.

@@ -131,7 +131,7 @@ def _solved(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Standing:
-    """What is known of a base under its loads.
+    """The result for a base at rest under given loads.
 
     Attributes:
         scene: the base on its contacts, and the loads.
@@ -297,7 +297,7 @@ class Standing:
 
     @property
     def equal_remark(self) -> str:
-        """What equally compliant feet do, where the best sharing of the load does something else."""
+        """The failure that only equally compliant feet show: lift-off or too little friction; else empty."""
         if self.equal is None:
             return ""
         lifted = np.flatnonzero(self.equal.lifts[0]) + 1
@@ -307,7 +307,7 @@ class Standing:
 
     @property
     def without_reserve(self) -> str:
-        """What any further load does to a base that just stands: "tips" or "slips"; else empty."""
+        """The failure of a base without any margin, under any further load: "tips" or "slips"; else empty."""
         if not self.nominally_stable:
             return ""
         if self.tip.GN[0] >= NO_MARGIN:

@@ -58,7 +58,7 @@ def view(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class View:
-    """What is shown.
+    """An animated view of a scene, a plan or a robot.
 
     Attributes:
         name: of what it shows.

@@ -28,5 +28,5 @@ class MadeOf:
         return self._arguments.get(name)
 
     def __reduce__(self) -> tuple:
-        """What to call to make it again."""
+        """The call that makes an equal object, for pickle."""
         return partial(type(self), **self._arguments), ()

@@ -197,7 +197,7 @@ def _has_our_mark(path: Path) -> bool:
 
 
 def _not_files(folder: Path, names: Iterable[str]) -> Iterator[str]:
-    """What is no regular file, or is below something that is no folder."""
+    """Messages about the names that are no regular files, or lie below something that is no folder."""
     seen = set()
     for name in names:
         for step in [*list(PurePosixPath(name).parents)[-2::-1], PurePosixPath(name)]:
@@ -210,7 +210,7 @@ def _not_files(folder: Path, names: Iterable[str]) -> Iterator[str]:
 
 
 def _odd(path: Path, is_folder: bool = False) -> str:
-    """What a path is instead of a file or folder; empty where it is one, or nothing."""
+    """The type of a path of another kind than expected; empty if it is as expected, or does not exist."""
     try:
         mode = path.lstat().st_mode
     except (FileNotFoundError, NotADirectoryError):

@@ -152,7 +152,7 @@ class Keys:
         return (*self.at_most_one, *forms)
 
     def find(self, key: str) -> Key | None:
-        """What is declared of a key; None: it is unknown."""
+        """The declaration of a key; None if the key is unknown."""
         return self.keys.get(key, self.others)
 
     def group(self, key: str) -> tuple[str, ...]:

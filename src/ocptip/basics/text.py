@@ -60,7 +60,7 @@ def did_you_mean(word: object, known: Iterable[str]) -> str:
 
 
 def of_known(word: object, known: Iterable[str], instead: Iterable[str] = ()) -> str:
-    """What a wrong word may have meant, and what is known: "; did you mean 'mass'? known: mass, center".
+    """A suggestion for a wrong word, and the known words: "; did you mean 'mass'? known: mass, center".
 
     Args:
         word: the wrong one.

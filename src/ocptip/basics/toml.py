@@ -158,7 +158,7 @@ class Table:
         return {key: values[key] for key in keys if key in self._data}
 
     def value(self, key: str, default: Any = None) -> Any:
-        """What stands there, whatever it is; the default for keys that are not declared."""
+        """The value of a key, of any type; the default for keys that are not declared."""
         if self._keys.find(key) is None:
             return default
         self._known[key] = None

@@ -130,7 +130,7 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
 
 
 def _bounds(limits: Limits, worst: Mapping[str, Worst], collides: bool) -> dict[str, float]:
-    """What to claim: a little beyond the sampled values, but within the limits where these are kept."""
+    """The bounds to claim: slightly weaker than the sampled values, but within the limits if these hold."""
     bounds = {}
     for name in ("GN", "GT", *_OF_DRIVES):
         if name not in worst:
@@ -323,7 +323,7 @@ class _ProofSearch:
         return [np.moveaxis(way.reshape(-1, len(u), *way.shape[1:]), 1, -1) for way in by_rule]
 
     def undecided(self) -> tuple[Undecided, ...]:
-        """What is left, neighbours as one."""
+        """The intervals that remain undecided, with neighbours merged."""
         found, times = [], np.array(self.motion["times"])
         for batch, margins in self._open:
             a, b = times[batch.piece].T

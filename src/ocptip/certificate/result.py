@@ -50,7 +50,7 @@ class Undecided:
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What was proved of a motion for all instants.
+    """The bounds that were proved for all instants of a motion.
 
     Attributes:
         data: the certificate, plain data for JSON; None where none can be made.
@@ -97,7 +97,8 @@ class Certificate:
         return short, [0.5 * (one.start + one.end) for one in own]
 
     def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
-        """What is proved of motions one after the other: of every bound the weakest, times from the first.
+        """The certificate of consecutive motions: the weakest value of every bound, times from the first
+        start.
 
         Its data are those of the motions, in their order; each is checked by itself.
 
@@ -167,7 +168,7 @@ def _least_moments(verdicts: Sequence[Verdict]) -> dict[str, float]:
 
 
 def claims(verdict: Verdict, on_time: bool = False) -> str:
-    """What is proved, in a line; see `claim_rows`. The worst case may be that of all joints on time."""
+    """The proved bounds in one line, see `claim_rows`; `on_time` notes that no joint is delayed."""
     rows = claim_rows(verdict)
     within = [f" (worst case {worst})" if worst != "-" else "" for _, _, worst in rows]
     parts = [f"{name[:1].lower()}{name[1:]} {own}" for name, own, _ in rows]

@@ -22,7 +22,7 @@ _OF_WORLD = ("stiffness", "damping", "payload", "friction", "speed")
 
 
 def run(options: Namespace) -> SimulateReport:
-    """Replay the plan in the world that is asked for."""
+    """Replay the plan in the scenario of the options."""
     given = {name: getattr(options, name) for name in _OF_WORLD}
     if options.damping is not None and options.stiffness is None:
         raise InputError("--damping: only for compliant feet; give --stiffness as well")

@@ -67,7 +67,7 @@ class BatchFunction:
 
 
 def _by_casadi(function: cs.Function) -> Callable[[np.ndarray], np.ndarray]:
-    """What gives all results (results, N) of all arguments (arguments, N)."""
+    """A function from all arguments (arguments, N) to all results (results, N)."""
     sizes = [function.numel_in(i) for i in range(function.n_in())]
     arguments = cs.SX.sym("arguments", sum(sizes))
     parts = cs.vertsplit(arguments, [0, *np.cumsum(sizes).tolist()])

@@ -31,7 +31,7 @@ _ENDINGS = {
 
 
 def ending(status: str) -> str:
-    """What Ipopt's word for the end of an unsolved program means, and the word: for brackets in a message."""
+    """An explanation of Ipopt's status of an unsolved program, and the status, for brackets in a message."""
     return f"{_ENDINGS.get(status, 'the search was given up')}; Ipopt: {status}"
 
 
@@ -57,7 +57,7 @@ class Program(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What Ipopt returned.
+    """The result of an Ipopt run.
 
     Attributes:
         x: (nx,).

@@ -15,7 +15,7 @@ from ocptip.trajectories.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class _Task:
-    """What figures ask of a task."""
+    """The attributes of a task that figures read."""
 
     name: str
     robot: StandingMechanism
@@ -25,7 +25,7 @@ class _Task:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """What figures ask of a plan.
+    """The attributes of a plan that figures read.
 
     Attributes:
         task, motion, check: of the whole.
@@ -41,7 +41,7 @@ class _Plan:
 
 
 def seen_plan(task: Task, motion: Trajectory, check: CycleCheck) -> Any:
-    """What figures of plans draw: a motion, or a cycle, or its first segments."""
+    """The plan that figures draw: of a motion, of a cycle, or of its first segments."""
     if not task.is_cycle:
         return _Plan(task, motion.segments[0], check.whole)
     rows = []

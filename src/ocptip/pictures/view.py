@@ -49,7 +49,7 @@ def library_viser() -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Show:
-    """What a page shows: how to put it on stage, and how it changes.
+    """The animation of a page: a function that sets up the scene, and the times of the frames.
 
     Attributes:
         stage: puts everything on a viser server and returns what shows a frame there.
@@ -121,7 +121,7 @@ def _server(show: Show) -> Iterator[tuple[Any, Callable[[int], None]]]:
 
 @dataclass(frozen=True, eq=False)
 class Act:
-    """What an arm on its base does in a view.
+    """The motion of an arm on its base, sampled for the frames of a view.
 
     Attributes:
         name: for the clock.

@@ -48,7 +48,7 @@ def arm(scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int,
 def held(
     scene: Any, root: str, robot: Robot, part: int, size: float, ghost: tuple[int, int, int] | None
 ) -> list[Any]:
-    """What an arm holds in a part of what it does: its solids, and a ball of a light metal for its mass."""
+    """The payload of an arm in one part of its motion: its solids, and a light-metal ball for its mass."""
     arm, style = robot.arm, {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})}
     found = []
     for number, one in enumerate(arm.geometry.shapes if arm.geometry is not None else ()):

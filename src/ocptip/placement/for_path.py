@@ -140,7 +140,7 @@ class _Paths:
         self._limits: Limits = motion_limits(problem)
 
     def best_around(self, placement: Placement, rng: np.random.Generator) -> PathPlacement:
-        """What a random search finds, or the place itself where that is better."""
+        """The best place of a random search around a place, or that place itself where it is better."""
         first = self._timed(placement)
         parameters, q = self._around(placement, rng)
         if np.array_equal(parameters, placement.parameters):

@@ -201,7 +201,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class StartReport:
-    """What became of one start.
+    """The result of the programs from one start.
 
     Attributes:
         number: of the start.
@@ -300,7 +300,7 @@ class NoPlacementError(PlanningError):
 
 
 def _asked(problem: PlacementProblem) -> dict[str, Any]:
-    """What a problem asks for."""
+    """The requirements of a problem, as plain data for JSON."""
     tasks = [
         {
             "name": task.name,

@@ -107,7 +107,7 @@ def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
 
 @cache
 def _description(name: str) -> dict:
-    """What is known of an arm, in the form of `data/arms.json`."""
+    """The entry of an arm, in the form of `data/arms.json`."""
     arms = published_data("arms")["arms"]
     if name in arms:
         return arms[name]

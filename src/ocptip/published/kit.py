@@ -35,7 +35,8 @@ def codes(name: str) -> tuple[str, ...]:
 
 
 def described(name: str, arms: dict[str, Any]) -> dict[str, Any]:
-    """What `data/arms.json` would say of an arm, out of what it says of those that were built.
+    """The entry that an arm would have in `data/arms.json`, composed of the entries of the arms that were
+    built.
 
     Args:
         name: axis sequence.

@@ -30,7 +30,7 @@ _ROUNDS = 12
 
 @dataclass(frozen=True)
 class Price:
-    """What a timing costs: energy * (J) + time * (s).
+    """The cost of a timing: energy * (J) + time * (s).
 
     Attributes:
         energy: of 1 J.

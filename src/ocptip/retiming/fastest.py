@@ -28,7 +28,7 @@ _CLOSE = 0.2  # of the next step: nearer to a breakpoint there are no further no
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """What keeps all rows of N intervals: convex polygons in (p, q), x at both ends.
+    """The feasible sets of N intervals: convex polygons in (p, q), the values of x at both ends.
 
     Attributes:
         counts: (N,) edges; 0: there is nothing.
@@ -124,7 +124,7 @@ class Grid:
         self.bounds[np.isin(s, path.breakpoints[path.corners])] = 0.0
 
     def polygons(self, extra: ExtraRows) -> Polygons:
-        """What keeps all rows."""
+        """The feasible set of each interval under all rows."""
         count, planes = len(self.widths), self.planes
         found = Polygons(
             np.zeros(count, dtype=np.int64),

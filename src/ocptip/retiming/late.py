@@ -141,7 +141,9 @@ class LateJoints:
         return options, made, np.array(places)
 
     def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
-        """What joints may be doing so much of an interval after a node: states (4, n), and their making."""
+        """The possible delayed states (4, n) of the joints at a share of the interval after a node, with
+        their origin.
+        """
         first = int(np.searchsorted(at.t, time - self._delay - INSIDE))
         found = self._before_all(at, time - self._delay) if self._delay else []
         for case in delay_cases(at.t[first : node + 1], time, self._delay, self._more > 0):

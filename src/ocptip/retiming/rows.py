@@ -78,7 +78,7 @@ class Places:
         return pace**2
 
     def instants(self, u: np.ndarray, x: np.ndarray) -> Instants:
-        """What happens there with u and x (P,)."""
+        """The instants at the points with path accelerations u and squared path speeds x, (P,) each."""
         u, x = u[:, None], x[:, None]
         torque, wrench = (part[0] * u + part[1] * x + part[2] for part in self.loads)
         qd, qdd = self.dq * np.sqrt(x), self.dq * u + self.ddq * x

@@ -187,7 +187,7 @@ class Robot(StandingMechanism):
 
     @property
     def payload(self) -> Payload | None:
-        """What the gripper holds."""
+        """The payload of the gripper; None without one."""
         return self.arm.payload
 
     @property
@@ -207,7 +207,7 @@ class Robot(StandingMechanism):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed of the arm."""
+        """The assumptions about the arm, one sentence each, for reports."""
         process = () if self.arm.process is None else (f"process: {self.arm.process}",)
         widest, pair = self._attainable
         near = () if pair is None else (

@@ -112,7 +112,7 @@ class ContactMargins:
 
     @property
     def differs(self) -> str:
-        """What equally compliant feet do that the best sharing of the load does not; empty for nothing."""
+        """The failure, lift-off or slip, that only equally compliant feet show; else empty."""
         lifts = self.alike is not None and self.alike.value < 0
         slips = self.equal_friction is not None and self.equal_friction.value >= 1
         does = " and ".join(word for word, known in (("lifts", lifts), ("slips", slips)) if known)

@@ -38,7 +38,7 @@ from ocptip.trajectories.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """What happens at N instants of a motion.
+    """The states, torques, powers and loads at N instants of a motion.
 
     Attributes:
         times: (N,), s.
@@ -148,7 +148,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
     @property
     @abstractmethod
     def payload(self) -> Payload | None:
-        """What it holds; it is part of `mass` and of all loads."""
+        """The payload, which is part of `mass` and of all loads; None without one."""
 
     @property
     @abstractmethod
@@ -172,7 +172,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed of the mechanism, one sentence each, for reports."""
+        """The assumptions about the mechanism, one sentence each, for reports."""
         if self.support.elastic is None or self.swings:
             return ()
         return (f"how the base swings on compliant feet is not computed for this {self.kind}",)
@@ -214,7 +214,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
     def small_motions(
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What it takes to move the base and the springs a little beside the motion, where `knows_inertia`.
+        """The inertia of small motions of base and springs beside the motion, where `knows_inertia`.
 
         Inertia (N, d, d), per acceleration of the base's centre of mass, its angular acceleration, those of
         the springs; (N, d, 3 + m): per angular velocity of the base and speed of the springs; (N, d, m): per
@@ -223,13 +223,13 @@ class StandingMechanism(MadeOf, Footing, ABC):
         raise NotImplementedError(f"{self.kind}: inertia as seen from the base")
 
     def inertia(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What moving the base alone takes: (N, 6, 6) and (N, 6, 3) of :meth:`small_motions`."""
+        """The inertia of the base alone: (N, 6, 6) and (N, 6, 3) of :meth:`small_motions`."""
         inertia, turning, _ = self.small_motions(q, qd, 0 * q)
         return inertia[:, :6, :6], turning[:, :6, :3]
 
     @property
     def chain(self) -> SpringChain | None:
-        """What moves, with springs in its gears; None: they do not give."""
+        """The moving bodies with springs in their gears; None if the gears are rigid."""
         return None
 
     @property

@@ -40,7 +40,7 @@ _BISECTIONS = 40
 
 @dataclass(frozen=True, eq=False)
 class PlatformLimits:
-    """What the coordinates (m and rad, (m,) each, or one number for all) and the motors may do.
+    """The limits of the coordinates (m and rad, (m,) each, or one number for all) and of the motors.
 
     Attributes:
         lower, upper: box of the coordinates; it should lie within the workspace.
@@ -153,7 +153,7 @@ class ParallelMechanism(StandingMechanism):
 
     @property
     def payload(self) -> Payload | None:
-        """What the platform carries."""
+        """The payload of the platform; None without one."""
         return self.robot.description.platform.payload
 
     @property

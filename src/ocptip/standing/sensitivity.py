@@ -50,7 +50,7 @@ class Reserves:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What one change does.
+    """The effect of one change on a margin.
 
     Attributes:
         change: in words, such as "1 kg more base mass".
@@ -311,7 +311,7 @@ def _base_mass(stand: _Stand, reference: float) -> _Change:
 def scene_sensitivities(
     support: Support, loads: tuple[Load, ...], reference_moment: float | None = None
 ) -> tuple[Sensitivity, ...]:
-    """What would help a scene; loads stay where they are.
+    """The effects of changes on the margins of a scene; loads stay where they are.
 
     Args:
         support: the base.
@@ -334,7 +334,7 @@ def _holding(arm: ArmModel, held: Payload | None) -> ArmModel:
 
 
 def _held(robot: Robot, held: Payload, *states: np.ndarray) -> np.ndarray:
-    """What a payload adds to the wrench on the base, (N, 6)."""
+    """The share of a payload in the wrench on the base, (N, 6)."""
     about, gravity = robot.support.center_of_mass, robot.support.gravity
     with_it, bare = (
         evaluate_dynamics(_holding(robot.arm, one), *states, gravity=gravity, about=about).wrench
@@ -347,7 +347,7 @@ def _held(robot: Robot, held: Payload, *states: np.ndarray) -> np.ndarray:
 def motion_sensitivities(
     robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> tuple[Sensitivity, ...]:
-    """What would help a robot at N states of a motion, (N, n) each."""
+    """The effects of changes on the margins of a robot at N states of a motion, (N, n) each."""
 
     def stand(own: StandingMechanism, speed: float = 1.0) -> _Stand:
         return _Stand(own, own.loads(q, speed * qd, speed**2 * qdd)[1])

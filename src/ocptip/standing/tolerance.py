@@ -180,7 +180,7 @@ class Uncertainty:
 
     @property
     def title(self) -> str:
-        """What headlines call it: "'workshop' uncertainty" of a preset, else "the given uncertainty"."""
+        """Its name in headlines: "'workshop' uncertainty" of a preset, else "the given uncertainty"."""
         names = [name for name, preset in PRESETS.items() if self in (preset, preset.of(None))]
         return f"'{names[0]}' uncertainty" if names else "the given uncertainty"
 
@@ -194,7 +194,7 @@ class Uncertainty:
         return self.delay * (1 + self.speed)
 
     def of(self, payload: object) -> Uncertainty:
-        """What of it there is for an arm that holds this; None: nothing."""
+        """The uncertainty for an arm with this payload; without payload, its mass and centre are exact."""
         return self if payload else replace(self, payload_mass=0.0, payload_center=(0.0, 0.0, 0.0))
 
     def scaled(self, factor: float) -> Uncertainty:

@@ -20,7 +20,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class LegSurface:
-    """What holds for the coupling point p = r + R kappa of a leg with locked motors.
+    """The constraint on the coupling point p = r + R kappa of a leg with locked motors.
 
     Attributes:
         kappa: (3,), m, platform axes.

@@ -23,7 +23,7 @@ _RANK = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class JointReactions(Record):
-    """What joints transmit, world axes, N and N m.
+    """The reactions that joints transmit, world axes, N and N m.
 
     Attributes:
         joints: per leg (rows, 6): force and moment of the body before a joint on the one behind it, about the

@@ -20,7 +20,7 @@ _CACHED = 64
 
 @dataclass(frozen=True)
 class Topology:
-    """What the functions of a leg depend on besides base frame and inertias.
+    """The structure of a leg: all that its functions depend on besides base frame and inertias.
 
     Attributes:
         rows: MDH rows.

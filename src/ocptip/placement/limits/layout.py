@@ -162,7 +162,7 @@ class Point:
         return self.layout.stand.footing(self.x[self.layout.p])
 
     def once(self, key: Hashable, evaluate: Callable[[], Any]) -> Any:
-        """What `evaluate` returns, called for a key once."""
+        """The value of `evaluate`, which is called once per key."""
         if key not in self._known:
             self._known[key] = evaluate()
         return self._known[key]

@@ -58,7 +58,7 @@ def around(
     afar: float,
     rng: np.random.Generator,
 ) -> Candidates:
-    """What the local search finds from points around given places, the best first.
+    """Candidates that a local search finds from points around given places, the best first.
 
     Args:
         places: patch, parameters (k,) and angles (tasks, n) of each.

@@ -121,7 +121,7 @@ class RiseTime:
 
 @dataclass(frozen=True, eq=False)
 class DriveMotion:
-    """What elastic joints do to gripper and base.
+    """The vibration of gripper and base due to elastic joints.
 
     Attributes:
         course: of base, feet and springs.

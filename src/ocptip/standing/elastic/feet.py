@@ -56,7 +56,7 @@ class Lift:
 
 @dataclass(frozen=True, eq=False)
 class FeetMotion:
-    """What compliant feet do during a motion and after it.
+    """The vibration of a base on compliant feet during a motion and after it.
 
     Attributes:
         course: of base and feet.

@@ -44,7 +44,7 @@ _SECANTS = 4
 
 
 class Ride:
-    """What base and gears feel of a motion, step by step, whatever the base stands on.
+    """The excitation of base and gears by a motion, step by step, independent of the support.
 
     Args:
         robot: that `knows_inertia`.

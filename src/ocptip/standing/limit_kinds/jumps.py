@@ -61,7 +61,7 @@ class Jumps:
         return len(self.times)
 
     def loads(self, robot: StandingMechanism, overshoot: float) -> Instants:
-        """What has to be carried: the mechanism at the steps, loaded as after each with its overshoot.
+        """The instants at the acceleration steps, loaded as after each step with its overshoot.
 
         The (E,) instants have wrenches, contact states and margins like any others.
 

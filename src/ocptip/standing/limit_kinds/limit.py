@@ -40,7 +40,7 @@ WHOLE, SAMPLED, WITHIN, LATE = range(4)
 instants; these within the uncertainty; and with delayed joints, each by itself."""
 
 InstantAt = Callable[[float], Instants]
-"""What happens at one time, s."""
+"""A function from a time, s, to the instant then."""
 
 
 @dataclass(frozen=True)

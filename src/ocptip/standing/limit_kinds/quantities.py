@@ -130,7 +130,7 @@ class ContactQuantity(ABC):
 
     @abstractmethod
     def smooth_within(self, cases: WorstCase) -> tuple[WorstCase, float]:
-        """What programs take for the worst case, and the bound of its values."""
+        """A smooth substitute of the worst case for programs, and the bound of its values."""
 
     @abstractmethod
     def within(

@@ -12,7 +12,7 @@ from ocptip.standing.instants import NodeColumns
 
 
 class RowNodes(ABC):
-    """What rows of a program are made of: N nodes, whose states and quantities depend on its nx variables x.
+    """The nodes that rows of a program belong to: N states and quantities, functions of its nx variables x.
 
     Args:
         columns: of y.

@@ -66,7 +66,7 @@ class Jaw:
 
 
 def jaws_of(contact: Binding, number: int) -> list[Jaw]:
-    """What touches the base at a contact: the ground, or both jaws of a rigid clamp.
+    """The surfaces that touch the base at a contact: the ground, or both jaws of a rigid clamp.
 
     Raises:
         InputError: rigid bodies that touch do not behave like this contact.
@@ -133,7 +133,7 @@ def to_mjcf(
 
 
 def remarks(parts: Sequence[Part]) -> list[str]:
-    """What of the models of a motion or a cycle is not the robot's data, in sentences without full stops."""
+    """The differences between the models and the robot's data, in sentences without full stops."""
     found = dict.fromkeys(remark for part in parts for remark in remarks_of(part.robot))
     segments = (
         "a model per segment, with what it holds; joints and states are the same, so each goes on with the "
@@ -354,7 +354,7 @@ def joint_order(robot: Robot, bodies: ArmBodies, values: np.ndarray) -> np.ndarr
 
 
 def joint_offsets(robot: Robot, bodies: ArmBodies) -> np.ndarray:
-    """What joint values have besides `joint_order`: offsets of those that follow others."""
+    """The constant part of the joint values beside `joint_order`: offsets of joints that follow others."""
     found = joint_order(robot, bodies, np.zeros(robot.n))
     if (coupling := robot.arm.coupling) is not None:
         at = len(found) - robot.arm.links - len(bodies.rotors)

@@ -57,10 +57,10 @@ _EVENT = 2.0  # steps around an event in which forces are means of before and af
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a simulator saw.
+    """The result of a simulation: contact forces, distances and slides over time.
 
     Attributes:
-        world: that was simulated.
+        world: the scenario that was simulated.
         times: (T,), s, in the middle of steps.
         forces: (T, n), N, normal forces of the contacts.
         heights: (T, n), m, of the soles above the ground; of rigid clamps zero.
@@ -104,7 +104,7 @@ class Replay:
 
 
 def simulator_numbers(robot: Robot, step: float) -> str:
-    """What of a replay belongs to the simulator, in words."""
+    """The parameters of the simulator that influence a replay, in words."""
     elastic = robot.support.elastic is not None
     numbers = ON_SPRINGS if elastic else RIGID
     time, damping = max(numbers["solref"][0], 2 * step), numbers["solref"][1]
@@ -145,10 +145,10 @@ class Simulator:
         self._models: dict[tuple, PrescribedModel] = {}
 
     def run(self, world: World | None = None) -> Replay:
-        """Replay everything in a world.
+        """Replay all parts in a scenario.
 
         Raises:
-            InputError: the world cannot be simulated.
+            InputError: the scenario cannot be simulated.
         """
         return self.run_many([world or World()])[0]
 
@@ -190,7 +190,7 @@ class Simulator:
         return self._seen(world, parts, times[first:], late, np.vstack(found)[first:], unstable)
 
     def _model(self, number: int, world: World) -> Any:
-        """Model of a part in a world; one serves all with such feet and, if need be, more payload."""
+        """Model of a part in a scenario; one serves all with such feet and, if need be, more payload."""
         part, key = self.parts[number], (number, world.stiffness, world.damping, world.payload > 0)
         if key not in self._models:
             like = World(stiffness=world.stiffness, damping=world.damping, payload=world.payload)
@@ -307,10 +307,10 @@ class PrescribedModel:
         self._pairs = [(pair, np.array(pair.friction)) for pair in spec.pairs]
 
     def compiled(self, world: World, payload: Payload | None) -> Any:
-        """The model of a world; its feet are not checked.
+        """The model of a scenario; its feet are not checked.
 
         Args:
-            world: that it is.
+            world: the scenario.
             payload: that the robot holds there.
 
         Raises:
@@ -380,7 +380,7 @@ def _rest(mujoco: Any, model: Any, data: Any, robot: Robot) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A replay beside what the library says of the same world.
+    """A replay beside the library's results for the same scenario.
 
     Attributes:
         least: (n,), N, minimum normal forces of the library.

@@ -82,7 +82,7 @@ def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
 
 
 def _lost(robot: Robot) -> list[str]:
-    """What URDF cannot say, in words."""
+    """The data that URDF cannot represent, in words."""
     friction = ", ".join(
         f"{getattr(c, 'friction', None) or getattr(c, 'friction_upper', 0):g}" for c in robot.support.contacts
     )

@@ -1,4 +1,4 @@
-"""The world of a replay: how it differs from the one that was planned for."""
+"""The scenario of a replay: how it differs from the planned one."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class World:
         return robot.varied(arm=arm, support=support, reference_moment=robot.tip_over.reference_moment)
 
     def parts(self, parts: Sequence[Part]) -> tuple[Part, ...]:
-        """What the robot does there, but for the factors on masses."""
+        """The parts of the motion in this scenario, without the factors on masses."""
         there = [part.time_scaled(1 / self.speed) for part in parts]
         return tuple(replace(part, robot=self.robot(part.robot)) for part in there)
 

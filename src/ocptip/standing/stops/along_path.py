@@ -28,7 +28,7 @@ _NO_PULL = 1e-9  # share of the largest coefficient of u below which a bound say
 
 @dataclass(frozen=True)
 class PathStops:
-    """What stops along the path have to keep.
+    """The limits of stops along the path.
 
     Attributes:
         GN, GT: maximum during any stop, at most 1.

@@ -180,5 +180,5 @@ def _parts(wrenches: np.ndarray) -> list[np.ndarray]:
 
 
 def _large(values: np.ndarray) -> np.ndarray:
-    """What is not known counts as infinite."""
+    """The values with infinity for those that are not known (NaN)."""
     return np.where(np.isnan(values), np.inf, values)

@@ -79,7 +79,7 @@ def _options(
     late: float,
     more: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What each joint may be doing just after steps of accelerations.
+    """The possible delayed states of each joint just after steps of accelerations.
 
     Returns:
         (D, n, K, 4): angle, speed, acceleration and maximum delay, NaN beyond these; (D,), s, after the

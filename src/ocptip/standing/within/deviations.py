@@ -25,7 +25,7 @@ _NOTHING = 1e-12  # relative to the largest: slopes below this choose nothing
 
 
 class Deviations:
-    """What may be off of an arm on its base.
+    """The deviations theta of an arm on its base from its nominal data.
 
     Args:
         robot: on its base.

@@ -41,7 +41,7 @@ JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 T = TypeVar("T")
 
 _Way = tuple[float, float, float, float, str]
-"""What a joint may be doing: angle, speed, acceleration, maximum delay, word."""
+"""A possible delayed state of a joint: angle, speed, acceleration, maximum delay, word."""
 
 
 class DelayCase(NamedTuple):
@@ -128,7 +128,7 @@ class _Events:
         return found
 
     def options(self, t: float, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
-        """What one joint may be doing at t: (3,) its state there, and the delay before."""
+        """The possible delayed states of one joint at t, from its states (3,) at t and one delay before."""
         inside = (self.times >= t - self.delay - INSIDE) & (self.times <= t + INSIDE)
         if self.smooth[joint]:
             return self._smooth_options(inside, joint, own, then)
@@ -239,7 +239,7 @@ def _filled(instants: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Instant:
-    """What joints may be doing at a time t, s; those listed something else than being on time."""
+    """The possible delayed states at a time t, s; listed are joints with others than being on time."""
 
     t: float
     joints: list[int]

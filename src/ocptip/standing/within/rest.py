@@ -300,7 +300,7 @@ class RestCase:
         return best, found
 
     def words(self, off: Off) -> str:
-        """What is off: "base mass -0.5 kg, tilt 0.5 deg towards -y"."""
+        """The deviations in words: "base mass -0.5 kg, tilt 0.5 deg towards -y"."""
         found = [self._name] if self._name else []
         changes = zip(self._weights, off.masses - self._masses, off.shifts, strict=True)
         for weight, more, shift in changes:

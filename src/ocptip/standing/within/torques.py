@@ -83,7 +83,7 @@ def _weights(arm: ArmModel, own: Uncertainty) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=64)
 def _parts(arm: ArmModel) -> BatchFunction:
-    """What the drives need of each body per weight, and what else depends on the state.
+    """A function of the state: torques of the drives per weight of each body, and the payload's factors.
 
     Weights are factors of links and payload, shifts of the payload's centre of mass along gripper axes, m,
     and the mass of a point at the gripper, kg.
