@@ -153,7 +153,7 @@ def test_figures(names):
         found = index_maps(robot, ranges, pose=pose, cells=4, names=["manipulability", "inv_cdn_oe"])
         figure = index_maps_figure(found)
         labels = [ax.get_ylabel() for ax in figure.axes]
-        assert {"MPB [m^3], 0 and up", "1/CDN_OE, 0 to 1"} <= set(labels)
+        assert {"MPB [m^3], 0 and up", "1/CDN_OE [-], 0 to 1"} <= set(labels)
         assert figure.get_suptitle().startswith(found.robot)
         figure.canvas.draw()
 

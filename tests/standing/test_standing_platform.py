@@ -86,6 +86,13 @@ def states(robot, count, seed, reach=0.06):
     return z, rng.normal(size=(count, m)), 8 * rng.normal(size=(count, m))
 
 
+def test_sticks_of_the_legs_end_at_the_platform(task):
+    *bodies, platform = task.robot.sticks(task.start)
+    ends = np.array([line[-1] for line in bodies])
+    for corner in platform:
+        assert np.linalg.norm(ends - corner, axis=1).min() < 1e-8
+
+
 @pytest.mark.parametrize("name", ["delta", "hexapod"])
 def test_loads_are_those_of_the_numeric_robot(standing, name):
     """Motor forces of the inverse dynamics, wrench of the mounted robot, speeds by J_a: other code."""

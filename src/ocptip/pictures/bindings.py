@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ocptip.contact.bindings.automaton import Automaton
 from ocptip.contact.bindings.binding import Binding
 from ocptip.pictures.frame import new_figure
-from ocptip.pictures.style import FOOT_FORCE, MEMBERS
+from ocptip.pictures.style import FOOT_FORCE, MEMBERS, head
 
 MODE_COLORS = {"stick": MEMBERS[0], "slide": MEMBERS[1], "separate": MEMBERS[2], "yield": MEMBERS[2]}
 ROUNDS, STEP = 600, 0.02  # of the layout
@@ -34,7 +34,7 @@ def binding_figure(binding: Binding, largest: float) -> Figure:
     draw_forces(forces, binding, largest)
     draw_automaton(modes, binding)
     closed = f"{len(binding.automaton.names)} modes, {binding.automaton.closedness}ly closed"
-    figure.suptitle(f"{binding.kind}: {closed}", fontsize=12)
+    head(figure, f"{binding.kind}: {closed}")
     return figure
 
 

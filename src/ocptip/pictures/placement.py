@@ -22,7 +22,7 @@ from matplotlib.patches import Polygon
 
 from ocptip.motion.check import scope_of
 from ocptip.pictures.frame import new_figure, save_figures
-from ocptip.pictures.style import FRICTION, TIPPING
+from ocptip.pictures.style import FRICTION, TIPPING, head
 from ocptip.pictures.world_view import (
     BASE,
     COLORS,
@@ -153,9 +153,7 @@ def _map_figure(name: str, placements: Sequence[Placement], chart: PlacementMap)
     figure.legend(handles=handles, loc="outside lower center", ncol=min(len(handles), 8), frameon=False)
     hidden = [p for i, p in enumerate(chart.patch.parameters) if i not in chart.shown]
     by = f"best {' and '.join(hidden)} and joint angles" if hidden else "best joint angles"
-    figure.suptitle(
-        f"{name}: {chart.patch.name}, {by} for each place (dark: worse)", fontsize=14, fontweight="bold"
-    )
+    head(figure, f"{name}: {chart.patch.name}, {by} for each place (dark: worse)")
     return figure
 
 
@@ -329,7 +327,7 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncol=min(len(handles), 7), frameon=False)
     verdict = _margins(best) if best.feasible else "NOT feasible, minimum violation"
     verdict += scope_of(best.problem.collision)
-    figure.suptitle(f"{name}: {verdict}", fontsize=14, fontweight="bold")
+    head(figure, f"{name}: {verdict}")
     return figure
 
 

@@ -19,7 +19,7 @@ from ocptip.pictures.frame import new_figure, save_figure
 from ocptip.pictures.labels import Labels
 from ocptip.pictures.scene_panels import draw_friction_bars, draw_plane, draw_space, draw_top, fit_space
 from ocptip.pictures.scene_picture import ScenePicture
-from ocptip.pictures.style import BROKEN
+from ocptip.pictures.style import BROKEN, head
 from ocptip.reserves.slip import SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
 from ocptip.task_files.scene import Scene
@@ -63,7 +63,7 @@ def draw_scene(
     labels = Labels()
     figure = new_figure(13.0, 7.0)
     color = "black" if states.persistent[index] else BROKEN
-    figure.suptitle(picture.title, fontsize=14, fontweight="bold", color=color)
+    head(figure, picture.title, color=color)
     if scene.planar:
         left, right = figure.subplots(1, 2, width_ratios=[1.7, 1.0])
         draw_plane(left, picture, labels)

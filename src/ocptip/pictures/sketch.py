@@ -62,7 +62,7 @@ def draw_postures(
         flat = contacts @ axes.T
         outline = hull(contacts[:, :2])
         ax.fill(*flat[outline].T, fc=GROUND, ec="none", zorder=0)
-        above = lines[0][0] if len(lines) == 1 else np.mean([line[0] for line in lines], axis=0)
+        above = np.mean(_roots(lines), axis=0)
         for foot in contacts:
             ax.plot(*(np.array([foot, above]) @ axes.T).T, color=BASE, lw=1.6, zorder=1)
         for k, foot in enumerate(flat):
@@ -90,6 +90,12 @@ def draw_postures(
         ax.set_gid(SKETCH)
         ax.set_title(title, fontsize=9.5)
     _scale(panels[0], low, high, margin)
+
+
+def _roots(lines: list[np.ndarray]) -> list[np.ndarray]:
+    """Where bodies begin at the base: points from which lines go, and to which none leads."""
+    ends = [line[-1] for line in lines if not np.allclose(line[0], line[-1], atol=1e-9)]
+    return [line[0] for line in lines if not any(np.allclose(line[0], end, atol=1e-9) for end in ends)]
 
 
 def _number_joints(ax: Any, line: np.ndarray) -> None:

@@ -90,10 +90,10 @@ def finish(ax: Any, title: str, label: str, across: str = "") -> None:
         ax.legend(handles, labels, frameon=False, handlelength=2.2, **beside, **TEXT)
 
 
-def head(figure: Any, title: str, below: str = "") -> None:
+def head(figure: Any, title: str, below: str = "", color: str = "black") -> None:
     """The title of a figure, and in a second line the verdict, or what else all of it is about."""
     lines = [title, *textwrap.wrap(below, _WRAPPED)]
-    figure.suptitle("\n".join(lines), fontsize=12.5, fontweight="bold")
+    figure.suptitle("\n".join(lines), fontsize=12.5, fontweight="bold", color=color)
 
 
 def note(figure: Any, text: str) -> None:

@@ -72,7 +72,7 @@ def index_maps_figure(found: IndexMaps) -> Figure:
         figure.colorbar(
             images[0], ax=list(panels), label=_index_label(found, name), extend=_beyond(found, name)
         )
-    figure.suptitle(_index_title(found))
+    style.head(figure, _index_title(found))
     handles: list[Any] = [Patch(color=_OUTSIDE[0], label="out of reach, or beyond a joint's range")]
     if _changes_sign(found.signed):
         handles.append(Line2D([], [], color=_SINGULAR, label="singular"))
@@ -108,13 +108,13 @@ def _index_curves(found: IndexMaps) -> Figure:
     if turns.size:
         panels[0].legend(frameon=False)
     panels[-1].set_xlabel(_label(found.names[0]))
-    figure.suptitle(_index_title(found))
+    style.head(figure, _index_title(found))
     return figure
 
 
 def _index_label(found: IndexMaps, name: str) -> str:
     one = found.meanings[name]
-    unit = "" if one.unit == "1" else f" [{one.unit}]"
+    unit = " [-]" if one.unit == "1" else f" [{one.unit}]"
     return f"{one.symbol}{unit}, {one.lower:.3g} to {one.upper:.3g}".replace("to inf", "and up")
 
 
@@ -236,5 +236,5 @@ def save_indices(
         ax.set_ylim(bottom=0.0)
         ax.set_ylabel(name)
         ax.set_xlabel("time [s]" if ax.get_subplotspec().is_last_row() else "")
-    figure.suptitle(robot)
+    style.head(figure, f"{robot}: indices along the motion, minima marked")
     return save_figure(figure, path, _DPI)

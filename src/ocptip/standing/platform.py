@@ -181,7 +181,7 @@ class ParallelMechanism(StandingMechanism):
         kinematics, lines, held = self.robot.kinematics, [], []
         r, turn = kinematics.pose(q)
         for leg, values in zip(kinematics.legs, kinematics.joints(q).q, strict=True):
-            points = leg.origin + np.vstack([np.zeros(3), leg.frames(values)[1]])
+            points = np.vstack([leg.origin, leg.frames(values)[1]])
             lines += [points[[parent + 1, k]] for k, parent in enumerate(leg.topology.parents, 1)]
             held += [r + turn @ point for point in leg.couplings]
         if held:

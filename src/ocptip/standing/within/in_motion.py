@@ -362,7 +362,9 @@ def _worst_slip(cases: WorstCase, at: DelayedStates) -> WorstInstant:
     at = at.some(np.argsort(-found.values, kind="stable")[:FROM_MORE])
     found = cases.slip(at.s, STARTS, max_delay=at.max_delay)
     k = int(np.argmax(found.values))
-    left = f"slip GT {found.values[k]:.3g}{_kept(cases, at.s[k : k + 1], found.theta[k : k + 1])}"
+    left = (
+        f"friction used {100 * found.values[k]:.3g} %{_kept(cases, at.s[k : k + 1], found.theta[k : k + 1])}"
+    )
     how = _how(cases, found, k, at.words[k])
     return WorstInstant(float(found.values[k]), float(at.times[k]), how, left, None)
 
