@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, InputWarning
 from ocptip.cli.main import main
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.template import MARK, task_template
@@ -186,7 +186,8 @@ def test_limits_and_states_of_moveit_go_into_the_task(here, capsys):
     start = next(line for line in text.splitlines() if line.startswith("start_deg"))
     text = text.replace(start, 'start = "stow"').replace("\nstart_m", "\n# start_m")
     Path("lift.toml").write_text(filled(text, VALUES), encoding="utf-8")
-    task = load_task("lift.toml")
+    with pytest.warns(InputWarning, match=r"state 'stow' has finger_1 at 0\.02, locked at 0\.01"):
+        task = load_task("lift.toml")
     np.testing.assert_allclose(task.start, [0.2, -0.5, 0.25])
     limits = task.robot.limits
     np.testing.assert_allclose(limits.speed, [0.3, 1.5, 2.0])

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError, number_from
 from ocptip.basics.read import parse_xml, parse_yaml, read_text, read_xml_text
 from ocptip.basics.text import some
@@ -25,6 +26,9 @@ _LIMITS = {  # of a joint in the file: has_..._limits, whose numbers
 }
 _NAMES = {"velocity": "speed", "acceleration": "acceleration", "jerk": "jerk", "effort": "torque"}
 _SCALES = {"default_velocity_scaling_factor": "speed", "default_acceleration_scaling_factor": "acceleration"}
+
+_APART = 1e-3
+"""rad or m, by which joints that do not move may stand elsewhere in a named state."""
 
 
 def with_joint_limits(arm: ArmModel, path: str | os.PathLike[str]) -> ArmModel:
@@ -113,10 +117,20 @@ def values_of_state(arm: ArmModel, states: Mapping[str, Mapping[str, float]], na
 
     Raises:
         InputError: there is no such state, or it lacks a joint of the arm.
+
+    Warns:
+        InputWarning: joints that do not move stand elsewhere in this state.
     """
     if name not in states:
         listed = ", ".join(states) or "none; the key srdf in [arm] names the file that has them"
         raise InputError(f"no state {name!r}; there are {listed}")
     if lacking := [joint for joint in arm.joint_names if joint not in states[name]]:
         raise InputError(f"state {name!r} has no value for {', '.join(lacking)}")
+    apart = [
+        f"{joint} at {value:.4g}, locked at {arm.resting[joint]:.4g}"
+        for joint, value in states[name].items()
+        if abs(arm.resting.get(joint, value) - value) > _APART
+    ]
+    if apart:
+        doubt(f"state {name!r} has {some(apart)} (rad, sliding joints m); give locked_deg, locked_m in [arm]")
     return np.array([states[name][joint] for joint in arm.joint_names])
