@@ -71,8 +71,6 @@ class ArmCodeReport(Report):
     function: cs.Function
     target: Path | None
 
-    good = True
-
     @property
     def count(self) -> OperationCount:
         """Operations."""

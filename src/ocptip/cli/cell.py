@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ocptip.api.plan import Plan
 from ocptip.api.tasks import load_task
@@ -22,6 +22,7 @@ from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.place import refusal_lines, where_text
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import say_if_compiling
+from ocptip.motion.cycles.task import CycleTask
 from ocptip.placement.for_cycle import CyclePlacement, CyclePlacements, place_for_cycle
 from ocptip.placement.output import refusal_to_dict
 from ocptip.placement.result import NoPlacementError
@@ -50,7 +51,7 @@ def run(options: Namespace) -> Report:
     try:
         found = place_for_cycle(
             cell.problem,
-            lambda placement: load_task(cell.placed(placement), **least),
+            lambda placement: cast(CycleTask, load_task(cell.placed(placement), **least)),
             candidates=options.places,
             starts=options.starts,
             seed=options.seed,

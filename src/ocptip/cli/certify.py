@@ -6,7 +6,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ocptip.api.certify import Certified, certify, read_certificate
 from ocptip.api.given import task_of_motion
@@ -15,7 +15,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import table
 from ocptip.basics.write import versions
 from ocptip.certificate.describe import tolerance_words
-from ocptip.certificate.result import claim_rows
+from ocptip.certificate.result import Certificate, claim_rows
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.command import Report
 from ocptip.cli.layout import files_lines
@@ -125,7 +125,7 @@ class CertifyReport(Report):
 
     def to_text(self) -> str:
         """The verdict, margins, what is proved, and where something is missing."""
-        found, checked, proof = self.found, self.found.check, self.found.certificate
+        found, checked, proof = self.found, self.found.check, cast(Certificate | None, self.found.certificate)
         head = [f"{found.name} on {found.task.name}   {checked.headline}", motion_line(checked)]
         lines = [*head, *wrapped("Broken", checked.violations), ""]
         lines += margin_table(found.task.robot, checked)

@@ -55,9 +55,9 @@ class Report(ABC):
     verbose: bool = field(default=False, init=False)
 
     @property
-    @abstractmethod
     def good(self) -> bool:
-        """Whether the answer is yes: it stands, it is verified, it exists."""
+        """Whether the answer is yes: it stands, it is verified. Commands that only make something say yes."""
+        return True
 
     @abstractmethod
     def to_text(self) -> str:
@@ -91,11 +91,14 @@ class Answer(Report):
         good, text, data: what `good`, `to_text` and `to_dict` are.
     """
 
-    good = False
-
     def __init__(self, good: bool, text: str, data: dict[str, Any]) -> None:
         super().__init__()
-        self.good, self._text, self._data = good, text, data
+        self._good, self._text, self._data = good, text, data
+
+    @property
+    def good(self) -> bool:
+        """Whether the answer is yes."""
+        return self._good
 
     def to_text(self) -> str:
         """The text."""

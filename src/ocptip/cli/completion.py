@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from argparse import Namespace
+from typing import Any
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.command import Answer, Report
@@ -27,7 +28,7 @@ def run(options: Namespace) -> Report:
     return Answer(True, script, {"shell": options.shell, "script": script})
 
 
-def _complete_files(command: argparse.ArgumentParser, files: dict[str, str]) -> None:
+def _complete_files(command: argparse.ArgumentParser, files: Any) -> None:
     """Complete the names of files where the metavar of an argument names one."""
     for action in command._actions:
         if re.search(r"FILE|DIR|\.\w+|MOTION|PATH|ROBOT", f"{action.metavar}"):

@@ -30,7 +30,6 @@ class ExamplesReport(Report):
     directory: Path
     missing: dict[Path, bytes]
     present: list[Path]
-    good = True
 
     def write(self) -> Iterator[Path]:
         """Write those that are missing."""

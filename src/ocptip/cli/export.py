@@ -32,8 +32,6 @@ class ExportReport(Report):
 
     found: Exported
 
-    good = True
-
     def to_dict(self) -> dict[str, Any]:
         """Files and what is to be known of them."""
         return self.found.to_dict()

@@ -173,8 +173,6 @@ class ExcitationReport(Report):
     motion: ExcitingMotion
     out: str | None
 
-    good = True
-
     def to_dict(self) -> dict[str, Any]:
         """What is known of it."""
         return self.motion.to_dict()
@@ -211,8 +209,6 @@ class IdentifyReport(Report):
 
     found: Identification
     out: str | None
-
-    good = True
 
     def to_dict(self) -> dict[str, Any]:
         """Values, covariances, and the tables."""

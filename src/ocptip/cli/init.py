@@ -33,7 +33,6 @@ class InitReport(Report):
     path: Path
     template: TaskTemplate
     converted: tuple[Path, ...] = ()
-    good = True
 
     def write(self) -> Iterator[Path]:
         """Write the file."""

@@ -28,7 +28,9 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"ocptip: {message} (see {self.prog} --help)\n")
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, args: Any = None, namespace: Any = None
+    ) -> Any:
         """As `argparse`, but options may stand anywhere among positional arguments."""
         words = list(sys.argv[1:] if args is None else args)
         return super().parse_known_args(self._options_last(words), namespace)
@@ -106,8 +108,8 @@ def _exit_later(code: int) -> NoReturn:
 
 def _main(arguments: Sequence[str] | None) -> int:
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")
+        if reconfigure := getattr(stream, "reconfigure", None):
+            reconfigure(errors="backslashreplace")
     whole, words = parser(), list(sys.argv[1:] if arguments is None else arguments)
     if not words:
         whole.print_help()

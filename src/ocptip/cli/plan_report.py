@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ocptip.api.plan import Plan
 from ocptip.cli.command import Report
 from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, under
 from ocptip.cli.motion_summary import motion_text, rise_rows
-from ocptip.motion.cycles.task import freed_offset
+from ocptip.motion.cycles.task import CycleTask, freed_offset
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.summary import motion_line
@@ -153,7 +153,7 @@ def _freed_texts(plan: MotionPlan) -> Iterator[str]:
         return
     motions = [part.motion for part in plan.parts]
     postures = [motions[0].start, *(own.goal for own in motions)]
-    for (name, _, target), q in zip(plan.task.ends, postures, strict=False):
+    for (name, _, target), q in zip(cast(CycleTask, plan.task).ends, postures, strict=False):
         for axis, own in freed_offset(target, plan.task.robot, q).items():
             assert target is not None
             low, high = 1e3 * target.free[AXES.index(axis)]

@@ -143,7 +143,7 @@ def _payload(options: Namespace) -> Payload | None:
     if len(place) not in (0, 3):
         raise InputError(f"--payload: expected KG or KG X Y Z, got {len(options.payload)} numbers")
     try:
-        return Payload(mass, place or (0.0, 0.0, 0.0))
+        return Payload(mass, np.array(place or [0.0, 0.0, 0.0]))
     except InputError as error:
         raise InputError(f"--payload: {error}") from None
 
@@ -183,7 +183,7 @@ def _ellipsoid(options: Namespace) -> OperationEllipsoid | None:
         if options.center is not None:
             raise InputError("--center: needs --ellipsoid")
         return None
-    center = (0.0, 0.0, 0.0) if options.center is None else options.center
+    center = np.array([0.0, 0.0, 0.0] if options.center is None else options.center)
     with naming("--ellipsoid"):
         return OperationEllipsoid(center=center, half_axes=options.ellipsoid)
 

@@ -159,9 +159,10 @@ class Document:
         yield html.paragraph("All limits, with the published indices GN of tip-over and GT of friction:")
         titles, *rows = worst_rows(checked)
         yield html.grid(titles, rows)
-        for name, caption in _OVERVIEWS.items() if self.about.folder is not None else ():
-            if (image := self.about.folder.path / name).is_file():
-                with only_inside(self.about.folder.path):
+        folder = self.about.folder
+        for name, caption in _OVERVIEWS.items() if folder is not None else ():
+            if folder is not None and (image := folder.path / name).is_file():
+                with only_inside(folder.path):
                     yield html.image(read_bytes(image), caption)
         yield html.heading("Robustness, one at a time")
         yield html.paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")

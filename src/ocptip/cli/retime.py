@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from typing import cast
 
 import numpy as np
 
@@ -53,11 +54,14 @@ def run(options: Namespace) -> Report:
 class RetimeReport(PlanReport):
     """A path with its timing, or those of a cycle."""
 
-    plan: RetimedPlan
+    @property
+    def timings(self) -> tuple[Timing, ...]:
+        """Those of the segments."""
+        return cast(RetimedPlan, self.plan).timings
 
     def head(self) -> list[str]:
         """Name and verdict; duration beside that of the given motion, energy."""
-        timings, checked = self.plan.timings, self.plan.check
+        timings, checked = self.timings, self.plan.check
         before = [own.before.duration for own in timings if own.before]
         given = f", as given {sum(before):.3f} s" if len(before) == len(timings) else ""
         kind = _WORDS[timings[0].task.objective.name]
@@ -66,9 +70,9 @@ class RetimeReport(PlanReport):
 
     def found(self) -> list[tuple[str, str]]:
         """The path of each segment, what it was, and what decides its timing."""
-        pairs = zip(self.plan.task.segments, self.plan.timings, strict=True)
+        pairs = zip(self.plan.task.segments, self.timings, strict=True)
         of = {s.name: f" (segment {s.name})" if self.plan.task.is_cycle else "" for s, _ in pairs}
-        pairs = zip(of.values(), self.plan.timings, strict=True)
+        pairs = zip(of.values(), self.timings, strict=True)
         return [(title, f"{text}{name}") for name, own in pairs for title, text in _rows(own)]
 
 

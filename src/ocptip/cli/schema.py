@@ -20,7 +20,6 @@ class SchemaReport(Report):
     """
 
     page: bool
-    good = True
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON Schema."""

@@ -170,7 +170,7 @@ class StandReport(Report):
         position = "position x, y [m]" if found.scene.planar else "position x, y, z [m]"
         rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal margin"]]
         for k, contact in enumerate(support.contacts):
-            where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
+            where = ", ".join(f"{x:.3f}" for x in np.asarray(contact.position) + 0.0)
             force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
             used = percent(found.friction_used[k])
             mode = "lifted" if found.feet and not found.feet.pressing[0, k] else state.modes[k]

@@ -42,8 +42,6 @@ class ViewReport(Report):
     found: View
     path: Path | None
 
-    good = True
-
     def to_dict(self) -> dict[str, Any]:
         """What was written."""
         return self.found.to_dict(self.path)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,7 +80,7 @@ class IndexMaps(Record):
         signed = self.signed[self.inside]
         return bool(np.any(signed <= 0) and np.any(signed >= 0))
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data: minimum, mean and maximum values and where these are, without the single poses."""
         return {
             "robot": self.robot,

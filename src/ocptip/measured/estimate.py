@@ -166,7 +166,7 @@ def estimate(
     zeros = sum(len(measured[kind]) for kind in free_zeros)
     low_passes = dict[str, LowPass]()
     made, rounds = _Made(first, values), 0
-    while rounds < (_ROUNDS_FILTERED if low_passes else _ROUNDS):
+    while True:
         made, zero = _Made(first, values), K + 2 * len(kinds)
         for at, kind in enumerate(kinds):
             states = ran.states(lags[kind])
@@ -200,10 +200,14 @@ def estimate(
             if rounds or kind not in low_passes:  # slopes over time are worth little before there is friction
                 lags[kind] += float(change[K + at])
         rounds += 1
+        if rounds >= (_ROUNDS_FILTERED if low_passes else _ROUNDS):
+            break
     plain, errors = plain_least_squares(made.blocks, prior)
     covariance, seen = spread_of[:K, :K], ~unseen[:K]
     left = made.left(change, low_passes), made.left(plain, low_passes)
-    signals = [(row.kind, row.number, *both) for row, *both in zip(made.rows, *left, strict=True)]
+    signals = [
+        (row.kind, row.number, *rms) for row, rms in zip(made.rows, zip(*left, strict=True), strict=True)
+    ]
     spread = {
         kind: float(np.sqrt(np.mean([rms**2 for own, _, rms, _ in signals if own == kind])))
         for kind in dict.fromkeys(row.kind for row in made.rows)
@@ -341,6 +345,6 @@ def plain_least_squares(blocks: Sequence[Block], prior: np.ndarray) -> tuple[np.
         filtered = len(block.shape) > 1
         filtering = coloured(left, block.shape) if filtered else autoregression(left[block.kept])
         innovation = float(np.std(signal.lfilter(filtering, [1.0], left)[block.kept]))
-        colored = signal.lfilter([1.0], filtering, X[::-1], axis=0) * innovation
+        colored = np.asarray(signal.lfilter([1.0], filtering, X[::-1], axis=0)) * innovation
         middle += colored.T @ colored
     return found, np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -136,7 +137,7 @@ class _SeriesSearch:
     """Value of series of a robot: the condition number where limits are kept, else above `_BROKEN`."""
 
     def __init__(self, task: MotionTask, T: float) -> None:
-        robot = self.robot = task.robot
+        robot = self.robot = cast(Robot, task.robot)
         self.bare, self.limits, self.T = robot.arm.with_payload(None), task.limits, T
         self.start, self.times = np.asarray(task.start), np.linspace(0.0, T, _INSTANTS)
         own = robot.limits

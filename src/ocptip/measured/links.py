@@ -69,9 +69,9 @@ class BaseParameters:
         found = []
         for first, row in zip(self.independent, self.combinations, strict=True):
             others = [k for k in np.argsort(-np.abs(row)) if k != first and abs(row[k]) > 1e-9]
-            shares = (("+-"[int(row[k] < 0)], f"{abs(row[k]):.3g} ", parameters[k]) for k in others)
+            shares = (("+-"[int(row[k] < 0)], f"{abs(row[k]):.3g} ", parameters[int(k)]) for k in others)
             parts = [f"{sign} {'' if share == '1 ' else share}{name}" for sign, share, name in shares]
-            found.append(" ".join([parameters[first], *parts]))
+            found.append(" ".join([parameters[int(first)], *parts]))
         return found
 
 
@@ -79,7 +79,7 @@ def base_parameters(columns: np.ndarray) -> BaseParameters:
     """By QR factorisation with column pivoting of a regressor (rows, K) at many states."""
     size = np.linalg.norm(columns, axis=0)
     scale = np.where(size > _RANK * size.max(), size, np.inf)
-    upper, order = linalg.qr(columns / scale, mode="r", pivoting=True)[:2]
+    upper, order = map(np.asarray, linalg.qr(columns / scale, mode="r", pivoting=True))
     pivots = np.abs(np.diag(upper))
     rank = int(np.sum(pivots > _RANK * pivots[0]))
     first = order[:rank]

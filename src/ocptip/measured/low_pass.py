@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from scipy import optimize, signal
@@ -81,8 +82,8 @@ class LowPass:
 @lru_cache(maxsize=256)
 def _designed(order: int, cutoff: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Sections, and their state at rest under 1."""
-    sections = signal.butter(order, cutoff, fs=rate, output="sos")
-    return sections, signal.sosfilt_zi(sections)
+    sections = np.asarray(signal.butter(order, cutoff, fs=rate, output="sos"))
+    return sections, np.asarray(signal.sosfilt_zi(sections))
 
 
 class Band:
@@ -146,9 +147,8 @@ class Band:
         """Without what is above the band, no phase."""
         if self._every == 1:
             return values
-        taps = signal.firwin(
-            8 * self._every + 1, 1 / self._every, window=("kaiser", signal.kaiser_beta(_RIPPLE))
-        )
+        window: Any = "kaiser", signal.kaiser_beta(_RIPPLE)
+        taps = np.asarray(signal.firwin(8 * self._every + 1, 1 / self._every, window=window))
         padded = np.pad(values, ((len(taps) // 2,) * 2, (0, 0)), mode="edge")
         return signal.oaconvolve(padded, taps[:, None], mode="valid", axes=0)
 

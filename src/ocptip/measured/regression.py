@@ -78,14 +78,14 @@ def whitened(block: Block, left: np.ndarray | None = None) -> Whitened:
     size = np.linalg.norm(X, axis=0)
     X = X / size
     alone = left is None
-    left = y - X @ np.linalg.lstsq(X, y, rcond=_SAME)[0] if left is None else left[part].copy()
-    left[~kept] = np.interp(np.flatnonzero(~kept), np.flatnonzero(kept), left[kept])
-    spread = float(np.std(left[kept]))
-    filtering = autoregression(left) if alone else coloured(left, block.shape)
+    rest = y - X @ np.linalg.lstsq(X, y, rcond=_SAME)[0] if left is None else left[part].copy()
+    rest[~kept] = np.interp(np.flatnonzero(~kept), np.flatnonzero(kept), rest[kept])
+    spread = float(np.std(rest[kept]))
+    filtering = autoregression(rest) if alone else coloured(rest, block.shape)
     if alone and len(filtering) > 1:  # once more, with the weights that belong to this noise
-        rows = np.asarray(signal.lfilter(filtering, [1.0], np.column_stack([left, X]), axis=0))
-        left = left - X @ _solved(rows[len(filtering) :, 1:], rows[len(filtering) :, 0])
-        filtering = autoregression(left)
+        rows = np.asarray(signal.lfilter(filtering, [1.0], np.column_stack([rest, X]), axis=0))
+        rest = rest - X @ _solved(rows[len(filtering) :, 1:], rows[len(filtering) :, 0])
+        filtering = autoregression(rest)
     order = len(filtering) - 1
     rows = np.asarray(signal.lfilter(filtering, [1.0], np.column_stack([y, X]), axis=0))
     lost = _without(rows, np.flatnonzero(~kept), filtering)
@@ -96,7 +96,7 @@ def whitened(block: Block, left: np.ndarray | None = None) -> Whitened:
     freedom = max(count - int(rank), 1)
     square = np.sum((y - X @ best) ** 2) / freedom
     if not alone:
-        square = max(square, np.mean(signal.lfilter(filtering, [1.0], left)[order:][kept[order:]] ** 2))
+        square = max(square, np.mean(signal.lfilter(filtering, [1.0], rest)[order:][kept[order:]] ** 2))
     noise = max(float(np.sqrt(square)), block.least, 1e-300)
     K = block.columns.shape[1]
     products, projections = np.zeros((K, K)), np.zeros(K)
@@ -111,7 +111,7 @@ def coloured(left: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
     Few samples do not tell more: parameters have taken away part of the noise at their frequencies.
     """
-    before = signal.lfilter(shape, [1.0], left)[len(shape) - 1 :]
+    before = np.asarray(signal.lfilter(shape, [1.0], left))[len(shape) - 1 :]
     return np.convolve(shape, autoregression(before, 1))
 
 

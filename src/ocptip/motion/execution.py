@@ -133,11 +133,13 @@ def execute(
         return Execution(controller, run, run.points, checked, factor, step, motion.rise_times)
 
     factor, plain = 1.0, replace(limits, tolerance=NONE)
+    found: Execution | None = None
     for kept in (plain, limits) if limits.tolerance.given else (limits,):  # the quick check goes before
         found = _least(partial(tried, limits=kept), factor, slowest)
         if found is None:
             return tried(1.0)
         factor = found.slower
+    assert found is not None  # there are limits
     return found
 
 

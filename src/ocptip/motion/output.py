@@ -12,7 +12,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -117,7 +117,7 @@ def sample_motion(robot: StandingMechanism, motion: Trajectory, step: float = ST
     """
     times, left = _instants(motion, step)
     own = _intervals(motion, times, left)
-    samples = robot.during(motion).samples(_OneSided(motion, own), times)
+    samples = robot.during(motion).samples(cast(Trajectory, _OneSided(motion, own)), times)
     if not robot.direct_drives:
         return samples
     # Power jumps where a speed changes sign. At the crossing itself the speed is 0 up to rounding, so that
@@ -212,7 +212,7 @@ class _OneSided:
     def states(self, times: np.ndarray, **_: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         begin, end = self._intervals.T
         margin = np.minimum(INSIDE, 0.5 * (end - begin))
-        angles, speeds, _ = self._motion.states(times)
+        angles, speeds = self._motion.states(times)[:2]
         return angles, speeds, self._motion.states(np.clip(times, begin + margin, end - margin))[2]
 
 

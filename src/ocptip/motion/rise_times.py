@@ -11,6 +11,7 @@ also solved with trapezoidal profiles where its path promises nearly the same co
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
 
 def others(chosen: MotionTask) -> list[MotionTask]:
     """The task with the rise times next to the present one: twice, half, and none."""
-    rise = max(chosen.rise_times or (0.0,))
+    rise = max(cast(tuple[float, ...], chosen.rise_times or (0.0,)))
     found = [other for other in (2 * rise, 0.5 * rise) if SHORTEST <= other <= LONGEST]
     tasks = [_possible(chosen, other) for other in (*found, 0.0)] if rise else []
     return [one for one in tasks if one is not None]

@@ -32,7 +32,10 @@ SCENARIOS: dict[Kinds, tuple[str, ...]] = {
 def kinds_of(scenarios: Iterable[str]) -> Kinds:
     """The kinds that ask for these scenarios, or else for all."""
     asked = tuple(scenarios)
-    return next((kinds for kinds, own in SCENARIOS.items() if own == asked), "all")
+    for kinds, own in SCENARIOS.items():
+        if own == asked:
+            return kinds
+    return "all"
 
 
 BRAKES = (0.5, 2.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -244,7 +244,7 @@ def require_plannable(task: MotionTask) -> None:
         raise InputError(f"{task.name}: cannot be planned: {'; '.join(reasons)}")
 
 
-def check_commands(commands: object) -> None:
+def check_commands(commands: Any) -> None:
     """Raise InputError if this cannot be a number of profile commands; more than a dozen gain nothing."""
     if not is_whole(commands) or not 1 <= commands <= MOST_COMMANDS:
         raise InputError(f"commands: must be a whole number >= 1 and <= {MOST_COMMANDS}, got {commands!r}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -99,6 +99,7 @@ def cycle_check(task: Task, motion: Trajectory, checks: Sequence[MotionCheck]) -
     """The same from the checks of the motions."""
     if not task.is_cycle:
         return CycleCheck(("",), tuple(checks), (0.0,), (0.0,), (0.0,), checks[0])
+    task = cast(CycleTask, task)
     pauses, segments = motion.pauses, task.segments
     energies = [
         pause * segment.standby(own.goal) if pause else 0.0
@@ -157,7 +158,7 @@ def segments_of(task: Task, motion: Trajectory) -> Trajectory:
         InputError: it is not clear where they begin, or there are more or fewer than in the task.
     """
     if task.is_cycle and motion.points is not None:
-        motion = parts_of(task, motion)
+        motion = parts_of(cast(CycleTask, task), motion)
     if len(motion.segments) != len(task.segments):
         own = f"has {len(task.segments)}" if task.is_cycle else "is a single motion"
         raise InputError(f"has {len(motion.segments)} segments, {task.name} {own}")

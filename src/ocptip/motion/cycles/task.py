@@ -100,9 +100,9 @@ class CycleTask:
             near: m and rad, by which a pose may be missed.
         """
         _, postures, target = self.ends[end]
-        poses = target is not None and isinstance(self.robot, Robot)
-        if poses and target.reached(self.robot.arm, q[None], near)[0]:
-            return np.zeros(self.robot.n)
+        robot = self.robot
+        if target is not None and isinstance(robot, Robot) and target.reached(robot.arm, q[None], near)[0]:
+            return np.zeros(robot.n)
         off = q - postures
         if len(postures) > 1:
             off = np.where(np.array(self.robot.units) == "rad", wrapped(off), off)
