@@ -99,6 +99,8 @@ class _Wheel:
             at[:2] = self.origin[:2] + along * (along @ (at[:2] - self.origin[:2]))
             direction = ", ".join(f"{value:.3g}" for value in self.axle.round(3) + 0.0)
             about = f", radius {self.origin[2] - self.low:.4g} m, axle ({direction})"
+            if (width := np.ptp(lowest @ self.axle)) > 0:
+                about += f", touches {1e3 * width:.3g} mm wide"
         kind, why = ("wheel", "") if driven or not self.caster else ("caster", f" {self.caster}")
         return GroundContact(kind, np.array([*at[:2], self.low]), f"{self.name}: {kind}{why}{about}")
 
