@@ -24,6 +24,7 @@ from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import scope_of
 from ocptip.placement.result import NoPlacementError, Placement, PlacementMargin, PlacementResult
+from ocptip.reserves.tipping import moment_at
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.tolerance import load_tolerance
@@ -194,7 +195,7 @@ def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
 def _value(name: str, placement: Placement) -> str:
     value, reference = placement.criteria[name], placement.problem.robot.tip_over.reference_moment
     if name == "GN" and reference and 0 < value < 1:
-        return quantity(reference * (1 / value - 1), "N m", 3)
+        return quantity(moment_at(value, reference), "N m", 3)
     if name == "GT" and value <= 1:
         return quantity(100 * value, "%", 3)
     unit = placement.problem.energy.unit if name == "GE" else ""

@@ -16,6 +16,7 @@ import numpy as np
 from ocptip.basics.errors import finite_array
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_normal_forces
+from ocptip.reserves.tipping import moment_at
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import Robot
 
@@ -187,7 +188,7 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
     GN = robot.tip_over.evaluate(states).GN
     GT = _slips(robot, states)
     reference, worst = robot.tip_over.reference_moment, float(np.max(GN))
-    margin = None if reference is None else reference * (1 / worst - 1) if worst < 1 else 0.0
+    margin = None if reference is None else moment_at(worst, reference)
     use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
     i, k = pairs[int(np.argmax(use)) // len(loads.process)]
     return LoadCase(

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ocptip.motion.check import MotionCheck
+from ocptip.reserves.tipping import moment_at
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
@@ -82,7 +83,7 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
     worst, contacts, reference = checked.worst, checked.contacts, robot.tip_over.reference_moment
 
     def moment(index: float) -> float:
-        return reference * (1 / index - 1) if reference and index < 1 else 0.0
+        return moment_at(index, reference)
 
     def used(*names: str) -> float:
         shares = [worst[name].value / worst[name].limit for name in names if name in worst]

@@ -25,6 +25,7 @@ from ocptip.pictures.gears import gears_figure
 from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.pictures.sketch import draw_postures
 from ocptip.pictures.style import Quantity
+from ocptip.reserves.tipping import moment_at
 from ocptip.standing.mechanism import MotionSamples
 
 if TYPE_CHECKING:
@@ -216,8 +217,8 @@ def _tipping(ax: Any, curves: PlanCurves) -> None:
         ax.plot(*curves.worst_moments, **line_style, label="worst case", gid="tipping-worst-case")
     _reference(ax, curves, quantity, curves.moments)
     _marks(ax, curves, quantity, row)
-    index = curves.limit("GN")
-    _limit(ax, curves, quantity, curves.plan.task.robot.tip_over.reference_moment * (1 / index - 1), "limit")
+    reference = curves.plan.task.robot.tip_over.reference_moment
+    _limit(ax, curves, quantity, moment_at(curves.limit("GN"), reference), "limit")
     _worst_limit(ax, quantity, row)
     ax.set_ylim(bottom=0.0)
     _finish(ax, curves, _title(TITLES[kinds.TIPPING], row), quantity.label)

@@ -29,6 +29,16 @@ REFERENCE_SHARE = 0.1
 """Reference moment M0 as a share of the largest moment sum without load (source: about 1/10)."""
 
 
+def moment_at(index: float, reference: float | None) -> float:
+    """Minimum moment about a tipping axis, N m, that gives this tip-over index; 0 where the base tips.
+
+    Args:
+        index: GN = M0 / (M0 + M).
+        reference: M0, N m; None where nothing tips.
+    """
+    return reference * (1 / index - 1) if reference and 0 < index < 1 else 0.0
+
+
 class TipOver:
     """Tip-over index of a support; finds the potential tipping axes once.
 

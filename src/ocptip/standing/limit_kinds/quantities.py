@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.reserves.friction_needed import friction_needed, needed_text
 from ocptip.reserves.slip import known
-from ocptip.reserves.tipping import TipMap
+from ocptip.reserves.tipping import TipMap, moment_at
 from ocptip.standing.footing import Footing
 from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING
@@ -186,9 +186,8 @@ class TipOverQuantity(ContactQuantity):
         super().__init__(footing, number)
         self.moments = TipMap(footing.tip_over)
         self.width, self.affine = self.moments.count, self.moments.affine
-        reference = footing.tip_over.reference_moment or 0.0
-        self.unit = 2 * (reference or 1.0)
-        self.least_moment = reference * (1 / number - 1)  # N m
+        reference = footing.tip_over.reference_moment
+        self.unit, self.least_moment = 2 * (reference or 1.0), moment_at(number, reference)
 
     def measure(self, at: Loaded) -> np.ndarray:
         return at.tip.GN

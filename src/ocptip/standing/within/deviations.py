@@ -187,19 +187,9 @@ class Deviations:
             if name in self.places:
                 theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
         if "gravity" in self.places:
-            theta[:, self.places["gravity"]] = self._tilted(slopes[:, self.places["gravity"]])
+            at = self.places["gravity"]
+            theta[:, at] = least_tilt(slopes[:, at], self.robot.support.gravity, self.tolerance.tilt)
         return theta
-
-    def _tilted(self, b: np.ndarray) -> np.ndarray:
-        """Changes (N, 3) of gravity within the cap at which b (N, 3) . gravity is minimal."""
-        gravity, most = self.robot.support.gravity, self.tolerance.tilt
-        size = np.linalg.norm(gravity)
-        down = gravity / max(size, 1e-300)
-        wanted = -_unit(b)
-        along = wanted @ down
-        side = wanted - along[:, None] * down
-        angle = np.minimum(np.arctan2(np.linalg.norm(side, axis=1), along), most)[:, None]
-        return size * ((np.cos(angle) - 1) * down + np.sin(angle) * _unit(side))
 
     def missed(
         self, s: np.ndarray, theta: np.ndarray, a: np.ndarray, max_delay: np.ndarray | None = None
@@ -284,6 +274,17 @@ def towards(side: np.ndarray) -> str:
     if abs(unit[k]) > 0.999:
         return f"towards {'-' if unit[k] < 0 else '+'}{'xyz'[k]}"
     return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(unit, 2) + 0.0))
+
+
+def least_tilt(b: np.ndarray, gravity: np.ndarray, tilt: float) -> np.ndarray:
+    """Changes (N, 3) of gravity (3,) within a tilt, rad, that make b (N, 3) . gravity minimal."""
+    size = np.linalg.norm(gravity)
+    down = gravity / max(size, 1e-300)
+    wanted = -_unit(b)
+    along = wanted @ down
+    side = wanted - along[:, None] * down
+    angle = np.minimum(np.arctan2(np.linalg.norm(side, axis=1), along), tilt)[:, None]
+    return size * ((np.cos(angle) - 1) * down + np.sin(angle) * _unit(side))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -24,10 +24,10 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity
 from ocptip.contact.support import Load, Support
-from ocptip.reserves.tipping import TipMap, TipOver
+from ocptip.reserves.tipping import TipMap, TipOver, moment_at
 from ocptip.standing.footing import Footing
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.deviations import towards
+from ocptip.standing.within.deviations import least_tilt, towards
 from ocptip.standing.within.tolerable import why_not
 
 SEARCHED = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
@@ -125,7 +125,7 @@ class WithinAtRest:
 
     def tipping_margin(self, reference: float) -> float:
         """N m, at the worst, by M0 of GN, N m; 0 where the base tips."""
-        return reference * (1 / self.GN - 1) if 0 < self.GN < 1 else 0.0
+        return moment_at(self.GN, reference)
 
     def lines(self, reference: float | None) -> list[str]:
         """In words.
@@ -352,7 +352,8 @@ class RestCase:
             per_mass = force + np.cross(moment, self._centers + shifts)
             masses = self._masses + np.where(per_mass @ gravity > 0, self._less, self._more)
             if self._tolerance.tilt:
-                gravity = self._tilted(masses @ per_mass)
+                slope = masses @ per_mass
+                gravity = self._gravity + least_tilt(slope[None], self._gravity, self._tolerance.tilt)[0]
         pushes = np.zeros((len(self._pushes), 3))
         for k, push in enumerate(self._pushes):
             slope = force + np.cross(moment, self._point(push, shifts))
@@ -379,16 +380,6 @@ class RestCase:
     @staticmethod
     def _point(push: Push, shifts: np.ndarray) -> np.ndarray:
         return push.point if push.weight is None else push.point + shifts[push.weight]
-
-    def _tilted(self, b: np.ndarray) -> np.ndarray:
-        """Gravity within the cap at which b . g is minimal."""
-        wanted = -b / max(np.linalg.norm(b), 1e-300)
-        along = float(wanted @ self._down)
-        side = wanted - along * self._down
-        size = float(np.linalg.norm(side))
-        angle = min(float(np.arctan2(size, along)), self._tolerance.tilt)
-        across = side / size if size > 0 else np.zeros(3)
-        return self._size * (np.cos(angle) * self._down + np.sin(angle) * across)
 
     def _wrenches(self, offs: Sequence[Off]) -> np.ndarray:
         """(N, 6), N and N m about the nominal centre of mass of the base."""
