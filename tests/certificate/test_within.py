@@ -149,7 +149,7 @@ def test_bounds_of_joints_on_time_say_so(monkeypatch):
     assert found.holds
     assert not found.certified
     assert found.sampled[:2] == LATE
-    assert "within the uncertainty with all joints on time GN <=" in str(found)
+    assert "worst case with all joints on time" in str(found)
     assert "on time" not in str(replace(found, sampled=()))
 
 

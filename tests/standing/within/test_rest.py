@@ -192,7 +192,7 @@ def test_scenes_without_tilt_are_refused():
         mass=5.0,
         center_of_mass=[0.0, 0.4],
     )
-    with pytest.raises(InputError, match="spatial scenes only"):
+    with pytest.raises(InputError, match="only for spatial scenes"):
         scene_within(planar, [], Uncertainty(tilt=0.01))
     with pytest.raises(InputError, match="without gravity"):
         scene_within(support_of(gravity=(0.0, 0.0, 0.0)), [], Uncertainty(tilt=0.01), 10.0)
