@@ -9,14 +9,9 @@ import numpy as np
 
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation
+from ocptip.parallel.description.platform import Platform
 from ocptip.parallel.description.ready_made import delta, rrr3, ups6
-from ocptip.parallel.description.robot_description import (
-    PRISMATIC,
-    MDHRow,
-    Platform,
-    RobotDescription,
-    SerialLeg,
-)
+from ocptip.parallel.description.robot_description import PRISMATIC, MDHRow, RobotDescription, SerialLeg
 
 QUARTER = math.pi / 2
 

@@ -24,14 +24,13 @@ from ocptip.basics.values import number_of
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of, value_of
+from ocptip.parallel.description.platform import COORDINATES, Platform
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import (
-    COORDINATES,
     FIXED,
     PRISMATIC,
     REVOLUTE,
     MDHRow,
-    Platform,
     RobotDescription,
     SerialLeg,
 )

@@ -13,8 +13,9 @@ from ocptip.parallel.code.complete import complete_function, complete_joints, ne
 from ocptip.parallel.code.counting import count_operations
 from ocptip.parallel.code.lean_arm import lean_arm
 from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.platform import Platform
 from ocptip.parallel.description.ready_made import READY_MADE, ups6
-from ocptip.parallel.description.robot_description import MDHRow, Platform, RobotDescription, SerialLeg
+from ocptip.parallel.description.robot_description import MDHRow, RobotDescription, SerialLeg
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.published.arms import arm_names, load_arm
 from ocptip.robots.dynamics import inverse_dynamics

@@ -18,15 +18,9 @@ from ocptip.parallel.description.entries import (
     right_angles,
     value_of,
 )
+from ocptip.parallel.description.platform import Platform
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
-from ocptip.parallel.description.robot_description import (
-    DYNPAR2,
-    FIXED,
-    PRISMATIC,
-    MDHRow,
-    Platform,
-    SerialLeg,
-)
+from ocptip.parallel.description.robot_description import DYNPAR2, FIXED, PRISMATIC, MDHRow, SerialLeg
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 from tests.parallel.parallel_cases import random_body

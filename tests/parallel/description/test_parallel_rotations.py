@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.numerics.vectors import skew
-from ocptip.parallel.description.robot_description import CONVENTIONS, Platform
+from ocptip.parallel.description.platform import CONVENTIONS, Platform
 from ocptip.parallel.description.rotations import (
     PlatformCoordinates,
     euler_rotation,

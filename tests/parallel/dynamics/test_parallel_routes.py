@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, SolverError
+from ocptip.parallel.description.platform import CONVENTIONS
 from ocptip.parallel.description.ready_made import delta
-from ocptip.parallel.description.robot_description import CONVENTIONS
 from ocptip.parallel.robot import ParallelRobot
 from tests.oracles.parallel_routes.forces import ROUTES, forces_by
 from tests.parallel.parallel_cases import KIND_NAMES

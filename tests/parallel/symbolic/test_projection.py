@@ -7,11 +7,11 @@ import pytest
 
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.description.entries import Parameter, product_of
+from ocptip.parallel.description.platform import Platform
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     REVOLUTE,
     MDHRow,
-    Platform,
     RobotDescription,
     SerialLeg,
 )

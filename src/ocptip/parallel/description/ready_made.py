@@ -16,13 +16,8 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotation, product_of
-from ocptip.parallel.description.robot_description import (
-    PRISMATIC,
-    MDHRow,
-    Platform,
-    RobotDescription,
-    SerialLeg,
-)
+from ocptip.parallel.description.platform import Platform
+from ocptip.parallel.description.robot_description import PRISMATIC, MDHRow, RobotDescription, SerialLeg
 
 _QUARTER = math.pi / 2
 _PLANAR, _SPATIAL = (0.0, -9.81, 0.0), (0.0, 0.0, -9.81)

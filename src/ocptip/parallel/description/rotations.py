@@ -15,7 +15,7 @@ import numpy as np
 
 from ocptip.numerics.vectors import cross_terms
 from ocptip.parallel.description.entries import turn_about
-from ocptip.parallel.description.robot_description import Platform
+from ocptip.parallel.description.platform import Platform
 
 Scalar = Any
 
