@@ -152,7 +152,7 @@ def test_robot_without_generated_code(capsys, root, tmp_path):
         err = capsys.readouterr().err
         assert err.count("\n") == 1
         assert f"{options[0]}: " in err
-        assert "leg 1 branches" in err
+        assert "leg 1 is branched" in err
     assert not list(tmp_path.iterdir())
 
 

@@ -96,7 +96,7 @@ def test_unsupported_parts_name_the_leg(robots):
     robot = robots[0]
     state = random_state(0)
     assert robot.crossings(np.array([state[0], state[0] + 0.01])) == ()
-    with pytest.raises(InputError, match="generated code: leg 1 branches"):
+    with pytest.raises(InputError, match="generated code: leg 1 is branched"):
         robot.lean()
 
 
