@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.api.view import view
 from ocptip.cli.main import main
 from ocptip.motion.plan_files import write_plan
+from ocptip.pictures.scene_picture import margin_texts
 from ocptip.pictures.view import motion_show, pose_show, to_html
 from ocptip.pictures.view_bodies import HEAD, LINK
 from ocptip.placement.output import result_to_dict, write_placement
@@ -117,7 +118,7 @@ def test_what_is_on_stage_is_what_the_check_says():
         normal = slip.normal_forces[0]
         centre = normal @ np.array([c.position for c in robot.support.contacts]) / normal.sum()
         assert np.allclose(stage.nodes["/zero-moment point"].position, centre)
-        assert f"GN {seen.tip.GN[0]:.3f}, GT {slip.GT[0]:.3f}" in stage.nodes["/clock"].text
+        assert ", ".join(margin_texts(seen.tip, slip, 0)) in stage.nodes["/clock"].text
     tip = np.array(stage.nodes["/arm/6"].position)
     assert np.linalg.norm(tip) < robot.arm.reach
     cone = stage.nodes["/friction cones/1"].values[0]
@@ -141,7 +142,7 @@ def test_a_cycle_is_one_show_with_what_each_segment_holds():
         frame(k)
         local += show.times[k] - at if local < motion.end else 0.0
         tip = own.samples(motion, np.array([local])).tip
-        assert f"A, {name}  GN {tip.GN[0]:.3f}" in stage.nodes["/clock"].text
+        assert f"A, {name}  tipping margin {tip.moments[0].min():.3g} N m" in stage.nodes["/clock"].text
         assert stage.nodes["/arm/6/payload 1"].visible == (own is laden)
 
 
@@ -158,10 +159,10 @@ def test_a_second_motion_is_a_ghost_with_a_clock_of_its_own():
         seen = robot.samples(own, time)
         gripper = link_frames(robot.arm, seen.angles).origins[0, 5]
         assert np.allclose(stage.nodes[f"{root}/arm/6"].position, gripper)
-        assert f"GN {seen.tip.GN[0]:.3f}, GT {seen.slip.GT[0]:.3f}" in stage.nodes[clock].text
+        assert ", ".join(margin_texts(seen.tip, seen.slip, 0)) in stage.nodes[clock].text
     frame(len(show.times) - 1)  # the first has been at rest for a while
-    still = robot.samples(motion, np.array([motion.end])).tip.GN[0]
-    assert f"GN {still:.3f}" in stage.nodes["/clock"].text
+    still = robot.samples(motion, np.array([motion.end])).tip.moments[0].min()
+    assert f"tipping margin {still:.3g} N m, friction used " in stage.nodes["/clock"].text
 
 
 def test_a_second_base_stands_where_it_is(tmp_path, capsys):

@@ -134,16 +134,10 @@ class ScenePicture:
     @property
     def title(self) -> str:
         """Verdict and margins."""
-        state, GT = self.states[self.index], float(self.slip.GT[self.index])
+        state = self.states[self.index]
         verdict = "STABLE" if state.persistent else ("NOT STABLE" if state.solved else "NO ANSWER")
-        parts = []
-        if self.nearest >= 0:
-            moment = max(float(self.tip.moments[self.index][self.nearest]), 0.0)
-            parts.append(f"tipping margin {quantity(moment, 'N m', 3)}")
-        if math.isfinite(GT):  # rounded to 100 %, a value below could contradict the verdict
-            used = quantity(100 * GT, "%", 3 if GT < 0.9995 else 6)
-            parts.append(f"friction used {used}" if GT < 1 else "slips")
-        return f"{self.scene.name}: {verdict}    {', '.join(parts)}".rstrip()
+        texts = ", ".join(margin_texts(self.tip, self.slip, self.index))
+        return f"{self.scene.name}: {verdict}    {texts}".rstrip()
 
     def axis_name(self, index: int) -> str:
         """Tipping axis as "1-2"."""
@@ -159,6 +153,17 @@ class ScenePicture:
         first = f"contact {k + 1}" + ("" if self.modes[k] == "stick" else f": {self.modes[k]}")
         used = f", {percent(self.usage[k])} used" if math.isfinite(self.usage[k]) else ""
         return f"{first}\n{quantity(self.normal_forces[k], 'N', 3)}{used}"
+
+
+def margin_texts(tip: TipOverReserve, slip: SlipReserve, k: int) -> list[str]:
+    """Tipping margin and friction used in state k, as far as it has them."""
+    GT, texts = float(slip.GT[k]), []
+    if (nearest := int(tip.nearest_axis[k])) >= 0:
+        texts.append(f"tipping margin {quantity(max(float(tip.moments[k, nearest]), 0.0), 'N m', 3)}")
+    if math.isfinite(GT):  # rounded to 100 %, a value below could contradict the verdict
+        used = quantity(100 * GT, "%", 3 if GT < 0.9995 else 6)
+        texts.append(f"friction used {used}" if GT < 1 else "slips")
+    return texts
 
 
 def nice(value: float) -> float:

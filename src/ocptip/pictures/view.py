@@ -23,6 +23,7 @@ from ocptip.basics.write import MARK
 from ocptip.contact.support import Support
 from ocptip.motion.plan_files import samples_joined
 from ocptip.pictures import view_bodies as bodies
+from ocptip.pictures.scene_picture import margin_texts
 from ocptip.reserves.equal_compliance import equal_normal_map, reported_slip
 from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
@@ -282,16 +283,12 @@ def _path(scene: Any, name: str, act: Act, color: tuple[int, int, int], size: fl
 
 
 def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k: int) -> str:
-    """Margins of state k, with its forces (n, 3), N: "GN 0.391, GT 0.708, minimum foot 9.75 N"."""
+    """Margins of state k, with its forces (n, 3), N."""
     support = tip.states.support
     shared = "" if Slip(support).redistribution == "tangential" else " (one possible sharing)"
     shared = " (equally compliant feet)" if equal_normal_map(support) is not None else shared
-    parts = [
-        f"GN {tip.GN[k]:.3f}",
-        f"GT {slip.GT[k]:.3f}",
-        f"minimum foot {quantity(forces[:, 0].min(), 'N', 3)}{shared}",
-    ]
-    return ", ".join(parts)
+    force = f"minimum foot force {quantity(forces[:, 0].min(), 'N', 3)}{shared}"
+    return ", ".join([*margin_texts(tip, slip, k), force])
 
 
 def shared_forces(contact_forces: np.ndarray, slip: SlipReserve, k: int) -> np.ndarray:
