@@ -359,6 +359,12 @@ def test_a_cancel_is_a_third_scenario(capsys, motion_file):
     assert "s, must be <= 2 s" in text
 
 
+def test_cancels_of_parallel_robots_are_refused(task):
+    """Nothing would be checked, which must not read as safe."""
+    with pytest.raises(InputError, match="cancels are not computed for parallel robots"):
+        check_stops(SimpleNamespace(), task.reference, task.limits, StopRules(), None, "cancel")
+
+
 @pytest.mark.slow
 def test_plans_for_cancels_keep_the_contacts_in_them(task):
     """Of case A: the fastest plan without tips when it is cancelled at the acceleration limits."""

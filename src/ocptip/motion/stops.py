@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.motion.cancels import SafeDecelerations, safe_decelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
@@ -122,6 +123,8 @@ def check_stops(
     """
     times = np.linspace(0, motion.end, ROWS + 1)[:-1] + motion.end / (2 * ROWS)
     asked = SCENARIOS[kinds]
+    if asked == ("cancel",) and not isinstance(robot, Robot):
+        raise InputError("stops: cancels are not computed for parallel robots")
     tables: dict[str, PathTable | JointTable] = {}
     curve = decelerations = None
     if "path" in asked:

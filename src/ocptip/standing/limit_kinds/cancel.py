@@ -170,7 +170,10 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
 class WorstCancelLimit(WithinLimit):
     """The same within the uncertainty; programs know the nominal stops, and are tightened."""
 
-    smallest_step, largest_step = 1e-3, 0.05
+    # A change of the nominal value is about this share of the one that it makes within the uncertainty: there
+    # a step of an acceleration counts with its overshoot, and friction is reduced.
+    nominal_share = 0.4
+    smallest_step, largest_step = 1e-3, 0.3
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...], symbol: str) -> None:
         super().__init__(robot, asked, joints)
@@ -204,5 +207,5 @@ class WorstCancelLimit(WithinLimit):
     def tightened(self, asked: Limits, excess: float) -> Limits:
         assert asked.cancel is not None
         value = getattr(asked.cancel, self._symbol)
-        step = min(max(excess, self.smallest_step), self.largest_step)
+        step = min(max(self.nominal_share * excess, self.smallest_step), self.largest_step)
         return replace(asked, cancel=replace(asked.cancel, **{self._symbol: max(value - step, value / 2)}))
