@@ -344,7 +344,7 @@ def _by_unit(off: np.ndarray, task: Task) -> dict[str, float]:
 def _offsets_of_cycle(
     task: CycleTask, motion: Trajectory
 ) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
-    """The same of a cycle, and where its segments miss the task's goals, in words."""
+    """The offsets of a cycle's segment ends from the task, and messages about goals that are missed."""
     seams = [motion.start, *(own.goal for own in motion.segments)]
     offsets = [_by_unit(task.offset(end, q, SAME["m"]), task) for end, q in enumerate(seams)]
     misses = tuple(

@@ -104,7 +104,7 @@ class Exported:
         return list(self.write())
 
     def write(self) -> Iterator[Path]:
-        """The same, path by path as files are complete."""
+        """Write the files and yield each path when its file is complete."""
         for path, text in self.files.items():
             write_text(path, text)
             yield path

@@ -140,7 +140,9 @@ class Placed:
     def write(
         self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None
     ) -> Iterator[Path]:
-        """The same, path by path as files are complete; with `extra` entries of placement.json."""
+        """Write the files and yield each path when its file is complete; `extra` adds entries to
+        placement.json.
+        """
         folder = Path(folder)
         yield write_placement(folder, {**self.to_dict(), **(extra or {})})
         remove_figures(folder, "place")

@@ -187,7 +187,9 @@ class Plan(CheckedMotion):
         effort: bool = False,
         extra: Mapping[str, Any] | None = None,
     ) -> Iterator[Path]:
-        """The same, path by path as files are complete; `extra` entries of plan.json win."""
+        """Write the files and yield each path when its file is complete; `extra` replaces entries of
+        plan.json.
+        """
         folder, motion = Path(folder), run_by(self.planned, self.executions)
         samples = task_samples(self.task, motion)
         entries = {**self._entries(), **(extra or {})}

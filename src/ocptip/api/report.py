@@ -183,7 +183,7 @@ class Stability:
         return f"{self.headline}\n  {standing} of {len(self.cases)} load cases stand"
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as data."""
+        """The report as plain data for JSON."""
         worst = {} if self.segments is None else {"check": self.segments.to_dict()}
         stops = [{"segment": s.name, **s.stops.to_dict()} for s in self.stages if s.stops]
         held = [float(s.payloads[1].min()) for s in self.stages if s.payloads is not None]

@@ -203,7 +203,7 @@ TOOL_FRAME = argument("--tool-frame", "FRAME", "end-effector link in the URDF (d
 
 
 def objective(default: str) -> Argument:
-    """What a plan minimises."""
+    """The option for the quantity that a plan minimises."""
     text = f"what is minimised (default: {default})"
     return argument("--objective", None, text, choices=("energy", "time", "both"))
 

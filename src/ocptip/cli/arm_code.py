@@ -93,7 +93,7 @@ class ArmCodeReport(Report):
         }
 
     def to_text(self) -> str:
-        """The same."""
+        """A table of operation counts, and the written files."""
         count = self.count
         numbers = (count.additions, count.multiplications, count.divisions, count.trigonometric)
         heads = ["operations", "+-", "x", "/", "sin cos", ":=", "weighted"]

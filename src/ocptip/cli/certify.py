@@ -54,7 +54,7 @@ def run(options: Namespace) -> Report:
 
 @dataclass
 class VerdictReport(Report):
-    """What a certificate proves.
+    """The report on the bounds that a certificate proves.
 
     Attributes:
         name: of the file.
@@ -104,7 +104,7 @@ class VerdictReport(Report):
 
 @dataclass
 class CertifyReport(Report):
-    """What was proved of a motion.
+    """The report on the bounds that were proved for a motion.
 
     Attributes:
         found: the proof.

@@ -124,7 +124,7 @@ def run(options: Namespace) -> CheckReport:
 
 @dataclass
 class CheckReport(Report):
-    """What `ocptip check` says about a motion.
+    """The report of `ocptip check` on a motion.
 
     Attributes:
         check: of the motion.
@@ -185,7 +185,7 @@ class CheckReport(Report):
         return f"{verdict} ({_NOISY}, see note)" if noisy else verdict
 
     def _notes(self) -> list[str]:
-        """What may be unexpected about the motion."""
+        """Remarks on what a user may not expect of the motion."""
         motion, checked = self.check.motion, self.check.check
         notes = ["stops are checked at sampled instants"] if self.check.stops and checked.certified else []
         notes += [self.check.retimed] if self.check.retimed else []
@@ -207,7 +207,7 @@ class CheckReport(Report):
 
 
 def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
-    """What was made of samples, how far it is from them, and what it cannot know."""
+    """Remarks on a fit to samples: its curve, its distance from them, and its limitations."""
     units = ["deg" if unit == "rad" else unit for unit in robot.units]
     scales = np.where(np.array(robot.units) == "rad", 180 / np.pi, 1.0)
     far = int(np.argmax(fit.distance / fit.tolerance))

@@ -40,7 +40,7 @@ _FILES, _FILES_PER_JOB = 32, 8
 
 @dataclass
 class Report(ABC):
-    """What a command answers.
+    """The answer of a command, as text, as data and as files.
 
     Attributes:
         written: the files that were written.
@@ -290,7 +290,7 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def _lack(error: BaseException) -> str:
-    """What the system has too little of, if that is the cause; empty where it is not."""
+    """The resource that the system lacks, if that is the cause of an error; else empty."""
     code, text = getattr(error, "errno", None), f"{error}"
     if isinstance(error, MemoryError) or code == errno.ENOMEM or "bad_alloc" in text or _NO_MEMORY in text:
         return f"out of memory{_allowed('RLIMIT_AS', 'ulimit -v', 2**20, 'MiB')}"

@@ -42,7 +42,7 @@ _FOR_PLANS = (
     "ocptip.pictures.plan",
     *("matplotlib.collections", "matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin"),
 )
-"""What processes need that plan and draw."""
+"""Modules that are loaded by processes which plan and draw."""
 
 COMMANDS = (
     Command(

@@ -40,7 +40,7 @@ class ExamplesReport(Report):
             yield path
 
     def to_dict(self) -> dict[str, Any]:
-        """What was written, and what was there before."""
+        """The files that were written, and those that existed before."""
         return {"directory": self.directory, "written": self.written, "present": self.present}
 
     def to_text(self) -> str:

@@ -24,7 +24,7 @@ def run(options: Namespace) -> ExportReport:
 
 @dataclass
 class ExportReport(Report):
-    """What was written.
+    """The report on exported models.
 
     Attributes:
         found: the models.
@@ -37,7 +37,7 @@ class ExportReport(Report):
         return self.found.to_dict()
 
     def to_text(self) -> str:
-        """The same."""
+        """The written files and the remarks."""
         rows = under("written", self.written) + under("note", self.found.remarks)
         return "\n".join([f"{self.found.name}: exported.", *named(rows)])
 

@@ -139,7 +139,7 @@ def _of_links(identified: Identification) -> Rows:
 
 
 def _left(found: Identified, recording: Recording) -> list[str]:
-    """What is left of each signal, and by plain least squares."""
+    """The residual of each signal, rms, and that of plain least squares."""
     return [
         f"{recording.of(kind)[number].name} {rms:.3g} (plain least squares {plain:.3g})"
         for kind, number, rms, plain in found.estimate.signals
@@ -174,11 +174,11 @@ class ExcitationReport(Report):
     out: str | None
 
     def to_dict(self) -> dict[str, Any]:
-        """What is known of it."""
+        """The motion as plain data for JSON."""
         return self.motion.to_dict()
 
     def to_text(self) -> str:
-        """The same in words."""
+        """The motion and its condition number in words."""
         found = self.motion.found
         least = f"{found.condition:.0f} of the regressor of base parameters and friction"
         rows = [

@@ -65,7 +65,7 @@ class InitReport(Report):
         }
 
     def to_text(self) -> str:
-        """What the arm is, and what the file still needs."""
+        """A description of the arm, and the lines of the file that are still to be filled in."""
         template = self.template
         arm = template.arm
         lines = [
@@ -79,7 +79,7 @@ class InitReport(Report):
         return "\n".join([f"{self.path}: written.", *named(lines)])
 
     def _geometry(self) -> Iterator[tuple[str, str]]:
-        """What is missing of the geometry."""
+        """The row about collision geometry, if any is missing."""
         missing = self.template.missing
         if missing is None:
             yield "collision", "not checked, for the URDF has no collision geometry; see sphere_radius"

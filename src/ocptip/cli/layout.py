@@ -51,12 +51,12 @@ def sensitivities_to_dict(found: Sequence[Sensitivity]) -> dict[str, Any]:
 
 
 def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:
-    """What is proved for all instants; nothing where that was not asked for."""
+    """The row about the certificate; none where no certificate was asked for."""
     return [("proof", f"{checked.certificate}")] if checked.certificate else []
 
 
 def check_rows(checked: MotionCheck, robustness: Sequence[Tolerated]) -> list[tuple[str, str]]:
-    """What is known of a motion, or of a cycle, in detail."""
+    """Detailed rows about a motion, or a cycle."""
     return [
         *certificate_rows(checked),
         *under("contacts", checked.contacts.lines()),
@@ -94,7 +94,7 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
 
 
 def price_line(price: Mapping[str, Any]) -> list[str]:
-    """The same in words."""
+    """The price of stops, in words: energy and duration against the plan without them."""
     if not price:
         return []
     costs, more = price["without_stops"], 100 * price["energy_more"]

@@ -168,7 +168,7 @@ def _kept(one: Asked, options: Namespace) -> _TaskRow | None:
 
 @dataclass(frozen=True)
 class _TaskRow:
-    """What became of a task: its name, exit code, a line, its JSON."""
+    """The result of a task: its name, exit code, a line, its JSON."""
 
     name: str
     code: int
@@ -210,7 +210,7 @@ class _Saying:
 
 
 class ManyReport(Report):
-    """What became of many tasks, in the order in which they were typed; their files are written already."""
+    """The results of many tasks, in the order in which they were typed; their files are already written."""
 
     def __init__(self, rows: list[_TaskRow]) -> None:
         super().__init__()

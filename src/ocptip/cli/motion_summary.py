@@ -23,7 +23,7 @@ _UNIT = re.compile(r"(?<=\d) (?=%|[a-zA-Z])")  # between a number and its unit
 
 
 def notes(checked: MotionCheck) -> list[str]:
-    """What limits the answer: assumptions about shared forces, and what was not checked."""
+    """Remarks that limit the answer: assumptions about shared forces, and what was not checked."""
     contacts, collision, found = checked.contacts, checked.collision, []
     if not contacts.unique and contacts.force:
         found.append("rigid feet can share the load differently; foot forces are of equally compliant feet")
@@ -122,7 +122,7 @@ def cancel_lines(found: SafeDecelerations, segment: str = "", *, yaml: bool = Fa
 
 
 def _scaled(factor: float, checked: MotionCheck) -> list[str]:
-    """What becomes of a motion that is run faster or slower."""
+    """Lines about the motion with its times scaled."""
     moving = f"{checked.energy:.1f} J in {checked.duration:.3f} s"
     if checked.verified:
         return [f"Times x {factor:g}: all limits kept, {moving}"]

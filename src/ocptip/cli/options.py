@@ -84,7 +84,7 @@ def step_of(options: Namespace) -> float | None:
 
 
 def given_columns(options: Namespace) -> dict[str, str | int] | None:
-    """What the columns of a CSV file are, by the file that is named; None: no file is."""
+    """The columns of a CSV file, from option `--columns`; None without that option."""
     if options.columns is None:
         return None
     return read_columns(options.columns)

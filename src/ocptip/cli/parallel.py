@@ -60,7 +60,7 @@ def run(options: Namespace) -> Report:
 
 @dataclass
 class ParallelReport(Report):
-    """What `ocptip parallel` knows about a robot.
+    """The report of `ocptip parallel` on a robot.
 
     Attributes:
         description: the robot.

@@ -72,7 +72,7 @@ def progress_bar(stream: TextIO) -> Progress:
 
 @dataclass
 class PlaceReport(Report):
-    """What `ocptip place` says about placements, or why there are none.
+    """The report of `ocptip place` on placements, or the reason why there are none.
 
     Attributes:
         found: from `place`.

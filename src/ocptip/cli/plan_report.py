@@ -43,7 +43,7 @@ class PlanReport(Report):
         return self.plan.verified
 
     def entries(self) -> dict[str, Any]:
-        """What the command adds to plan.json."""
+        """The entries that the command adds to plan.json."""
         known = {} if self.digest is None else {"digest": self.digest}
         return {**known, "warnings": self.warnings}
 

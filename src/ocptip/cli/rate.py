@@ -93,7 +93,7 @@ def _robot_and_pose(
 
 
 def _lines(rating: Rating) -> list[tuple[str, str]]:
-    """What is known of a pose beside the indices."""
+    """Rows about a pose beside the indices."""
     kind = rating.data["kind"]
     if kind == "parallel":
         return [("singular", ", ".join(rating.source) or "nothing")]

@@ -108,7 +108,7 @@ class Document:
         yield from self._again()
 
     def _margins(self, checked: MotionCheck) -> Iterator[str]:
-        """What the commands print first: duration and energy, margins, notes."""
+        """The summary that commands print first: duration and energy, margins, notes."""
         yield html.paragraph(f"{motion_line(checked)}.")
         titles, *rows = margin_rows(self.about.task.robot, checked)
         yield html.grid(titles, rows)

@@ -65,7 +65,7 @@ def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def _widths(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """What a PDF needs of each column: its share of the width, by the longest of its texts."""
+    """The attribute of each column for a PDF: its share of the width, by its longest text."""
     longest = [min(max(len(text) for text in column) + 2, _LONG) for column in zip(*rows, strict=True)]
     return tuple(f" {_SHARE}='{100 * length / sum(longest):.1f}%'" for length in longest)
 
@@ -90,7 +90,7 @@ def image(content: bytes, caption: str) -> str:
 
 
 def pdf(title: str, parts: Iterable[str]) -> bytes:
-    """The same as a PDF.
+    """A document with this title and these parts, as PDF.
 
     Raises:
         InputError: fpdf2, which makes it, is not there.

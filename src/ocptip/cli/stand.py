@@ -69,7 +69,7 @@ def run(options: Namespace) -> StandReport:
 
 @dataclass
 class StandReport(Report):
-    """What `ocptip stand` says about a scene.
+    """The report of `ocptip stand` on a scene.
 
     Attributes:
         found: what is known.

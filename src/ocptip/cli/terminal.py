@@ -25,7 +25,7 @@ _GREEN, _RED, _PLAIN = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 
 @dataclass
 class _Latest:
-    """What a terminal would show now (empty: nothing), and whether anything may be shown."""
+    """The text that a terminal would show now (may be empty), and whether output is suppressed."""
 
     text: str = ""
     quiet: bool = False

@@ -88,7 +88,7 @@ class IdentifiedBody:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What was identified.
+    """The bodies that were identified.
 
     Attributes:
         bodies: in the order asked for.

@@ -1,4 +1,4 @@
-"""What may be different from what was described, and what each would change in which signal."""
+"""Possible causes of deviations from the nominal robot, and the effect of each on the signals."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Possible:
 
 
 def of_motion(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:
-    """What angles, or speeds, and the gripper may show."""
+    """Possible causes that angles, or speeds, and the gripper may show."""
     robot = predictor.robot
     found = [Possible("clock", "clock", "ms", 1e3)]
     found += [Possible("delay", f"delay of {name}", "ms", 1e3) for name in robot.names]
@@ -85,7 +85,7 @@ def joint_columns(n: int) -> np.ndarray:
 
 
 def of_loads(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:
-    """What torques, force-torque sensor and power may show."""
+    """Possible causes that torques, force-torque sensor and power may show."""
     robot, links = predictor.robot, range(1, predictor.robot.arm.links + 1)
     found = [Possible("clock", "clock", "ms", 1e3)]
     found += [Possible("mass", f"mass of link {k}", "%", 100.0) for k in links]

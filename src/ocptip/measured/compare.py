@@ -41,7 +41,7 @@ _GROUPS = (ANGLE, SPEED, TORQUE, WRENCH)
 
 @dataclass
 class _Known:
-    """What is known of a robot and of clocks so far.
+    """The present estimates of a robot and of its clocks.
 
     Attributes:
         clock: s.
@@ -362,7 +362,7 @@ class _Comparing:
         return [(at(kind, index, more) - at(kind, index, less)) / step for step, less, more in either]
 
     def _rubbing(self, states: Sequence[State]) -> list[State]:
-        """The same with the estimated friction in torques, as the drives of the first state turn."""
+        """These states with the estimated friction in torques; the first state's drives give its sign."""
         columns, drives = causes.friction_columns(self.predictor), states[0].drives
         coulomb, viscous = np.split(self.found.loads[columns], 2)
         friction = coulomb * np.sign(drives) + viscous * drives

@@ -1,4 +1,4 @@
-"""What a comparison of a recording with its plan says."""
+"""The result of comparing a recording with its plan."""
 
 from __future__ import annotations
 

@@ -308,7 +308,7 @@ def _inverse(products: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _left_over(blocks: Sequence[Block], prior: np.ndarray) -> list[np.ndarray]:
-    """What plain least squares leaves of each signal, over the share that it cannot fit (HC3).
+    """The residuals of plain least squares of each signal, divided by the share that it cannot fit (HC3).
 
     Few samples for many parameters leave too little, most where the parameters have their frequencies.
     """

@@ -70,7 +70,7 @@ class LowPass:
         return self.cutoff * left ** (0.5 / self.order)
 
     def softer(self, factor: float) -> LowPass:
-        """The same with another cutoff."""
+        """This filter with its cutoff multiplied by `factor`."""
         return replace(self, cutoff=factor * self.cutoff)
 
     def __str__(self) -> str:
@@ -113,7 +113,8 @@ class Band:
         kept: np.ndarray,
         least: float,
     ) -> Block:
-        """What is left of signals (N,), and columns (N, K); of these the filter has seen `values` alone.
+        """The residuals of signals (N,), and columns (N, K); of these the filter was applied to `values`
+        only.
 
         The last column is what a softer filter changes, per share of its cutoff.
 

@@ -49,7 +49,7 @@ def link_parameters(arm: ArmModel) -> np.ndarray:
 def regressors(
     arm: ArmModel, gravity: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What torques and the wrench on the base are per parameter; the base rests.
+    """The regressors of torques and of the wrench on the base, which rests, per parameter.
 
     Args:
         arm: without joints that follow others.

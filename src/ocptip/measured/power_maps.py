@@ -84,7 +84,7 @@ class PowerMap:
 
 
 def _folded(torque: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same at positive speed (6.8)."""
+    """Torque and speed mirrored to positive speed (6.8)."""
     direction = np.where(speed < 0, -1.0, 1.0)
     return direction * torque, direction * speed
 

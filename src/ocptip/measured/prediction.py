@@ -1,4 +1,4 @@
-"""What a recording of a planned motion should show, also of a robot that differs a little."""
+"""Predictions of the signals of a planned motion, also of a robot that differs slightly."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class State:
 
 
 class Predictor:
-    """What signals should be.
+    """Predicts signals of a planned motion.
 
     A process that varies keeps the clock of the motion as commanded.
 

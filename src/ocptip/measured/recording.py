@@ -94,7 +94,7 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was measured.
+    """A recording of a motion: sampled signals over time.
 
     Attributes:
         times: (N,), s, increasing.

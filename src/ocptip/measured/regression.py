@@ -179,7 +179,7 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What causes explain.
+    """The fit of deviations by their causes.
 
     Attributes:
         causes: taken in, the most important first.

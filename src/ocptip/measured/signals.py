@@ -1,4 +1,4 @@
-"""What is wrong with signals by themselves: missing, dead, clipped, noisy."""
+"""Faults of single signals: missing, dead, clipped, noisy."""
 
 from __future__ import annotations
 

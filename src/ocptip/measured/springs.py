@@ -28,7 +28,7 @@ DELAY, BEND, DAMP = "delay", "bend", "damping"
 
 @dataclass(frozen=True, eq=False)
 class Swinging:
-    """What springs have to explain.
+    """The signals that springs have to explain.
 
     Attributes:
         predictor: of the robot.

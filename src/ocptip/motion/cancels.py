@@ -28,7 +28,7 @@ _DIGITS = 3
 
 @dataclass(frozen=True)
 class CancelLevel:
-    """What becomes of the base when a motion is cancelled at any instant, at one deceleration.
+    """The worst values at the base when a motion is cancelled at any instant, at one deceleration.
 
     Attributes:
         share: of the decelerations that are 100 %.
@@ -202,7 +202,7 @@ def safe_decelerations(
 def _levels(
     robot: Robot, motion: Trajectory, limits: Limits, cancel: Cancel
 ) -> Callable[[float], CancelLevel]:
-    """What becomes of a motion that is cancelled, by share of the decelerations."""
+    """A function from a share of the decelerations to the worst values of a motion cancelled with it."""
     times = cancel_times(motion)
     q, qd, _ = motion.states(times)
     process = robot.during(motion).acting(times)

@@ -48,7 +48,7 @@ _CONTINUOUS = 1e-3
 
 
 def scope_of(collision: dict[str, Any]) -> str:
-    """What was left out of a check of collisions (`Collisions.to_dict`), in words that follow a verdict."""
+    """The scope of a collision check (`Collisions.to_dict`): what was left out, in words after a verdict."""
     if not collision["checked"]:
         return NO_COLLISION
     return "" if collision["floor"] else NO_FLOOR
@@ -69,7 +69,7 @@ def floor_text(collision: dict[str, Any]) -> str:
 
 
 class Proof(Protocol):
-    """What is proved of a motion for all instants, as checks, planner and files ask for it.
+    """A proof for all instants of a motion, as checks, planner and files use it.
 
     The package `certificate` makes such proofs; nothing here depends on how.
     """
@@ -159,17 +159,17 @@ class MotionCheck:
 
     @property
     def scope(self) -> str:
-        """What a verdict is about, in words that follow it; empty where nothing was left out."""
+        """The scope of a verdict, in words that follow it; empty where nothing was left out."""
         return scope_of(self.collision)
 
     @property
     def feet_lines(self) -> list[str]:
-        """How the base swings on compliant feet, in words; empty where they are rigid."""
+        """The vibration of the base on compliant feet, in words; empty where they are rigid."""
         return self.feet.lines() if self.feet else []
 
     @property
     def drive_lines(self) -> list[str]:
-        """How gripper and base vibrate with elastic joints, in words; empty where they do not."""
+        """The vibration of gripper and base with elastic joints, in words; empty where joints are rigid."""
         return self.drives.lines(self.contacts) if self.drives else []
 
     @property

@@ -23,7 +23,7 @@ CLOSE = 1e-4  # of the factor
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What runs a planned motion, and what it makes of it.
+    """The execution of a planned motion: by a controller or by drives, with the motion that results.
 
     Attributes:
         controller: how it interpolates; `"ramps"`: drives that take the commands of velocity profiles.
@@ -70,7 +70,7 @@ class Execution:
         return self.check.verified and (self.written is None or self.written.check.verified)
 
     def trajectory_to_dict(self) -> dict[str, Any]:
-        """What a controller makes of the written points, as plain data for JSON."""
+        """The motion that a controller makes of the written points, as plain data for JSON."""
         run = self.written or self
         return {
             "controller": run.controller,

@@ -1,4 +1,4 @@
-"""What a motion costs: electric energy, time, or both."""
+"""The objective of a motion: electric energy, time, or both."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def write_plan(
 
 
 def drives_of(plan: MotionPlan) -> list[Execution]:
-    """What runs each segment if drives take the commands as they are."""
+    """The execution of each segment if drives follow the commands as they are."""
     return [Execution.of_drives(p.task.robot, p.motion, p.task.limits, p.check) for p in plan.parts]
 
 

@@ -47,7 +47,7 @@ class TaskSource:
 
     @staticmethod
     def place(name: str) -> str:
-        """The same of one file."""
+        """The name of one file within a plan's folder."""
         return (PurePosixPath(TASK).parent / name).as_posix()
 
     def text(

@@ -26,7 +26,7 @@ SCENARIOS: dict[Kinds, tuple[str, ...]] = {
     "cancel": ("cancel",),
     "all": ("path", "brakes", "cancel"),
 }
-"""What each of the kinds asks for: along the path, by brakes, by a controller that is cancelled."""
+"""The scenarios of each kind: along the path, by brakes, by a controller that is cancelled."""
 
 
 def kinds_of(scenarios: Iterable[str]) -> Kinds:
@@ -51,7 +51,7 @@ NO_DATA = "category 0 not checked: no brake data"
 
 @dataclass(frozen=True, eq=False)
 class StopRules:
-    """What stops have to keep, and how they go.
+    """The limits of stops, and the parameters by which they are computed.
 
     Attributes:
         GN, GT: maximum during stops, at most 1; None: those of the motion.

@@ -126,7 +126,7 @@ class JointTable:
         }
 
     def _more(self, i: int) -> dict[str, Any]:
-        """What else is known, and of the worst stop."""
+        """Further entries, and those of the worst stop."""
         return {}
 
     def violations(self) -> list[str]:

@@ -177,7 +177,7 @@ def stops_of(
 def stops_by_segment(
     task: Task, motion: Trajectory, checked: CycleCheck, kinds: Kinds | None = None
 ) -> dict[str, Stops]:
-    """The same by the names of segments, in their times; the name of a motion is empty."""
+    """The checked stops by the names of segments, in their times; the name of a motion is empty."""
     rows = zip(task.segments, motion.segments, checked.segments, strict=True)
     found = {segment.name: stops_of(segment.task, own, check, kinds) for segment, own, check in rows}
     return {name: stops for name, stops in found.items() if stops}
@@ -204,7 +204,7 @@ def stops_to_dict(task: Task, stops: Mapping[str, Stops]) -> dict[str, Any]:
 
 
 def cancels_to_dict(task: Task, cancels: Mapping[str, SafeDecelerations]) -> dict[str, Any]:
-    """The same of safe decelerations of a cancelled controller."""
+    """An entry for JSON about safe decelerations of a cancelled controller."""
     return _by_segment(task, "cancel", cancels)
 
 

@@ -35,7 +35,7 @@ FIRST_SEVEN = tuple(range(7))
 
 @dataclass(frozen=True, eq=False)
 class MotionTask:
-    """What is to be planned, or what a motion is checked against.
+    """The task of a motion: to be planned, or to check a motion against.
 
     Attributes:
         name: for messages and titles.

@@ -36,7 +36,7 @@ def joint_values(model: ArmModel, q: cs.SX) -> list[cs.SX]:
 
 
 def joint_rates(model: ArmModel, rates: cs.SX) -> list[cs.SX]:
-    """The same of speeds, or of accelerations."""
+    """Speeds, or accelerations, of the links' joints from those of the coordinates."""
     return cs.vertsplit(rates) if model.coupling is None else model.coupling.rates(rates)
 
 

@@ -33,7 +33,7 @@ class Motors(Protocol):
         ...
 
     def power_expression(self, torque: cs.SX, speed: cs.SX, direction: Any) -> cs.SX:
-        """The same for CasADi columns (n,); `direction` is given numbers or symbols of value +1 or -1."""
+        """Electric power for CasADi columns (n,), W; `direction`: numbers or symbols of value +1 or -1."""
         ...
 
 

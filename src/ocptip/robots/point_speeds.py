@@ -57,7 +57,7 @@ class PointSpeeds:
         return self._function(q, qd)[0] if self._points else np.empty((len(q), 0))
 
     def expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
-        """The same as CasADi column."""
+        """Speeds of the points as CasADi column (k,), m/s."""
         return self._function.function(q, qd) if self._points else cs.SX(0, 1)
 
 

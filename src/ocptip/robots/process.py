@@ -96,8 +96,7 @@ class ProcessWrench:
         return np.vstack([still, steps, still])[np.searchsorted(own, values, side="right")]
 
     def between(self, first: float, last: float) -> ProcessWrench:
-        """The same, if it varies, but constant before the first and after the last value of what it varies
-        with."""
+        """This process, if it varies, but constant before `first` and after `last`."""
         own = np.asarray(self.knots)
         instants = np.unique([first, *own[(own > first) & (own < last)], last])
         return replace(self, knots=instants, **dict(zip(("force", "moment"), self.at(instants), strict=True)))
@@ -117,7 +116,7 @@ class ProcessWrench:
         return ProcessWrench(force, moment, self.axes, TIME, instants)
 
     def seen_from(self, rotation: np.ndarray) -> ProcessWrench:
-        """The same for a base frame to which `rotation` (3, 3) maps the present one's axes."""
+        """This process for a base frame to which `rotation` (3, 3) maps the axes of the present one."""
         if self.turns_with_tool:
             return self
         return replace(self, force=self.force @ rotation.T, moment=self.moment @ rotation.T)

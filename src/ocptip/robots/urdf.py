@@ -115,7 +115,7 @@ def arm_from_pinocchio(
     acceleration: np.ndarray | None = None,
     accept_inertia: bool | Iterable[str] = (),
 ) -> ArmModel:
-    """The same for a Pinocchio model, whose armature is the default; `base_link` may be "universe"."""
+    """The arm of a Pinocchio model, whose armature is the default; `base_link` may be "universe"."""
     locked = dict(locked_joints or {})
     _require_joints(robot, locked)
     mimics = _Mimics()

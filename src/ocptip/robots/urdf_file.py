@@ -107,7 +107,7 @@ class UrdfFile:
         return joint, ratio, offset
 
     def with_followers(self, follows: Mapping[str, tuple[str, float, float]]) -> UrdfFile:
-        """The same with further joints that mimic others: name to leading joint, ratio and offset."""
+        """This file with further joints that mimic others: name to leading joint, ratio and offset."""
         mimics = {name: replace(self.joints[name], mimics=own) for name, own in follows.items()}
         return replace(self, joints={**self.joints, **mimics}) if mimics else self
 

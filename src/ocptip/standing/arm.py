@@ -249,7 +249,7 @@ class Robot(StandingMechanism):
     def _loads_of(
         self, arm: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same of this arm instead."""
+        """Torques and wrench on the base, see `loads`, with this arm instead."""
         support = self.support
         given = {"gravity": support.gravity, "about": support.center_of_mass}
         dynamics = self.pushed(arm, q, qd, qdd, process, **given)
@@ -417,7 +417,7 @@ class Robot(StandingMechanism):
         return self._points(q, qd)
 
     def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
-        """The same as CasADi column."""
+        """Speeds of the points in `speed_limits` as CasADi column (k,), m/s."""
         return self._points.expressions(q, qd)
 
     def gripper(self, q: np.ndarray) -> np.ndarray:
@@ -434,7 +434,7 @@ class Robot(StandingMechanism):
     def load_expressions(
         self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
-        """The same as CasADi columns; of a process that varies its present value (6,) is asked for."""
+        """Torques and wrench as CasADi columns; `process` (6,) is the present value of one that varies."""
         support, arm, force, moment = self.support, self.arm, cs.SX.zeros(3), cs.SX.zeros(3)
         if process is not None and self.varying:
             arm, turns = self.arm.without_process, self.varying.turns_with_tool

@@ -29,7 +29,7 @@ class Margin:
     contacts: tuple[int, ...] = ()
 
     def later(self, seconds: float) -> Margin:
-        """The same at a time so much later."""
+        """This margin with its time shifted by `seconds`."""
         return replace(self, time=self.time + seconds)
 
     def to_dict(self) -> dict[str, Any]:
@@ -119,7 +119,7 @@ class ContactMargins:
         return f"with equally compliant feet one {does}" if does else ""
 
     def later(self, seconds: float) -> ContactMargins:
-        """The same at times so much later."""
+        """These margins with their times shifted by `seconds`."""
         names = ("force", "moment", "edge", "friction", "alike", "equal_friction")
         known = {name: margin for name in names if (margin := getattr(self, name))}
         shifted = {name: margin.later(seconds) for name, margin in known.items()}

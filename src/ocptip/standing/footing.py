@@ -37,11 +37,11 @@ class Footing:
         self.tip_over, self.slip = TipOver(support, reference_moment), Slip(support, redistribution)
 
     def on(self, support: Support) -> Footing:
-        """The same margins on another support."""
+        """These margins for another support."""
         return Footing(support, self.tip_over.reference_moment, self.slip.redistribution)
 
     def weakest(self, tolerance: Uncertainty) -> Footing:
-        """The same on contacts with the minimum possible friction."""
+        """These margins with the minimum friction within the uncertainty."""
         if not tolerance.friction:
             return self
         return self.on(self.support.varied(tolerance.contacts(self.support.contacts)))

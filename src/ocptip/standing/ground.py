@@ -38,7 +38,7 @@ def floors_under(support: Support) -> tuple[Floor, ...]:
 
 @lru_cache(maxsize=64)
 def _floors(standing: tuple[tuple[int, tuple[float, ...], tuple[float, ...]], ...]) -> tuple[Floor, ...]:
-    """The same for contacts on the floor: number, position, normal.
+    """Floors under contacts, each of these given by number, position and normal.
 
     The cache gives the same objects again, by which collisions are kept.
     """

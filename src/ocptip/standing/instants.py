@@ -57,7 +57,9 @@ class Loaded:
 
     @cached_property
     def largest_slip(self) -> SlipReserve:
-        """The same where they are largest; elsewhere upper bounds, see `Slip.evaluate`."""
+        """Friction utilisation, exact only where it is largest; elsewhere an upper bound, see
+        `Slip.evaluate`.
+        """
         if "slip" in vars(self):
             return self.slip
         return self.robot.slip.evaluate(self.states, derivatives=False, only_maximum=True)

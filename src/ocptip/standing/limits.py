@@ -94,7 +94,7 @@ class Limits:
 
     @property
     def torque_ratio_worst_case(self) -> float:
-        """The same within the tolerance: all that the drives have, or what is asked for if it is more."""
+        """Torque limit within the uncertainty, as share of the drives': 1, or `torque_ratio` if larger."""
         return max(1.0, self.torque_ratio)
 
     @property
@@ -104,7 +104,7 @@ class Limits:
 
     @property
     def without_stops(self) -> Limits:
-        """The same, whatever becomes of stops."""
+        """These limits without those on stops."""
         return replace(self, **dict.fromkeys(_OF_STOPS))
 
     def to_dict(self) -> dict[str, Any]:

@@ -197,7 +197,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
     def load_expressions(
         self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
-        """The same as CasADi columns (n,) and (6,).
+        """Torques and wrench on the base as CasADi columns (n,) and (6,).
 
         Where there is a `varying` process its present value (6,), in its axes, is asked for.
         """
@@ -295,7 +295,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
         return np.empty((len(q), 0))
 
     def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
-        """The same as CasADi column (k,); without direct drives the last n are the motors' speeds."""
+        """`further_limits` as CasADi column (k,); without direct drives the last n are motor speeds."""
         return cs.SX(0, 1)
 
     # --- what follows from it ---------------------------------------------------------------------------

@@ -244,7 +244,7 @@ class StandingParallelRobot(ParallelMechanism):
     def load_expressions(
         self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
-        """The same as CasADi columns."""
+        """Motor forces and wrench on the base as CasADi columns."""
         forces, wrench = self._loads.function.call([q, qd, qdd])
         return forces, wrench
 
@@ -253,7 +253,7 @@ class StandingParallelRobot(ParallelMechanism):
         return self._further(q, qd)[0]
 
     def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
-        """The same as CasADi column."""
+        """Distances from singular poses and motor speeds as CasADi column (k,)."""
         return self._further.function(q, qd)
 
 

@@ -62,7 +62,7 @@ def overshoot_of(damping: float) -> float:
 
 
 def overshoot_of_rise(damping: float, periods: np.ndarray) -> np.ndarray:
-    """The same where the load has no step but changes evenly within a rise time.
+    """Overshoot of a load that has no step, but changes linearly within a rise time.
 
     An oscillator whose load rises so swings, after that, as the mean of its answers to steps at all instants
     of the rise: with e(t) = Re(c exp(l t)) for a step, l its eigenvalue of frequency f, as Re(c (1 - exp(-l
@@ -185,7 +185,7 @@ class Uncertainty:
         return f"'{names[0]}' uncertainty" if names else "the given uncertainty"
 
     def only(self, *names: str) -> Uncertainty:
-        """The same with nothing uncertain but these quantities."""
+        """This uncertainty restricted to some quantities; all others are exact."""
         return Uncertainty(**{name: getattr(self, name) for name in names})
 
     @property

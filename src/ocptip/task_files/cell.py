@@ -243,7 +243,7 @@ def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
 
 
 def _process(robot: StandingMechanism, share: float) -> ProcessWrench | None:
-    """What acts on the gripper at rest before (0) or after (1) a motion."""
+    """The process wrench on the gripper at rest before (0) or after (1) a motion."""
     own = robot.resting(share)
     return own.arm.process if isinstance(own, Robot) else None
 
@@ -251,7 +251,7 @@ def _process(robot: StandingMechanism, share: float) -> ProcessWrench | None:
 def _load(
     robot: StandingMechanism, share: float, target: PoseTarget, gravity: np.ndarray
 ) -> tuple[str, tuple[float, ...]] | None:
-    """What a gripper holds and what acts on it at rest, together, with a name: a wrench in world axes.
+    """The payload's weight and the process at rest, as one wrench in world axes, with a name.
 
     Raises:
         InputError: a process whose direction is not known where the gripper turns freely.
@@ -279,7 +279,7 @@ def _load(
 
 
 def _turned(table: dict[str, Any], back: np.ndarray) -> dict[str, Any]:
-    """The same table with the processes in it, where they are in axes of the world, in base axes."""
+    """This table with its processes transformed from world axes to base axes."""
     process = table.get("process")
     if not isinstance(process, dict):
         return table

@@ -115,7 +115,7 @@ def _names(data: Table, key: str) -> list[str]:
 
 
 def read_payload(table: Table | None) -> Payload | None:
-    """What is held, None if nothing is, or nothing that weighs.
+    """The payload; None without one, or without mass.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.

@@ -261,7 +261,7 @@ def load_placement(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) 
 
 
 def read_problem(data: Table, tolerance: Uncertainty) -> PlacementProblem:
-    """What a file asks for.
+    """The placement problem of a file.
 
     Args:
         data: the file.

@@ -38,7 +38,7 @@ class PlanFolder:
     data: dict[str, Any]
 
     def parts(self, does: str) -> tuple[Part, ...]:
-        """What an arm does: one motion, or those of a cycle.
+        """The motions of an arm: one, or those of a cycle.
 
         Args:
             does: what is done with it, such as "view shows".

@@ -125,7 +125,7 @@ def marked(text: str) -> list[str]:
 
 
 def _groups(arm: ArmModel, foot: ExampleBase, to_fill: Sequence[str]) -> dict[str, list[str]]:
-    """What comes from where, for people who check a file."""
+    """The origins of the values of a template, for people who check it."""
     known, usual = ["joints, links and their limits"], ["motors", "start and goal, an example"]
     if foot.of_urdf:
         known.insert(0, "mass, centre of mass and inertia of the base")

@@ -179,7 +179,7 @@ def require_new(path: str | os.PathLike[str]) -> None:
 
 @dataclass(frozen=True)
 class _Rosbags:
-    """What is used of the package."""
+    """The parts of the package rosbags that are used."""
 
     reader: Any
     reader1: Any

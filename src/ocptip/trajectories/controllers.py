@@ -1,4 +1,4 @@
-"""What a trajectory controller makes of a motion: the points that it gets, and the motion between them.
+"""Trajectory controllers: the points that they get of a motion, and the motion between them.
 
 A controller that interpolates runs trapezoidal velocity profiles exactly only on two conditions: their
 switching times are among its points, and the points have angles and speeds only ("cubic"). With accelerations

@@ -118,7 +118,7 @@ def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """What parts the cells; InputError where several signs may."""
+    """The separator of the cells; InputError where several are possible."""
     there = [sign for sign in _SEPARATORS if sign in lines[0]]
     if not there:
         counts = {len(line.split()) for line in lines}

@@ -272,7 +272,7 @@ class _Spline:
         )
 
     def _added(self, near: np.ndarray, at: np.ndarray, slack: np.ndarray) -> np.ndarray:
-        """What to add to coefficients, of the linear program: minimum sum of acceleration steps within the
+        """The change of coefficients, from the linear program: minimum sum of acceleration steps within the
         slack.
         """
         size, count = len(near), len(self.knots)

@@ -218,7 +218,7 @@ def _low_zeros(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _high_zeros(rows: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same of a higher degree, rows (D + 1, N): eigenvalues of companion matrices, by degree."""
+    """Zeros of polynomials of higher degree, rows (D + 1, N): eigenvalues of companion matrices."""
     powers = np.arange(len(rows))
     orders = np.array([factorial(k) for k in powers], dtype=float)
     c = rows / orders[:, None] * length ** powers[:, None]  # of the share of a piece: sizes that compare

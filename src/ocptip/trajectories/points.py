@@ -117,7 +117,7 @@ class Points:
 
     @property
     def interpolation(self) -> str:
-        """What lies between the samples, for messages."""
+        """The interpolation between the samples, in words for messages."""
         if self.period is not None:
             update = f"{1e3 * self.period:.4g} ms ({1 / self.period:.4g} Hz)"
             return f"straight lines, whose corners last one update of the controller, {update}"

@@ -364,7 +364,7 @@ def phases_to_commands(
 def without_idle_ramps(
     peaks: np.ndarray, ramps: np.ndarray, cruises: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same phases, see :func:`phase_violations`; a phase that changes no speed becomes part of the cruise
+    """These phases, see :func:`phase_violations`, where each without a change of speed joins the cruise
     before it.
     """
     ramps, cruises = ramps.copy(), cruises.copy()

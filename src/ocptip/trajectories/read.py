@@ -97,7 +97,7 @@ def _read(
     *,
     several: bool,
 ) -> Trajectory:
-    """What a file holds; several motions only if they are wanted."""
+    """The motion of a file; several motions only if they are wanted."""
     path = Path(path)
     bag = is_bag(path)
     refuse_of_other_files(bag, [topic] if topic else [], columns)
@@ -139,7 +139,7 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def _as_run(motion: Trajectory, controller: Any) -> Trajectory:
-    """What a controller makes of profile commands or a timed path, by the entry `controller` of plan.json."""
+    """The motion that a controller makes of profile commands or a timed path, by entry `controller`."""
     try:
         slower, step = controller["slower"], controller["step_s"]
         if motion.profiles is not None:

@@ -361,7 +361,7 @@ class Trajectory:
         return cls(profiles=VelocityProfiles.from_dict(data))
 
     def __repr__(self) -> str:
-        """What it is made of, joints, duration, segments."""
+        """The representation, number of joints, duration and segments."""
         names = ("profiles", "points", "timing", "parts")
         made = next((name for name in names if getattr(self, name)), "nothing")
         of = f"{len(self.parts)} segments" if self.parts else made

@@ -126,7 +126,7 @@ class VelocityProfiles:
 
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
-        """What each joint does."""
+        """The polynomial pieces of each joint."""
         rises = self.rise_times or (0.0,) * len(self.joints)
         pairs = zip(self.joints, rises, strict=True)
         return tuple(s_curve(ramps, rise) if rise > 0 else ramps.pieces for ramps, rise in pairs)

@@ -96,7 +96,7 @@ def with_rises(task: Task, motion: Trajectory, checked: CycleCheck) -> CycleChec
 
 
 def cycle_check(task: Task, motion: Trajectory, checks: Sequence[MotionCheck]) -> CycleCheck:
-    """The same from the checks of the motions."""
+    """The check of a motion or a cycle from the checks of its motions."""
     if not task.is_cycle:
         return CycleCheck(("",), tuple(checks), (0.0,), (0.0,), (0.0,), checks[0])
     task = cast(CycleTask, task)
@@ -279,7 +279,7 @@ def _within(
 
 
 def _collision(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What was checked in all segments; that of the smallest distance."""
+    """The collision check of all segments: that of an unchecked one, else that of the smallest distance."""
     checked_ones = [own for own in found if own["checked"]]
     if len(checked_ones) < len(found):
         return next(own for own in found if not own["checked"])

@@ -114,13 +114,13 @@ class CycleTask:
         return [f"segment {k} ({segment.name})" for k, segment in enumerate(self.segments, 1)]
 
     def each(self, change: Callable[[MotionTask], MotionTask]) -> CycleTask:
-        """The same with the task of every segment changed so."""
+        """This cycle with the task of every segment changed by `change`."""
         changed = (replace(segment, task=change(segment.task)) for segment in self.segments)
         return replace(self, segments=tuple(changed))
 
 
 Task = MotionTask | CycleTask
-"""What is planned and checked; a motion has one segment."""
+"""The task that is planned and checked; a motion has one segment."""
 
 
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What becomes of one start of the planner, and what it takes."""
+"""The attempt of the planner from one start: its result, and its computing times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LEFT_OUT = "left out: other starts promise a lower cost"
 
 @dataclass(frozen=True)
 class StartResult:
-    """What became of one start.
+    """The result of one start, in numbers.
 
     Attributes:
         number: of the start; with the seed it decides the random motion.
@@ -87,7 +87,7 @@ class Rough:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What a start has come to.
+    """The result of one start with its motion and check.
 
     Attributes:
         result: in numbers.
@@ -135,7 +135,7 @@ class Clock:
         self.last = now
 
     def count(self, refiner: Refiner) -> None:
-        """What its programs took."""
+        """Add the iterations and solves of its programs."""
         self.iterations += refiner.iterations
         self.solves += refiner.solves
 

@@ -118,7 +118,7 @@ def _apart(groups: np.ndarray, times: np.ndarray) -> list[int]:
 def _options(
     joint: int, groups: list[int], instants: list[float], time: float, delay: float, more: float
 ) -> list[Steps]:
-    """What a joint may be doing at a time whose steps of these groups, at these instants, are in the delay.
+    """The possible delayed states of a joint at a time; the delay before it covers steps of these groups.
 
     Being on time is between what it was before and overshooting, as far as nodes go.
     """

@@ -23,9 +23,7 @@ SLOWEST = 5e-3
 
 
 class Ramped(Protocol):
-    """What is planned; `Formulation` is one: a mechanism's joints, those of `layout` with optimised velocity
-    profiles.
-    """
+    """A motion with optimised velocity profiles of the joints of `layout`, such as `Formulation`."""
 
     layout: Layout
     start: np.ndarray
@@ -84,7 +82,7 @@ class EventOrder:
         return steps[np.any(np.delete(steps, self.layout.one, axis=1) != 0, axis=1)]
 
     def kept_apart(self, x: np.ndarray, delay: float) -> EventOrder:
-        """The same where groups of switching times that are more than a delay (s) apart at x remain so."""
+        """This order, where groups of switching times that are more than a delay (s) apart at x remain so."""
         times = self.rows @ x
         before = np.searchsorted(times, times - delay) - 1  # the last group that is so far before each
         late, early = np.arange(len(times))[before >= 0], before[before >= 0]

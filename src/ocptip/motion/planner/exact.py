@@ -113,7 +113,7 @@ class Refiner:
         return np.inf
 
     def again(self, exact: Exact, instants: list[float]) -> Exact:
-        """The same with further nodes at the given times (s) of its motion."""
+        """This program with further nodes at the given times (s) of its motion."""
         x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
         times = exact.order.rows @ x
         extra = list(exact.extra)

@@ -62,7 +62,7 @@ class FreeEnds:
         return start, goal
 
     def expressions(self, layout: Layout, x: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """The same as expressions."""
+        """Start and goal (n,) as CasADi expressions of the variables x."""
         start, goal = (cs.SX(posture) for posture in self._postures)
         for posture, at, free in zip((start, goal), (layout.start, layout.goal), self.free, strict=True):
             if free:
@@ -70,7 +70,7 @@ class FreeEnds:
         return start, goal
 
     def equations(self, layout: Layout, x: cs.SX) -> Iterator[cs.SX]:
-        """What must be zero."""
+        """Expressions that have to be zero."""
         for target, posture in zip(self._targets, self.expressions(layout, x), strict=True):
             if target is not None:
                 assert self._arm is not None

@@ -34,7 +34,7 @@ class Job(Generic[T]):
         self._result, self.future, self.lost = result, future, ""
 
     def result(self) -> T | None:
-        """What the method returns, to be asked for once; None if the workers died that ran it."""
+        """The result of the method, to be taken once; None if the workers died that ran it."""
         try:
             return self._result()
         except WorkerDiedError as error:

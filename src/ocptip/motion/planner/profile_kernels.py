@@ -57,7 +57,7 @@ def _smooth_steps(t, e, u, of):
 
 @compiled
 def _smooth_rises(t, e, r, u, before, of):
-    """The same of steps that rise within r; u (N,) and before (5, N) are overwritten."""
+    """Integrals and derivatives of smooth rises within r; u (N,) and before (5, N) are overwritten."""
     N = len(t)
     _smooth_steps(t - r, e, u, before)
     _smooth_steps(t, e, u, of)
@@ -72,7 +72,7 @@ def _smooth_rises(t, e, r, u, before, of):
 
 @compiled
 def _exact_rises(t, begun, done, r, of):
-    """The same of exact steps; 0 or 1 (N,) say whether begin and end of the rise have passed."""
+    """Integrals and derivatives of exact rises; `begun`, `done`: 1 where the begin or end is past, else 0."""
     for i in range(len(t)):
         now, s = t[i], t[i] - r
         of[0, i] = (begun[i] * now * now * now - done[i] * s * s * s) / (6 * r)
@@ -84,7 +84,7 @@ def _exact_rises(t, begun, done, r, of):
 
 @compiled_in_any_order
 def _exact_steps(t, mask, of):
-    """The same of steps without rise, by their mask (N,)."""
+    """Integrals and derivatives of steps without rise, by their mask (N,)."""
     N = len(t)
     of[2] = mask
     for i in range(N):
@@ -130,7 +130,7 @@ def put_corners(x, joints, K, ramps, steps, times, d_steps):
 def put_passive_corners(
     end, joints, distances, cruises, rounding, trapezoid, steps, times, d_steps, d_times, second
 ):
-    """The same of non-optimised joints, whose one variable is the end time, with two derivatives.
+    """Corners of non-optimised joints, whose one variable is the end time, with two derivatives.
 
     Args:
         end: s.

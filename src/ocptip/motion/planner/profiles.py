@@ -81,7 +81,7 @@ class Layout:
         return slice(start, start + self.commands)
 
     def extended(self, crossings: int) -> Layout:
-        """The same with another number of crossings."""
+        """This layout with another number of crossings."""
         return Layout(self.n, self.joints, self.commands, crossings, self.free)
 
 

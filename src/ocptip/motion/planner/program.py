@@ -209,7 +209,7 @@ class MotionProgram:
     def with_rows(
         self, rows: RowSet, pull: Pull | None = None, near: np.ndarray | None = None
     ) -> MotionProgram:
-        """The same program with other node rows, as they are `near` these variables, and with this pull."""
+        """This program with other node rows, as they are `near` these variables, and with this pull."""
         limits = self.limits
         if near is not None:
             limits = tuple(limit.chosen(self._instants(near)) for limit in limits)

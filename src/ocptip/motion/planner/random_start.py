@@ -119,7 +119,7 @@ def _candidate(
 
 
 def _path_violation(robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...]) -> float:
-    """How far the path, taken at rest, misses its limits: 0 or less if it keeps them."""
+    """The largest violation of limits along the path, at rest at each point: 0 or less if there is none."""
     times = np.linspace(0, motion.end, INSTANTS)
     at = Instants.at_rest(robot.during(motion), motion.states(times)[0], times)
     return float(np.max([limit.path_excess(at) for limit in limits]))

@@ -65,7 +65,7 @@ class Distances:
         self._request.enable_signed_distance = True
 
     def of(self, pairs: Sequence[tuple[int, int]]) -> Distances:
-        """The same of other pairs of the solids."""
+        """Distances of other pairs of the same solids."""
         other = copy(self)
         other.pairs = tuple(pairs)
         return other

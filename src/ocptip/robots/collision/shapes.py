@@ -58,7 +58,7 @@ class Shape:
         raise NotImplementedError
 
     def placed(self, rotation: np.ndarray, position: np.ndarray) -> Self:
-        """The same in other axes, in which the present body's sit at this pose."""
+        """This shape in other axes, in which the present body's axes have this pose."""
         return dataclasses.replace(
             self, rotation=rotation @ self.rotation, position=position + rotation @ self.position
         )

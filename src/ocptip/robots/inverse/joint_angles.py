@@ -33,12 +33,12 @@ def within_limits(model: ArmModel, angles: np.ndarray, near: np.ndarray | float 
 
 
 def once_around(model: ArmModel, q: np.ndarray) -> np.ndarray:
-    """The same joint angles in (-pi, pi]; what has no copies as it is."""
+    """Equivalent joint angles in (-pi, pi]; coordinates that are not periodic are unchanged."""
     return np.where(model.periodic, wrapped(q), q)
 
 
 def nearest_copies(model: ArmModel, q: np.ndarray, near: np.ndarray | float = 0.0) -> np.ndarray:
-    """The same joint angles at most half a turn from `near`, whatever the limits; others as they are."""
+    """Equivalent joint angles at most half a turn from `near`, regardless of limits; others are unchanged."""
     return np.where(model.periodic, nearest_turn(q, near), q)
 
 

@@ -171,7 +171,7 @@ class PoseTarget:
         return np.clip(gripper_batch(arm)(q)[0] - self.position, *self.free.T)
 
     def at(self, offset: np.ndarray) -> PoseTarget:
-        """The same with the TCP at `position` + offset (3,), m, exactly."""
+        """This target with the TCP exactly at `position` + offset (3,), m."""
         return replace(self, position=self.position + offset, free=np.zeros((3, 2)))
 
     def residuals(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
@@ -194,7 +194,7 @@ class PoseTarget:
         return [pose_errors(arm, q, position, turn, *self.how) for turn in turns]
 
     def nearest(self, arm: ArmModel, q: np.ndarray) -> PoseTarget:
-        """The same without `fold`: of the turns that it allows, the one that is nearest at q (n,), rad."""
+        """This target without `fold`: of the rotations that it allows, the nearest one at q (n,), rad."""
         if not self.fold:
             return self
         position = self.position + self.offsets(arm, q[None])

@@ -62,7 +62,7 @@ def shifts(robot: StandingMechanism, q: np.ndarray, moved: np.ndarray) -> np.nda
 
 
 def course_shifts(robot: StandingMechanism, motion: Trajectory, course: Course) -> np.ndarray:
-    """The same (T, 3) over a course."""
+    """Shifts of the gripper (T, 3), m, over a course."""
     q = motion.states(np.minimum(course.times, motion.end))[0]
     return shifts(robot, q, np.hstack([course.twists, course.bends]))
 
@@ -245,7 +245,7 @@ def on_its_drives(robot: StandingMechanism, motion: Trajectory) -> DriveMotion |
 
 
 def with_rise(robot: StandingMechanism, motion: Trajectory) -> DriveMotion | None:
-    """The same with the rise time, one period of a mode, that leaves minimum vibration after the end.
+    """The vibration, with the rise time (one period of a mode) that leaves minimum vibration after the end.
 
     It is computed for each of the lowest modes, as long as that is at rest after the end.
     """

@@ -311,7 +311,7 @@ class Simulation:
         return Course(times, twists, rates, bends, forces, gaps, wrenches, tuple(self._lost), falls)
 
     def _run_on(self, z: np.ndarray, to_first_pull: bool) -> tuple[list[tuple[np.ndarray, ...]], bool]:
-        """What is seen, part by part, and whether a foot goes far: feet lift and land."""
+        """The motion, part by part, and whether a foot goes far; feet lift off and land."""
         parts, falls = [self._seen(0, np.zeros(1), z[None])], False
         for i, begin in enumerate(self.ride.begins):
             z[2 * self.d :] = 1.0, 0.0, 0.0, 0.0
@@ -324,7 +324,7 @@ class Simulation:
         return parts, falls
 
     def _run_linearly(self, z: np.ndarray, to_first_pull: bool) -> tuple[list[tuple[np.ndarray, ...]], bool]:
-        """The same of feet that may pull, all steps at once."""
+        """The motion of feet that may pull, all steps at once, and whether a foot goes far."""
         begin = self._seen(0, np.zeros(1), z[None])
         ends = ends_of_steps(self._steps, self._counts, z, 2 * self.d)
         moved = np.abs(np.einsum("vkc,sv->skc", self._W, ends[1:, : self.d]))

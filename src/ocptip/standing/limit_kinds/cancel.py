@@ -168,7 +168,7 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
 
 
 class WorstCancelLimit(WithinLimit):
-    """The same within the uncertainty; programs know the nominal stops, and are tightened."""
+    """The margin in cancelled motions within the uncertainty; programs use nominal stops, then tighten."""
 
     # A change of the nominal value is about this share of the one that it makes within the uncertainty: there
     # a step of an acceleration counts with its overshoot, and friction is reduced.

@@ -132,7 +132,7 @@ class _LateRows(NodeRows):
 
 
 class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
-    """The same with joints that are delayed independently.
+    """The minimum distance with joints that are delayed independently.
 
     Programs evaluate joints with the whole delay or none, whichever brings a pair nearer, at positions
     extrapolated from their present speeds and accelerations. Values at instants are not measured one by one,

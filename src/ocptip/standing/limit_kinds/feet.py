@@ -93,7 +93,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
 
 
 class JumpFootForceLimit(AtJumps, FootForceLimit):
-    """The same under the loads at acceleration steps with their overshoot."""
+    """The force of compliant feet under the loads at acceleration steps with their overshoot."""
 
     name, result, setting = "foot force at acceleration steps", "jump_foot_force_N", "jump_foot_force"
 

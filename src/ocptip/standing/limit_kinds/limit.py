@@ -306,11 +306,11 @@ class AskedLimit(Limit):
         return bool(np.all(-values >= self.number if self.least else values <= self.number))
 
     def inner(self, asked: Limits) -> Limits:
-        """The same numbers, this one a little tighter."""
+        """These limits, with this one slightly tighter."""
         return replace(asked, **{self.setting: getattr(asked, self.setting) * (1 - INNER)})
 
     def tightened(self, asked: Limits, excess: float) -> Limits:
-        """The same numbers, this one tighter where it was broken by `excess`; never by more than half."""
+        """These limits, with this one tighter by about its `excess`, at most by half."""
         value = getattr(asked, self.setting)
         step = min(max(excess, self.smallest_step), self.largest_step)
         return replace(asked, **{self.setting: max(value - step, value / 2)})

@@ -105,7 +105,7 @@ class ContactQuantity(ABC):
         """(N, width) True where the use of the limit is at least `share` (1: at the limit)."""
 
     def near_by_difference(self, badness: np.ndarray, share: float) -> np.ndarray:
-        """The same, with a share of the unit as the distance."""
+        """(N, width) True where the value is within (1 - share) units of its limit; by default see `near`."""
         return self.near(badness, share)
 
     @abstractmethod

@@ -29,9 +29,9 @@ class RowNodes(ABC):
 
     @abstractmethod
     def by_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """The same of functions with slopes (R, k) over columns of y, `first` (one, or (R,)) and on.
+        """Slopes over x of functions with slopes (R, k) over columns of y from `first` (one, or (R,)) on.
 
-        Not over that of the power.
+        The column of the power is not one of them.
         """
 
     @property
@@ -81,7 +81,7 @@ class Curvature(Protocol):
         ...
 
     def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
-        """The same (R, k, k) at nodes (R,) over columns of y, `first` and on; not over that of the power."""
+        """Add second derivatives (R, k, k) at nodes (R,) over columns of y from `first` on; not of power."""
         ...
 
 

@@ -43,7 +43,7 @@ RIGID = {"solref": [5 * STEP, 1.0], "solimp": [0.9, 0.9, 1e-3, 0.5, 2.0]}
 """Contact of a stiff foot: 0.5 ms, critically damped. Much stiffer contacts chatter, softer ones swing."""
 
 ON_SPRINGS = {"solref": [2 * STEP, 1.0], "solimp": [0.97, 0.97, 1e-3, 0.5, 2.0]}
-"""The same of a sole on springs, which is lighter."""
+"""Contact of a sole on springs, which is lighter."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def remarks(parts: Sequence[Part]) -> list[str]:
 
 
 def remarks_of(robot: Robot) -> list[str]:
-    """The same of one model."""
+    """The differences between one model and the robot's data, one sentence each."""
     found = [
         "written by ocptip from the robot's data, SI units and radians, world axes are base axes at the start"
     ]

@@ -153,7 +153,7 @@ class Simulator:
         return self.run_many([world or World()])[0]
 
     def run_many(self, worlds: Sequence[World]) -> list[Replay]:
-        """The same in several scenarios, one after the other."""
+        """Replay all parts in several scenarios, one after the other."""
         return [self._run(world) for world in worlds]
 
     def _run(self, world: World) -> Replay:

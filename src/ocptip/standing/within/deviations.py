@@ -49,7 +49,7 @@ class Deviations:
         return max((at.stop for at in self.places.values()), default=0)
 
     def within(self, tolerance: Uncertainty) -> Deviations:
-        """The same with another tolerance, of these quantities at most; nothing is rebuilt."""
+        """The deviations within another uncertainty, of at most these quantities; nothing is rebuilt."""
         other = copy(self)
         other._set(tolerance)
         return other
@@ -134,7 +134,7 @@ class Deviations:
         return BatchFunction(cs.Function("wrench", [*self._expressions[:2]], [self._expressions[2]]))
 
     def wrench_and_slopes(self, s: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same with slopes (N, 6, size) over the deviations."""
+        """The wrench (N, 6) of states and deviations, with slopes (N, 6, size) over the deviations."""
         wrenches, slopes = self._first(s, theta)
         return wrenches, slopes.reshape(len(s), 6, self.size)
 

@@ -156,14 +156,14 @@ def worst_within(
 
 
 def worst_of_sampled(at: Sampled, tolerance: Uncertainty) -> WithinTolerance:
-    """The same of a motion that is checked, once for all limits."""
+    """The worst values of a sampled motion within an uncertainty, computed once for all limits."""
     if tolerance not in at.memo:
         at.memo[tolerance] = worst_within(at.robot, at.motion, tolerance, at.times)
     return at.memo[tolerance]
 
 
 def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> WithinTolerance:
-    """The same of an arm within the uncertainty of `cases`."""
+    """The worst values of a motion of an arm within the uncertainty of `cases`."""
     tolerance = cases.deviations.tolerance
     acting = cases.deviations.robot.during(motion)
     delayed = on_time(motion, tolerance, times, acting)
@@ -188,7 +188,7 @@ def worst_tip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
 
 
 def worst_slip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
-    """The same for slip."""
+    """The maximum GT of delayed states within the uncertainty; the most critical ones exactly."""
     return _worst_slip(cases, at.some(np.argsort(-_greatest_slips(cases, at), kind="stable")[:EXACT]))
 
 

@@ -85,7 +85,7 @@ class WorstCase:
         self.axes = self._map.count
 
     def within(self, tolerance: Uncertainty) -> WorstCase:
-        """The same within another tolerance, of these quantities at most; little is rebuilt."""
+        """The worst case within another uncertainty, of at most these quantities; most of it is shared."""
         other = copy(self)
         other.deviations = self.deviations.within(tolerance)
         if tolerance.friction != self.deviations.tolerance.friction:
@@ -94,7 +94,7 @@ class WorstCase:
         return other
 
     def smooth(self, GT: float) -> tuple[WorstCase, float]:
-        """The same with a smooth function of slip for programs, and its bound that keeps GT."""
+        """The worst case with a smooth slip function for programs, and the bound on it that keeps GT."""
         other = copy(self)
         other._slip_map, most = self.footing.slip.within(GT)
         return other, most
