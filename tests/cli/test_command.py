@@ -138,7 +138,7 @@ def test_an_early_answer_is_the_beginning_of_the_whole_one():
     lines = [("look", "at this"), ("", "and that")]
     early, whole = (summary("FOUND.", lines, files) for files in ([], [Path("out/a.png")]))
     assert whole.startswith(early)
-    assert whole.removeprefix(early) == "\nwritten  out/: a.png"
+    assert whole.removeprefix(early) == "\n\nFiles   out/: a.png"
 
 
 @pytest.mark.parametrize("name", NAMES)

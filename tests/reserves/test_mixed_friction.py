@@ -90,7 +90,7 @@ def random_case(seed):
     return support, wrenches
 
 
-@pytest.mark.parametrize("seed", some(24, range(120)))
+@pytest.mark.parametrize("seed", some(24, [49, *range(49), *range(50, 120)]))
 def test_best_sharing_and_verdict_are_those_of_a_cone_program(seed):
     support, wrenches = random_case(seed)
     states = solve_resting(support, wrenches)
