@@ -27,12 +27,10 @@ from ocptip.basics.write import versions, write_text
 from ocptip.motion.objective import TIME
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
-from ocptip.retiming.retime import retime
 from ocptip.standing.arm import Robot
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancelled_motion
 from ocptip.standing.tolerance import NONE
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.path_fit import path_of_motion
 from ocptip.trajectories.trajectory import Trajectory
 from studies.cancel.world import AFTER, BEFORE, DRIVE, LOST, STEP, STIFF, World
 from studies.common import EXAMPLES, PLANNING, RowFile, ended, say, software, source_state, state_notes, table
@@ -40,7 +38,6 @@ from studies.common import EXAMPLES, PLANNING, RowFile, ended, say, software, so
 FACTORS = (0.8, 0.99, 1.1, 1.3, 1.6)
 MOST, CLOSE = 8.0, 1e-3  # share of the acceleration limits
 FRICTION = 3.0
-RETIMED = ", path retimed"
 CLEAR = 5e-3  # s: so long a negative moment is expected to tip the base
 
 
@@ -54,17 +51,14 @@ def example(name: str, mass: float, fast: bool) -> MotionTask:
 
 
 def tasks() -> dict[str, Callable[[], MotionTask]]:
-    """How to make the tasks of ten plans, two of which are also run as fast as their path allows.
+    """How to make the tasks of ten plans.
 
     Link inertias of the published cases are those of no bodies, MuJoCo refuses them.
     """
     rows = [("ur5_cart", mass, False) for mass in (30, 35, 40, 50, 60)]
     rows += [("ur5_cart", mass, True) for mass in (35, 60)]
     rows += [("arm_of_parts", 25, False), ("arm_of_parts", 15, False), ("arm_of_parts", 25, True)]
-    made = {f"{row[0]}, {row[1]} kg{', least time' * row[2]}": partial(example, *row) for row in rows}
-    for mass in (35, 60):
-        made[f"ur5_cart, {mass} kg{RETIMED}"] = partial(example, "ur5_cart", mass, False)
-    return made
+    return {f"{row[0]}, {row[1]} kg{', least time' * row[2]}": partial(example, *row) for row in rows}
 
 
 def maximum(robot: Robot, motion: Trajectory) -> float:
@@ -104,8 +98,6 @@ def rows_of(name: str, count: int, file: RowFile) -> Iterator[dict[str, Any]]:
     say(f"{name}: planning")
     motion, robot = plan_motion(task, starts=1, seed=0, jobs=1).motion, task.robot
     assert isinstance(robot, Robot)
-    if name.endswith(RETIMED):
-        motion = retime(robot, path_of_motion(motion).path, task.limits).motion
     contacts = [replace(contact, friction=FRICTION) for contact in robot.support.contacts]
     robot = robot.varied(support=robot.support.varied(contacts))
     share, world = maximum(robot, motion), World(robot)
