@@ -143,6 +143,17 @@ def test_core_prints_nothing():
         assert "print" not in names or name.startswith("ocptip.cli."), name
 
 
+def test_imports_inside_functions_are_few():
+    """Each keeps the start of a command short, or is of a package that need not be there."""
+    inside = set()
+    for module in MODULES:
+        for function in ast.walk(_tree(module)):
+            if isinstance(function, ast.FunctionDef):
+                found = (n for n in ast.walk(function) if isinstance(n, ast.Import | ast.ImportFrom))
+                inside |= {(module, one.lineno) for one in found}
+    assert len(inside) <= 68, sorted(inside)
+
+
 def test_a_class_name_stands_for_one_class():
     named: dict[str, list[str]] = {}
     for module in MODULES:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from importlib import metadata
+
 
 def version() -> str:
     """Return it, such as "0.1.0"."""
-    from importlib import metadata  # loads for 20 ms
-
     try:
         return metadata.version("ocptip")
     except metadata.PackageNotFoundError:

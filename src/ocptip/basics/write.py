@@ -10,6 +10,7 @@ import platform
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import metadata
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar
 
@@ -168,8 +169,6 @@ def plain(value: Any) -> Any:
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
     """Return the versions of Python, ocptip and these packages; "not installed" for the missing ones."""
-    from importlib import metadata  # loads for 20 ms
-
     found = {"python": platform.python_version(), "ocptip": version()}
     for package in packages:
         try:

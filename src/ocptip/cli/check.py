@@ -147,7 +147,8 @@ class CheckReport(Report):
         """Write the report for pipelines, if one is wanted."""
         if self.junit is not None:
             verified = self.check.verified
-            yield write_text(self.junit, junit(self.check.name, self._verdict, verified, self.outcomes))
+            write_text(self.junit, junit(self.check.name, self._verdict, verified, self.outcomes))
+            yield Path(self.junit)
 
     def to_dict(self) -> dict[str, Any]:
         """The check as data."""

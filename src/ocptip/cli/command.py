@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import sys
+import traceback
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -273,8 +274,6 @@ def explained(error: Exception) -> tuple[int, str]:
     if isinstance(error, OSError) and error.filename:
         return BAD_INPUT, f"{error.filename}: {error.strerror or error}"
     if os.environ.get(DEBUG):
-        import traceback
-
         traceback.print_exception(error)
     text = f"{type(error).__name__}: {error}; please report it ({DEBUG}=1 shows the traceback)"
     return INTERNAL_ERROR, f"internal error: {text}"

@@ -98,7 +98,8 @@ class StandReport(Report):
             yield self.found.save(self.plot)
         if self.junit is not None:
             text = junit(self.found.scene.name, self._headline(), self.found.stable, self.outcomes)
-            yield write_text(self.junit, text)
+            write_text(self.junit, text)
+            yield Path(self.junit)
 
     def to_text(self) -> str:
         """Verdict, margins, contacts; with -v the indices and the evidence."""
@@ -219,13 +220,13 @@ class StandReport(Report):
         if found.slip.slide_acceleration[0] > 0:
             lines.append(("", beyond.format(ratio(found.slip.slide_acceleration[0]), "slides")))
         if (other := found.classical) is not None:
-            angle, point = np.degrees(other.static_angle), 1e3 * other.zero_moment_point
+            angle, point = float(np.degrees(other.static_angle)), 1e3 * float(other.zero_moment_point)
             along = " and ".join(f"{100 * share:.0f} %" for share in other.load_transfer)
             lines.append(("classical", f"zero-moment point {quantity(point, 'mm', 3)} from the edge"))
             lines.append(("", f"static angle {quantity(angle, 'deg', 3)}"))
-            lines.append(("", f"force-angle measure {quantity(other.force_angle, 'rad N m', 3)}"))
+            lines.append(("", f"force-angle measure {quantity(float(other.force_angle), 'rad N m', 3)}"))
             unit = "kg^2 m^4/s^2" if other.moment_height > 0 else "1/s^2"
-            lines.append(("", f"moment-height measure {quantity(other.moment_height, unit, 3)}"))
+            lines.append(("", f"moment-height measure {quantity(float(other.moment_height), unit, 3)}"))
             lines.append(("", f"load transfer {along} along x and y"))
         return lines
 
