@@ -1,1 +1,1 @@
-"""What commands and users call: one module per verb. `ocptip` exports all of it."""
+"""The functions that commands and users call: one module per verb. `ocptip` exports all of them."""

@@ -81,7 +81,7 @@ class PlanComparison:
         return self.found.agrees
 
     def __repr__(self) -> str:
-        """How many findings, and their names."""
+        """The number of findings, and their names."""
         names = ", ".join(finding.name for finding in self.found.findings)
         return f"<PlanComparison {self.name}: {'agrees' if self.agrees else f'differs: {names}'}>"
 

@@ -232,7 +232,7 @@ class Standing:
 
     @cached_property
     def equal(self) -> EqualSharing | None:
-        """How equally compliant feet share the load; None where the sharing is unique or the base moves."""
+        """The forces of equally compliant feet; None where the forces are unique or the base moves."""
         equal = equal_sharing(self.states)
         return equal if equal and np.isfinite(equal.GT[0]) else None
 
@@ -269,7 +269,7 @@ class Standing:
 
     @cached_property
     def feet(self) -> Shared | None:
-        """How compliant feet share the load; None for rigid ones, or where the base does not rest."""
+        """The forces of compliant feet; None for rigid ones, or where the base does not rest."""
         elastic = self.scene.support.elastic
         shared = elastic.share(self.states.wrenches) if elastic and self.state.persistent else None
         return shared if shared and shared.found[0] else None

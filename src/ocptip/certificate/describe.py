@@ -272,7 +272,7 @@ class Separations:
         return other["link"] > 0 and len(one["points"]) + len(other["points"]) > 2
 
     def _towards(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """The same in base axes."""
+        """Directions (R, 3) from the first of each pair to the second, at q (R, n), base axes."""
         if isinstance(self._collision, ShapeCollisions):
             return self._collision.distances.at(q, np.arange(len(q)), pairs)[0].normals
         assert self._centres is not None  # the other kind

@@ -87,7 +87,7 @@ class Interior:
         return unit * np.array(found.x[:-1]).reshape(count, 3) if solved else None
 
     def without(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
-        """The same without the forces of contacts that carry next to nothing; the others hold the wrench."""
+        """Forces without those of contacts that carry next to nothing; the others hold the wrench."""
         size = np.max(np.abs(forces), axis=(1, 2), keepdims=True)
         loaded = np.max(np.abs(forces), axis=2, keepdims=True) > _NEXT_TO_NOTHING * size
         kept = np.where(loaded, forces, 0.0)

@@ -78,7 +78,7 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """The same but for those that are sampled."""
+        """The certificate holds and its bounds keep the limits, apart from values that are sampled."""
         return self.verdict.holds and self.kept
 
     def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:

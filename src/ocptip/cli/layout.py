@@ -77,7 +77,7 @@ def tolerated_lines(found: Sequence[Tolerated]) -> list[str]:
 
 
 def gear_rows(segments: CycleCheck) -> list[tuple[str, str]]:
-    """How the segments of a cycle ring with elastic joints, each from rest."""
+    """The vibration of a cycle's segments with elastic joints, each from rest."""
     pairs = zip(segments.names, segments.segments, strict=True)
     return under("elastic joints", [f"{name}: {line}" for name, own in pairs for line in own.drive_lines])
 
@@ -94,7 +94,7 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
 
 
 def price_line(price: Mapping[str, Any]) -> list[str]:
-    """The price of stops, in words: energy and duration against the plan without them."""
+    """The energy penalty of stops, in words: energy and duration against the plan without them."""
     if not price:
         return []
     costs, more = price["without_stops"], 100 * price["energy_more"]

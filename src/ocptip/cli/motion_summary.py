@@ -1,4 +1,4 @@
-"""What is known about a motion or a cycle, on 80 columns: the answer of `plan`, `retime`, `check`, `cell`."""
+"""The summary of a motion or a cycle, on 80 columns: the answer of `plan`, `retime`, `check`, `cell`."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def motion_text(
     cancels: Mapping[str, SafeDecelerations] | None = None,
     written: Sequence[Path] = (),
 ) -> str:
-    """What is known about a motion, or a cycle: the answer of `plan`, `retime`, `check` and `cell`.
+    """The summary of a motion, or a cycle: the answer of `plan`, `retime`, `check` and `cell`.
 
     Args:
         found: its check, with robustness, stops and sensitivities.

@@ -1,4 +1,4 @@
-"""What `ocptip plan` and `ocptip retime` answer: of a motion, and of a cycle."""
+"""The reports of `ocptip plan` and `ocptip retime`: on a motion, and on a cycle."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ class StandReport(Report):
         return f"NOT STABLE. {moves[:1].upper()}{moves[1:]}."
 
     def _margins(self) -> list[tuple[str, str]]:
-        """What is left against tipping and sliding."""
+        """The margins against tipping and sliding."""
         found = self.found
         rows = [("Tipping margin", _axis_text(found))]
         if np.isfinite(found.slip.GT[0]):

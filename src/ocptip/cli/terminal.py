@@ -1,4 +1,4 @@
-"""What a terminal shows while a command computes, and colours; elsewhere a line every few seconds."""
+"""Progress lines and colours in a terminal while a command computes; elsewhere a line every few seconds."""
 
 from __future__ import annotations
 

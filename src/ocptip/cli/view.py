@@ -43,11 +43,11 @@ class ViewReport(Report):
     path: Path | None
 
     def to_dict(self) -> dict[str, Any]:
-        """What was written."""
+        """The name of the view and its file."""
         return self.found.to_dict(self.path)
 
     def to_text(self) -> str:
-        """What was written."""
+        """The name of the view and its file."""
         found = self.found
         if self.path is None:
             return f"{found.name}: shown."

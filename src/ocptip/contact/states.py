@@ -153,7 +153,7 @@ class ContactStates:
         return largest <= self.rest_limit[:, None]
 
     def modes(self, index: int) -> list[str]:
-        """What each contact does in one state, by its accelerations: stick, slide, separate, yield."""
+        """The mode of each contact in one state, by its accelerations: stick, slide, separate, yield."""
         if not self.solved[index]:
             return ["unknown"] * self.support.n_contacts
         limit = self.rest_limit[index]
@@ -301,7 +301,7 @@ class ContactState:
 
     @property
     def modes(self) -> list[str]:
-        """What each contact does: stick, slide, separate or yield."""
+        """The mode of each contact: stick, slide, separate or yield."""
         return self.states.modes(self.index)
 
     @property

@@ -215,7 +215,7 @@ class Support:
 
     @cached_property
     def elastic(self) -> ElasticFeet | None:
-        """How compliant contacts share loads; None if they are rigid."""
+        """The map from loads to the forces of compliant contacts; None if they are rigid."""
         springs = [spring for c in self.contacts if (spring := c.spring())]
         return ElasticFeet(self.wrench_matrix, springs, self.length) if springs else None
 

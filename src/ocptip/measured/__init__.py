@@ -1,1 +1,1 @@
-"""What was measured, against what was predicted."""
+"""Measured signals against predicted ones."""

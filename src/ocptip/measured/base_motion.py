@@ -18,7 +18,7 @@ _FEWEST = 20  # samples before and after
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """How the base moved, in base axes at the start.
+    """The motion of the base, in base axes at the start.
 
     Attributes:
         names: of the coordinates that are known, of x, y, z, roll, pitch, yaw.
@@ -75,7 +75,7 @@ def planar_motion(places: np.ndarray, directions: np.ndarray, shifts: np.ndarray
 def base_motion(
     recording: Recording, contacts: np.ndarray, begin: float, end: float, level: float
 ) -> BaseMotion | None:
-    """How the base moved; None where that is not recorded.
+    """The motion of the base; None where it is not recorded.
 
     A coordinate changed if its means before and after the motion differ by more than their errors, in noise
     with memory, explain at this level.

@@ -82,7 +82,9 @@ class Execution:
 
     @property
     def trajectory_text(self) -> str:
-        """How the written points differ from the motion that is run, in words; empty where they do not."""
+        """The difference between the written points and the executed motion, in words; empty if there is
+        none.
+        """
         run = self.written
         if run is None or (run.check.verified and run.slower == 1):
             return ""

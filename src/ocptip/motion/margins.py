@@ -1,4 +1,4 @@
-"""What is left in a motion, in N m, N, m and shares: nominal, in the worst case, and what must be left."""
+"""The margins of a motion, in N m, N, m and shares: nominal, in the worst case, and the required ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a robot is stopped: table `[stops]` of task files."""
+"""The rules by which a robot is stopped: table `[stops]` of task files."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of thei
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CheckedMotion:
-    """What is known about a motion, or a cycle: a plan, or the check of one.
+    """The summary of a motion, or a cycle: of a plan, or of the check of one.
 
     Attributes:
         task: the robot and the limits; of a plan with the start and goal that were chosen.
@@ -58,12 +58,12 @@ class CheckedMotion:
 
     @property
     def margins(self) -> tuple[MotionMargin, ...]:
-        """What is left in N m, N, m and shares: nominal, in the worst case, and the limits."""
+        """The margins in N m, N, m and shares: nominal, in the worst case, and the limits."""
         return motion_margins(self.task.robot, self.check)
 
     @property
     def certificate(self) -> Proof | None:
-        """What is proved for all instants; None where a limit is broken, or accelerations are estimates."""
+        """The certificate; None where a limit is violated, or accelerations are estimates."""
         return self.check.certificate
 
     @property

@@ -289,7 +289,7 @@ class _Solver:
         return "tips about contacts {} and {}".format(*sorted(c + 1 for c in axes[axis].contacts))
 
     def _solved(self, wrenches: np.ndarray) -> tuple[int, str] | None:
-        """The same by contact forces."""
+        """A state that fails, and its failure in words, from solved contact forces."""
         states = self._footing.contact_states(wrenches)
         tip = self._footing.tip_over.evaluate(states)
         falls = ~(tip.GN < 1)
@@ -425,7 +425,7 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
 
 
 def tolerable(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> float:
-    """How much of everything in its tolerance a motion can have, 0 to 1."""
+    """The largest factor on a whole uncertainty with which a motion keeps its limits, 0 to 1."""
     return largest(limits.tolerance, _keeper(robot, motion, limits), _ROUGHLY)
 
 

@@ -27,7 +27,7 @@ def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: 
 
 
 def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Figure:
-    """The same as a matplotlib figure: errors of joints, loads measured (dots) and predicted, the rest."""
+    """A Matplotlib figure: errors of joints, loads measured (dots) and predicted, residuals."""
     kinds = {
         kind: [one for one in found.signals if one.kind == kind] for kind in (ANGLE, TORQUE, WRENCH, POWER)
     }

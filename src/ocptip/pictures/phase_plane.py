@@ -43,7 +43,7 @@ def draw_phase_plane(
 
 
 def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
-    """The same as a matplotlib figure.
+    """A Matplotlib figure of the phase plane.
 
     The speed is ds/dt, with s from 0 to 1; the timing is coloured by the limit that ends it, and so is the
     curve that the limits at a place allow. The timing that the path came with is dotted.

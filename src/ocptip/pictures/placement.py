@@ -99,7 +99,7 @@ def draw_places(directory: str | os.PathLike[str], title: str, placements: Seque
 def placement_figures(
     name: str, placements: Sequence[Placement], *, cells: int | None = None
 ) -> dict[str, Figure]:
-    """The same as matplotlib figures, by the names of the files without ending."""
+    """Matplotlib figures of a placement, by the names of the files without ending."""
     return {key: draw() for key, draw in _figures(name, placements, cells).items()}
 
 

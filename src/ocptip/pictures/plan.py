@@ -61,7 +61,7 @@ def draw_plan(
 
 
 def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:
-    """The same as matplotlib figures, by the names of the files without ending."""
+    """Matplotlib figures of a plan, by the names of the files without ending."""
     return {name: draw() for name, draw in _figures(plan, samples).items()}
 
 

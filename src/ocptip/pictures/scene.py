@@ -58,7 +58,7 @@ def plot_scene(
 def draw_scene(
     scene: Scene, states: ContactStates, tip: TipOverReserve, slip: SlipReserve, *, index: int = 0
 ) -> Figure:
-    """The same as a matplotlib figure, see `plot_scene`."""
+    """A Matplotlib figure of a scene, see `plot_scene`."""
     picture = ScenePicture(scene, states, tip, slip, index)
     labels = Labels()
     figure = new_figure(13.0, 7.0)

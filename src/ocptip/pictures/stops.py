@@ -24,7 +24,7 @@ def draw_stops(directory: str | os.PathLike[str], stops: Stops) -> list[Path]:
 
 
 def stops_figure(stops: Stops) -> Figure:
-    """The same as a matplotlib figure."""
+    """A Matplotlib figure of stops."""
     figure = new_figure(10.5, 6.0)
     speed, time = figure.subplots(2, 1, sharex=True)
     for number, (kind, label) in enumerate(_LABELS.items()):

@@ -166,7 +166,7 @@ class Evaluator:
     def _reserves(
         self, stand: Stand, stood: Stood, nominal: np.ndarray, added: np.ndarray, contacts: bool, fast: bool
     ) -> dict[str, Any]:
-        """What `TaskEvaluation` holds of the contacts.
+        """The entries of `TaskEvaluation` about the contacts.
 
         Args:
             nominal: (N, C, 6), wrenches on the nominal base.

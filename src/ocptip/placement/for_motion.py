@@ -154,7 +154,7 @@ def placed_robot(placement: Placement) -> Robot:
 
 
 def robot_at(problem: PlacementProblem, patch: int, parameters: np.ndarray) -> Robot:
-    """The same with parameters (k,) of a patch."""
+    """The robot placed by parameters (k,) of a patch."""
     robot, (origins, bases) = problem.robot, problem.base_pose(patch, parameters[None])
     origin, base = origins[0], bases[0]
     footing = problem.stands[patch].footing(parameters)
@@ -168,7 +168,7 @@ def robot_at(problem: PlacementProblem, patch: int, parameters: np.ndarray) -> R
 
 
 def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> Placement:
-    """The same placement with the IK solutions between which joint motion is minimal, checked again.
+    """This placement with the IK solutions between which joint motion is minimal, checked again.
 
     Only solutions that keep all constraints of their task count; where a task has none besides the given one,
     that one stays.

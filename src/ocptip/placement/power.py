@@ -1,4 +1,4 @@
-"""What standing still costs (4.20): electric holding power of the drives, or a cost of torque amounts."""
+"""The cost of standing still (4.20): electric holding power of the drives, or of torque amounts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a placement is wanted for: gripper tasks with process loads, terrain, limits, weights."""
+"""Placement problems: gripper tasks with process loads, terrain, limits, weights."""
 
 from __future__ import annotations
 
@@ -320,7 +320,7 @@ class PlacementProblem:
 
     @property
     def collision(self) -> dict[str, Any]:
-        """What is checked, as plain data for JSON, see `Collisions.to_dict`."""
+        """The scope of the collision check, as plain data for JSON, see `Collisions.to_dict`."""
         return self.robot.collision.to_dict() if self.collision_checked else {"checked": False}
 
     def _fill_in(self) -> None:

@@ -52,7 +52,7 @@ class EqualSharing:
 
 
 def equal_sharing(states: ContactStates) -> EqualSharing | None:
-    """How equally compliant feet share the wrenches of states.
+    """The forces of equally compliant feet under the wrenches of states.
 
     None where normal forces are unique or follow from declared springs, where not all contacts are feet, or
     where feet face each other: how much those squeeze is no matter of compliance.

@@ -33,7 +33,7 @@ _STEPS = 60
 
 @dataclass(frozen=True, eq=False)
 class SharedLoads:
-    """How loads are shared; NaN where that is not certain, or a foot lifts.
+    """The sharing of loads by four feet; NaN where it is not certain, or a foot lifts.
 
     Attributes:
         usage: (N,) the minimum share of the friction with which contacts hold the base.

@@ -61,7 +61,7 @@ class Rotor:
 
 @dataclass(frozen=True, eq=False)
 class ArmBodies:
-    """What an arm without payload consists of.
+    """The bodies of an arm without payload.
 
     Attributes:
         links: mass, centre of mass and inertia about it of each link, in its frame.

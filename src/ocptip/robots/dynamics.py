@@ -27,7 +27,7 @@ _CACHED_MODELS = 64
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """What a motion asks for at N states (no leading N for a single state).
+    """The loads of a motion at N states (no leading N for a single state).
 
     Attributes:
         torque: (N, n), N m: drive torques, acting on link i about +z_i from link i-1 (2.44); of sliding

@@ -309,7 +309,7 @@ class ArmModel:
         )
 
     def with_payload(self, payload: Payload | None) -> ArmModel:
-        """The same arm that holds this in its gripper, and nothing else; None: the bare arm, to the last bit.
+        """This arm with another payload in its gripper; None: without payload, to the last bit.
 
         The payload becomes a part of the last link: its mass and its parallel-axis terms are added exactly.
         """
@@ -329,7 +329,7 @@ class ArmModel:
         )
 
     def with_process(self, process: ProcessWrench | None) -> ArmModel:
-        """The same arm on whose gripper this acts, and nothing else."""
+        """This arm with another process on its gripper."""
         bare = self.without_process
         if process is None:
             return bare
@@ -339,7 +339,7 @@ class ArmModel:
 
     @cached_property
     def without_process(self) -> ArmModel:
-        """The same arm on whose gripper nothing acts."""
+        """This arm without a process on its gripper."""
         return self if self.process is None else dataclasses.replace(self, process=None)
 
     def with_gears(self, gears: Gears | None) -> ArmModel:

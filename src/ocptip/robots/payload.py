@@ -1,4 +1,4 @@
-"""What a robot holds: a rigid body fixed to its gripper, or to the platform of a parallel robot."""
+"""Payloads: a rigid body fixed to a gripper, or to the platform of a parallel robot."""
 
 from __future__ import annotations
 

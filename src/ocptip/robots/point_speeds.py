@@ -1,4 +1,4 @@
-"""How fast points of an arm move: its TCP, and the origins of its joints' frames."""
+"""Speeds of points of an arm: its TCP, and the origins of its joints' frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a process does to the gripper while the arm moves: a force and a moment (2.45)."""
+"""The process wrench on the gripper while the arm moves: a force and a moment (2.45)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOWHERE = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class ProcessWrench:
-    """What acts on the gripper, at rest and in motion, before, during and after it.
+    """The wrench that acts on the gripper, at rest and in motion, before, during and after it.
 
     The base rests: axes of the world are those of the base, also where a tolerance tilts the floor.
 

@@ -1,4 +1,4 @@
-"""How close contacts come to being lost, in N, N m, mm and per cent: beside GN and GT, which compare."""
+"""Margins of contacts against being lost, in N, N m, mm and per cent, beside the relative GN and GT."""
 
 from __future__ import annotations
 

@@ -70,5 +70,5 @@ class FurtherLimits:
         return float(self.lower[k] - excess * self.units[k]), float(self.lower[k]), True
 
     def excess(self, values: np.ndarray) -> np.ndarray:
-        """How far values (..., k) are beyond their limits, in their units; negative within."""
+        """The violations of limits by values (..., k), in their units; negative within the limits."""
         return np.maximum(self.lower - values, values - self.upper) / self.units

@@ -1,4 +1,4 @@
-"""How far contacts of single states are from being lost: in N m, N, m and shares, beside GN and GT."""
+"""Margins of contacts of single states against being lost: in N m, N, m and shares, beside GN and GT."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a plan does, one motion after the other, each with the robot as it is then."""
+"""The consecutive motions of a plan, each with the robot as it is during that motion."""
 
 from __future__ import annotations
 

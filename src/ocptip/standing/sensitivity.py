@@ -1,4 +1,4 @@
-"""What would help: how GN, GT and the minimum normal force change with everything that a user can change.
+"""Sensitivities of GN, GT and the minimum normal force to everything that a user can change.
 
 Each quantity alone is changed by a step that means something (1 kg, 10 mm) and all instants are solved again.
 So the worst may be at another instant, axis or contact. Besides, the slopes at the worst instants: where only

@@ -1,4 +1,4 @@
-"""What of a robot, its base and the floor is known to within bounds only.
+"""Uncertainty of the data of a robot, its base and the floor, which are known within bounds only.
 
 Of the base at rest (mass, centre of mass, friction) all corners count, see `Uncertainty.corners`: with the
 arm at its place the wrench on the contacts is affine in the base's mass and in mass times centre of mass. So
@@ -107,7 +107,7 @@ class Corner:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far robot, base and ground may differ from their description, everything at once.
+    """The bounds by which robot, base and ground may deviate from their nominal data, all at once.
 
     Attributes:
         base_mass: relative half width of the base's mass, below 1; or (2,), kg: minimum and maximum mass.

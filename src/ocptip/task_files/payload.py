@@ -1,4 +1,4 @@
-"""What the robot holds and feels, see docs/motion-planner.md: `[payload]`, `[process]` and `[sensor]`.
+"""The tables `[payload]`, `[process]` and `[sensor]`, see docs/motion-planner.md.
 
 Payload and process are one for the file, or one of several by segment of a cycle.
 """
@@ -134,7 +134,7 @@ def read_payload(table: Table | None) -> Payload | None:
 
 
 def read_process(data: Table, segment: Table | None = None) -> ProcessWrench | None:
-    """What acts on the gripper, None if nothing does.
+    """The process wrench on the gripper; None if there is none.
 
     Args:
         data: the file.

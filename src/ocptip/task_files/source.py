@@ -1,4 +1,4 @@
-"""What a task file names, collected so that it can be written elsewhere: see `ocptip.motion.source`."""
+"""Files named by a task file, collected to be written elsewhere: see `ocptip.motion.source`."""
 
 from __future__ import annotations
 

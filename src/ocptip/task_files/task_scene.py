@@ -1,4 +1,4 @@
-"""What all motions of a file have in common: the robot on its base, what stands around it, limits."""
+"""The data that all motions of a file share: the robot on its base, obstacles, limits."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def task_keys(
 
 
 class TaskScene:
-    """What all motions of a file have in common: where the robot stands, what stands around it, limits.
+    """The data that all motions of a file share: the place of the robot, obstacles, limits.
 
     Args:
         data: the file.

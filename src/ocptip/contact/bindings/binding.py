@@ -159,7 +159,7 @@ class Binding(ABC):
         return ()
 
     def spring(self) -> Spring | None:
-        """How the contact gives while it presses; None: it is rigid."""
+        """The compliance of the contact while it presses; None: it is rigid."""
         return None
 
     def power(self) -> float:

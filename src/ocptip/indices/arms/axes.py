@@ -23,7 +23,7 @@ _SPEAR_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ArmPose:
-    """What the indices need of an arm in N poses (no leading N for a single pose).
+    """The quantities of an arm that indices need, in N poses (no leading N for a single pose).
 
     Attributes:
         jacobian: (N, 6, n), columns are the spears of the axes, base frame; moments in m.
@@ -114,7 +114,7 @@ def symbolic_inertias(model: ArmModel, q: cs.SX) -> cs.SX:
 
 
 def symbolic_pose(model: ArmModel, q: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX]:
-    """The same as CasADi expressions: J (6, n), gripper rotation (3, 3) and position (3,)."""
+    """CasADi expressions of J (6, n), gripper rotation (3, 3) and position (3,)."""
     require_turning(model)
     rotations, origins = chain(model, q)
     columns = [

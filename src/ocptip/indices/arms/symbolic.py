@@ -205,7 +205,7 @@ def index_expression(
 
 
 def index_function(model: ArmModel, name: str, *, weighted: bool = False, **options: Any) -> cs.Function:
-    """The same as a CasADi function: in q (n,), rad, out value; options of :func:`index_expression`."""
+    """An index as CasADi function: in q (n,), rad, out value; options of :func:`index_expression`."""
     arm = SymbolicArm.of(model, weighted=weighted)
     return cs.Function(name, [arm.q], [index_expression(arm, name, **options)], ["q"], [name])
 

@@ -185,7 +185,7 @@ _VALUES: dict[str, Callable[[ArmEvaluation], np.ndarray]] = {
     "dm_2_weighted": lambda e: e._weighted(lambda: e.distance.energy_2, INNER),
     "sigma": ArmEvaluation._sigma,
 }
-"""What computes each index."""
+"""The functions that compute the indices, by name."""
 
 
 def six_or_more(model: ArmModel) -> ArmModel:

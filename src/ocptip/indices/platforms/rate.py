@@ -126,4 +126,4 @@ _VALUES: dict[str, Callable[[RatedPose], float]] = {
     "sigma_s": lambda rated: rated._complexes.sigma_s,
     "rigidity_rate": RatedPose._rigidity_rate,
 }
-"""What computes each index."""
+"""The functions that compute the indices, by name."""

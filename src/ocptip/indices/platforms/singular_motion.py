@@ -1,4 +1,4 @@
-"""What a platform does near a singularity: its screws of minimum control and the lines its legs are close to.
+"""The motion of a platform near a singularity: screws of minimum control, lines that its legs are close to.
 
 Near a singularity the legs nearly are path normals of the screw of minimum control e_+, i.e. lines of its
 linear complex. If more eigenvalues lambda are about as large as lambda_+, the legs are close to the lines

@@ -68,7 +68,7 @@ class Screw:
 
 @dataclass(frozen=True, eq=False)
 class Singularity:
-    """How far a pose is from being singular.
+    """The distance of a pose from singularities.
 
     Attributes:
         legs: per leg the smallest singular value of its Jacobian, revolute columns divided by L: type I.

@@ -25,7 +25,7 @@ _OWN = ("geometry", "inertia", "gravity", "joint_terms")  # arguments whose valu
 
 @dataclass(frozen=True)
 class CFiles:
-    """What was written.
+    """The files of generated C code.
 
     Attributes:
         source, header: the files.

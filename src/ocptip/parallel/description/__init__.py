@@ -1,1 +1,1 @@
-"""What a parallel robot is: its legs as tables, platform, motors, frames; ready-made robots."""
+"""Descriptions of parallel robots: legs as tables, platform, motors, frames; ready-made robots."""

@@ -25,7 +25,7 @@ _PLANAR, _SPATIAL = (0.0, -9.81, 0.0), (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True)
 class Kind:
-    """What robots of one kind have in common.
+    """The data that robots of one kind have in common.
 
     Attributes:
         rows: makes the leg table from the link lengths.

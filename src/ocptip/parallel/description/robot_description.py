@@ -76,7 +76,7 @@ class MDHRow:
 
 
 class LegBase(ABC):
-    """What all legs have: joints, a base frame, and ends at the platform.
+    """The data that all legs have: joints, a base frame, and ends at the platform.
 
     Attributes:
         serial: one chain, whose first joints alone place its coupling point.
@@ -323,7 +323,7 @@ class RobotDescription:
         return self.platform.m + len(self.redundant)
 
     def with_payload(self, payload: Payload | None) -> RobotDescription:
-        """The same robot whose platform carries this, and nothing else; None: the bare robot."""
+        """This robot with another payload of its platform; None: without payload."""
         return replace(self, platform=self.platform.with_payload(payload))
 
     def with_joint_ranges(self, ranges: Mapping[int, tuple[float, float]]) -> RobotDescription:

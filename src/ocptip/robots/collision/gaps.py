@@ -1,4 +1,4 @@
-"""What is known of a mechanism's collisions: signed distances, what they are between, nearest points."""
+"""Signed distances of a mechanism, the pairs that they are between, and nearest points."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class GapLabel:
-    """What a signed distance is between.
+    """The two bodies that a signed distance is between.
 
     Attributes:
         first: sphere set and number of its sphere, counted from 1, e.g. "5[2]".
@@ -153,7 +153,7 @@ class Collisions:
         return max(found, 0.0), limiting
 
     def to_dict(self, q: np.ndarray | None = None) -> dict[str, Any]:
-        """What is checked, as plain data for JSON.
+        """The scope of the check, as plain data for JSON.
 
         Args:
             q: (n,), rad, of the smallest distance; with it that distance, its names and nearest points (m,

@@ -153,7 +153,7 @@ def on_its_feet(robot: StandingMechanism, motion: Trajectory) -> FeetMotion | No
 
 @dataclass(frozen=True)
 class SoftestFeet:
-    """How stiff equal feet have to be so that none lifts, at `DAMPING_RATIO` of the lowest mode.
+    """The minimum stiffness of equal feet so that none lifts, with `DAMPING_RATIO` of the lowest mode.
 
     Attributes:
         least: the stiffness from which on none lifts, N/m: infinite if one lifts on the stiffest.

@@ -187,7 +187,7 @@ def oscillations(inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """How base and springs of gears move, at T instants.
+    """The motion of base and springs of gears, at T instants.
 
     Attributes:
         times: (T,), s.

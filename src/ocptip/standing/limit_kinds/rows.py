@@ -1,4 +1,4 @@
-"""What rows of a nonlinear program are made of: nodes, values, slopes and second derivatives."""
+"""Rows of a nonlinear program: nodes, values, slopes and second derivatives."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ LONGEST = 2.0  # s
 
 @dataclass(frozen=True)
 class Cancel:
-    """How a controller stops a cancelled motion, and what stops have to keep.
+    """The stops of a controller whose motion is cancelled, and the limits of these stops.
 
     Attributes:
         decelerations: n, rad/s^2 (sliding joints: m/s^2), of each joint until it rests.

@@ -1,4 +1,4 @@
-"""How much of an uncertainty is possible, and why something within an uncertainty is refused."""
+"""The largest possible share of an uncertainty, and reasons why motions within it are refused."""
 
 from __future__ import annotations
 
