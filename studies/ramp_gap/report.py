@@ -68,6 +68,9 @@ NOTES = """\
 - GN, GT: worst values of the best motion, limit 0.9; torque, speed: shares of their limits."""
 
 
+_BASES = {"printed": "as-published", "effective": "identified"}
+
+
 def draw(case_name: str, results: list[dict], plans: dict[str, Trajectory | None], path: Path) -> None:
     """Angles, speeds, power and margins of both motions; one column per base, in the style of all figures."""
     case = motion_case(case_name)
@@ -111,7 +114,7 @@ def draw(case_name: str, results: list[dict], plans: dict[str, Trajectory | None
     )
     for row, (title, label) in zip(axes, rows, strict=True):
         for ax, r in zip(row, results, strict=True):
-            style.finish(ax, f"{title}, {r['base']} base", label)
+            style.finish(ax, f"{title}, {_BASES.get(r['base'], r['base'])} base", label)
     for ax in axes[-1]:
         ax.set_xlabel("time [s]")
     style.head(figure, f"Case {case_name}: trapezoidal velocity profiles against free-form motions")
