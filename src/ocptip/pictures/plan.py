@@ -218,7 +218,8 @@ def _tipping(ax: Any, curves: PlanCurves) -> None:
     _reference(ax, curves, quantity, curves.moments)
     _marks(ax, curves, quantity, row)
     reference = curves.plan.task.robot.tip_over.reference_moment
-    _limit(ax, curves, quantity, moment_at(curves.limit("GN"), reference), "limit")
+    limits = np.array([moment_at(index, reference) for index in curves.limit("GN").tolist()])
+    _limit(ax, curves, quantity, limits, "limit")
     _worst_limit(ax, quantity, row)
     ax.set_ylim(bottom=0.0)
     _finish(ax, curves, _title(TITLES[kinds.TIPPING], row), quantity.label)
