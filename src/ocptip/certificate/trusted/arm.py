@@ -106,7 +106,7 @@ class Arm:
         self.n = len(self.masses)
 
     def turns(self, q: Form) -> Turns:
-        """Of each joint its value (N,) and, if it turns, cosine and sine; q (n, N) coordinates."""
+        """The value (N,) of each joint and, if it turns, its cosine and sine; q (n, N) coordinates."""
         values = linear(self.ratios, q) + self.shift[:, None]
         return [(values[i], None if self.slides[i] else cos_sin(values[i])) for i in range(self.n)]
 
@@ -171,8 +171,9 @@ class Arm:
         return Form.of(middle, half, radius=off + U * size)
 
     def accelerations(self, turns: Turns, qd: Form, qdd: Form, gravity: np.ndarray) -> list[Motion]:
-        """Of each link's frame, in its axes: acceleration less gravity, angular acceleration, (3, N), and the
-        products (6, N) of its angular velocity."""
+        """Motion of each link's frame, in its axes: acceleration less gravity, angular acceleration, (3, N),
+        and the products (6, N) of its angular velocity.
+        """
         speeds, changes = linear(self.ratios, qd), linear(self.ratios, qdd)
         count = qd.r.shape[-1]
         omega = domega = Form.of(np.zeros((3, count)))

@@ -56,7 +56,7 @@ _TIPPING = ("GN", "GN_worst_case")
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a certificate proves.
+    """The bounds that a certificate proves.
 
     Attributes:
         holds: everything that it claims.
@@ -181,7 +181,7 @@ def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
 
 
 def _problems_within(data: Mapping[str, Any]) -> tuple[list[str], int]:
-    """Of the claims within the tolerance."""
+    """The problems of the claims within the uncertainty, and the number of rows."""
     cover = data["cover_within"]
     sharing = Sharing(data["model"], data["motion"], data["tolerance"], data["bounds"])
     ends = require_ends(cover["ends"], sharing.late.start, sharing.late.end)

@@ -145,8 +145,7 @@ class Contacts:
     def _inside(
         self, f: Form, low: float, high: float, radius: float, slope: float, share: float
     ) -> np.ndarray:
-        """Of forces (3, N), or of normal forces (1, N) alone, and one piece of their set: by how much they
-        keep it."""
+        """The margin by which forces (3, N), or normal forces (1, N) alone, keep one piece of their set."""
         least, greatest = f[0].range
         if len(f.r) == 1:
             return np.minimum(least - low, high - greatest) / self.scale

@@ -75,7 +75,7 @@ class Loads:
 
 
 class Checker:
-    """What is claimed of a motion, interval by interval.
+    """The claims about a motion, interval by interval.
 
     Args:
         model, bounds: of a certificate.

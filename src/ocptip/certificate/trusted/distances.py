@@ -76,7 +76,7 @@ def _apart(
 
 
 def _above(frames: list[Frame], body: Mapping[str, Any], half_space: Mapping[str, Any]) -> np.ndarray:
-    """The same of the points with normal . p >= level."""
+    """Lower bound, (N,), m, of the distance of a body from the points with normal . p >= level."""
     R, p = _pose(frames, body["link"])
     normal = np.tile(np.array(half_space["normal"], dtype=float)[:, None], p.r.shape[-1])
     d, level = Form.of(normal), half_space["level"]

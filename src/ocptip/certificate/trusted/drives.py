@@ -65,7 +65,7 @@ class Drives:
         return found + self._paces[1] * (np.abs(arm.ratios.T) @ np.broadcast_to(loose, pace.r[:, 0].shape))
 
     def _coordinates(self, form: Form) -> Form:
-        """Of joints, (links, ...), as those of the drives' coordinates."""
+        """Torques, or their parts, of joints, (links, ...), as those of the drives' coordinates."""
         flat = linear(
             self._arm.ratios.T, Form(form.c.reshape(K, self._arm.n, -1), form.r.reshape(self._arm.n, -1))
         )

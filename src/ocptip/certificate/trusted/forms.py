@@ -208,5 +208,5 @@ def cos_sin(q: Form) -> tuple[Form, Form]:
 
 
 def known(values: np.ndarray) -> np.ndarray:
-    """What is not a number proves nothing."""
+    """The values with -infinity for those that are not numbers, which prove nothing."""
     return np.where(np.isnan(values), -np.inf, values)

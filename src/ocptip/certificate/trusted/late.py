@@ -136,7 +136,7 @@ class Late:
         )
 
     def _branches(self, joint: int, start: float, end: float) -> list[_Branch]:
-        """Of one joint from start to end, s."""
+        """The cases of one joint from start to end, s."""
         d, reach, events = self.delay, self.delay + end - start, self.events
         inside = range(int(np.searchsorted(events, start - d, "right")), int(np.searchsorted(events, end)))
         changes = {k: self._differs(k, joint, reach) for k in inside}

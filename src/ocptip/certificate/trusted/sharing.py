@@ -23,7 +23,7 @@ _REGULAR = 1e-15
 
 
 class Sharing:
-    """What is claimed within a tolerance, row by row.
+    """The claims within an uncertainty, row by row.
 
     Args:
         model, motion, tolerance, bounds: of a certificate; of the bounds GN_worst_case and GT_worst_case.
@@ -45,7 +45,7 @@ class Sharing:
         self.late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"])
 
     def terms(self, rows: Rows) -> Terms:
-        """What the wrench is made of."""
+        """The terms of the wrench on the base."""
         return self._within.terms(rows)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
@@ -262,8 +262,9 @@ class Rule:
     def constant(
         self, ends: np.ndarray, couple: np.ndarray, size: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Of forces (2, 3 contacts, R) at both ends, and a couple: what the wrench does not change of the
-        forces, (2, 3 contacts, R), and a bound of errors (3 contacts, R)."""
+        """The part of forces (2, 3 contacts, R) at both ends that the wrench does not change, (2, 3 contacts,
+        R), with a couple, and a bound of errors (3 contacts, R).
+        """
         ends = ends * self._bears
         largest = np.max(np.abs(ends), axis=0)
         missed = np.einsum("ic,ecr->eir", self._G, ends) + couple[:, None]

@@ -30,7 +30,7 @@ _AT_ONCE = 8000  # functionals times rows
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """What the wrench on the base is made of, over R rows.
+    """The terms of the wrench on the base, over R rows.
 
     Attributes:
         low, high: (T,) ends of the weights.
@@ -60,7 +60,7 @@ class Terms:
     half: np.ndarray
 
     def some(self, rows: Any) -> Terms:
-        """Of some rows."""
+        """The terms of some rows."""
         own = {
             name: getattr(self, name)[..., rows]
             for name in ("size", "error", "middle", "spread", "centre", "half")
@@ -109,7 +109,7 @@ class Within:
     # --- what the wrench is made of -----------------------------------------------------------------------
 
     def terms(self, at: Rows) -> Terms:
-        """Of rows."""
+        """The terms of the wrench in these rows."""
         own, arm = self._own, self._arm
         turns = arm.turns(at.q)
         frames = arm.frames(turns)[1:]
@@ -321,6 +321,6 @@ def _wrench(sizes: np.ndarray, gravity: np.ndarray, pace: float, masses: np.ndar
 
 
 def _around(lever: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """What moments (3, R) can be at most, of levers (3, R) and a force (3,) at most."""
+    """The maximum moments (3, R) of levers (3, R) and a force (3,), each given by its maximum amount."""
     (x, y, z), (a, b, c) = lever, force
     return np.stack([y * c + z * b, z * a + x * c, x * b + y * a])
