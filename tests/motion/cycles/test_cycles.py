@@ -27,7 +27,7 @@ from ocptip.motion.plan_files import drives_of, samples_joined, task_samples, wr
 from ocptip.motion.source import TASK
 from ocptip.motion.tolerated import robustness, tolerated
 from ocptip.pictures.cycle import seen_plan
-from ocptip.pictures.plan import _reserve_figure
+from ocptip.pictures.plan import _ground, moment_at
 from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.cycle import load_cycle
@@ -327,10 +327,10 @@ def test_figures_draw_the_limits_of_each_segment(plan):
     curves = PlanCurves(seen_plan(task, plan.motion, check_cycle(task, plan.motion)), samples)
     begin = plan.checked.begins[1]
     np.testing.assert_array_equal(curves.limit("GN"), np.where(samples.times < begin, 0.9, 0.5))
-    axes = _reserve_figure(curves).axes
-    lines = [ax.findobj(lambda artist: artist.get_gid() == "limit")[0] for ax in axes]
-    assert [line.get_label() for line in lines] == ["limit 0.5 to 0.9", "limit 0.9"]
-    assert set(lines[0].get_ydata()) == {0.5, 0.9}
+    lines = [line for ax in _ground(curves).axes for line in ax.lines if line.get_gid() == "limit"]
+    moments = {float(moment_at(GN, task.robot.tip_over.reference_moment)) for GN in (0.5, 0.9)}
+    assert {*lines[0].get_ydata()} == moments
+    assert {*lines[1].get_ydata()} == {90.0}  # friction used, per cent
 
 
 def test_samples_of_all_segments(plan):
