@@ -382,7 +382,7 @@ def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
 
 
 def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(motion_plots, "_FIGURES", {"plan": motion_plots._FIGURES["plan"]})
+    monkeypatch.setattr(motion_plots, "FIGURES", {"motion": motion_plots.FIGURES["motion"]})
     assert run(capsys, "C", "--no-figures")[0] == 0
     directory = tmp_path / "ocptip-plan-C"
     for name in ("motion.png", "drives.png", "mine.png"):
