@@ -98,7 +98,7 @@ class Outcome:
         unit = UNITS[self.requirement.name][0]
         value = "-" if self.value is None else f"{'>= ' * self.at_least}{quantity(self.value, unit, 3)}"
         note = f" ({self.note})" if self.note else ""
-        return f"{self.requirement}: {value}{note}{'' if self.met else '   NOT MET'}"
+        return f"{self.requirement}: {value}{note}   {'met' if self.met else 'NOT MET'}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.api.requirements import Outcome, junit, outcomes_to_dict, read_requirements
 from ocptip.api.stand import Standing, stand
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import percent, quantity, ratio, table, without_noise
+from ocptip.basics.text import NOISE, percent, quantity, ratio, table, without_noise
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
@@ -148,14 +148,10 @@ class StandReport(Report):
         rows = [("Tipping margin", _axis_text(found))]
         if np.isfinite(found.slip.GT[0]):
             full = found.redistribution == "full"
-            used = (
-                quantity(100 * found.slip.GT[0], "%", 3) if found.slip.GT[0] <= 1 else "more than all of it"
-            )
+            used = _share_text(found.slip.GT[0])
             rows.append(("Friction used", used + (", shared optimally" if full else "")))
         if found.equal:
-            used = (
-                quantity(100 * found.equal.GT[0], "%", 3) if found.equal.GT[0] <= 1 else "more than all of it"
-            )
+            used = _share_text(found.equal.GT[0])
             text = f"{used} with equally compliant feet, as in the table; `stiffness` declares other springs"
             rows.append(("", text))
         forces = without_noise(found.normal_reserves)
@@ -240,6 +236,13 @@ def check_plot_target(target: str) -> None:
         raise InputError(f"--plot: {target} is a directory")
     if not path.parent.is_dir():
         raise InputError(f"--plot: no such directory: {path.parent}")
+
+
+def _share_text(share: float) -> str:
+    """A share of the friction; rounding noise is zero."""
+    if share > 1:
+        return "more than all of it"
+    return quantity(100 * share if share > NOISE else 0.0, "%", 3)
 
 
 def _feet_text(feet: Shared) -> str:

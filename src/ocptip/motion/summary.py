@@ -96,6 +96,9 @@ def brief(title: str, found: CheckedMotion) -> str:
     return "\n".join([*rows, "", *robustness_lines(found.robustness)])
 
 
+_NEAR = 0.5  # share of a limit in use from which it is called critical
+
+
 def margin_table(robot: StandingMechanism, checked: MotionCheck) -> list[str]:
     """Lines of `margin_rows`."""
     rows = margin_rows(robot, checked)
@@ -110,7 +113,9 @@ def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str
     rows = [["", "nominal", *(["worst case"] if within else []), "limit", ""]]
     for row in margins:
         values = [row.nominal, *([row.worst_case] if within else [])]
-        mark = "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive else ""
+        mark = (
+            "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive and row.used > _NEAR else ""
+        )
         rows.append([TITLES[row.name], *(at_text(row, value) for value in values), _limit(row, within), mark])
     return rows
 

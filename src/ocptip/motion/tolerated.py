@@ -101,7 +101,7 @@ class Tolerated:
         """In a few words: "tilt 3.84 deg", "delay >= 100 ms"."""
         name, sign, value = _SHORT[self.quantity], ">= " if self.at_most else "", self.value
         if self.quantity == "friction":
-            return f"friction {100 * (value - 1):.0f} %{' or less' if self.at_most else ''}"
+            return f"friction {100 * (value - 1):.3g} %{' or less' if self.at_most else ''}"
         if self.quantity != "foot_stiffness":
             return f"{name} {sign}{value:.3g} {self.unit}".replace("+ ", "+").replace("+>= ", ">= +")
         if np.isfinite(value):

@@ -70,7 +70,7 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
         ax.plot(timing.s, rates, color="#000000", lw=2.6, gid="timing", label="timing")
     else:
         _by_name(ax, timing.s, rates, timed.active, colors, lw=2.6, alpha=1.0, gid="active")
-    if (given := plan.task.reference) is not None:
+    if (given := plan.task.segments[0].task.reference) is not None:
         places, speeds = _pace(timing.path, given)
         ax.plot(places, speeds, color="#000000", **style.REFERENCE, label="as given", gid="given")
     for k in timing.path.corners:

@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.read import parse_xml, read_xml_text
+from ocptip.basics.read import parse_xml, read_xml_text, require_readable
 from ocptip.robots.collision.urdf import find_mesh, mesh_folders
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.robots.urdf_file import with_files
@@ -78,6 +78,7 @@ def _of_mujoco(path: Path, target: Path) -> dict[Path, str]:
         mujoco: Any = importlib.import_module("mujoco")
     except ImportError:
         raise InputError("a MuJoCo model; install mujoco (pip install mujoco)", "", str(path)) from None
+    require_readable(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:

@@ -51,6 +51,7 @@ def _limit(meaning: str, unit: str, otherwise: str) -> Key:
     return schema.number(meaning, unit, otherwise=otherwise)
 
 
+NO_BASE_SHAPE = "the base has no [[base.shape]]: collisions of the arm with it are not checked"
 SEGMENT_LIMITS = {
     "GN": _limit("Largest tip-over index.", "", "0.9"),
     "GT": _limit("Largest slip index.", "", "0.9"),
@@ -177,6 +178,8 @@ class TaskScene:
         require_base_mass(data, arm, self._support.mass, accepted=self._accept_mass)
         require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
         obstacles = read_obstacles(data, "obstacle")
+        if not self._shapes and _only_the_arm_is_solid(arm):
+            arm = replace(arm, notes=(*arm.notes, NO_BASE_SHAPE))
         with data.table("limits").at(speed_limits="point_speed"):
             checked_points(arm, self._speeds)
         robot = Robot(
@@ -193,6 +196,12 @@ class TaskScene:
         if self._usual_clearance:  # of a cycle the smallest of all segments
             self.limits = replace(self.limits, clearance=min(self.limits.clearance, robot.usual_clearance))
         return robot
+
+
+def _only_the_arm_is_solid(arm: ArmModel) -> bool:
+    """Whether collisions are checked, and nothing at rest is solid but the link that the arm stands on."""
+    shapes = arm.geometry.shapes if arm.geometry else ()
+    return arm.may_collide and len({one.name for one in shapes if one.body == 0}) <= 1
 
 
 def limits_of(table: Table, support: Support, motors: Table | None) -> dict[str, float]:

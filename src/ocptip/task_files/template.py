@@ -175,6 +175,12 @@ def _base(foot: ExampleBase) -> Iterator[str]:
         where = "invented" if invented else "the lowest points of the URDF's geometry"
         yield _line(keys, "feet", f"[{feet}]", where, mark=invented)
     yield _line(keys, "friction", "0.5", holds, mark=True)
+    if not foot.contacts_of_urdf:
+        yield "# Solid of base and deck: without it collisions of the arm with the base are not checked."
+        yield "# [[base.shape]]"
+        yield '# kind = "box"'
+        yield "# size = [0.6, 0.5, 0.5]"
+        yield "# position = [0.0, 0.0, 0.25]  # of the centre, base axes"
 
 
 def _arm(

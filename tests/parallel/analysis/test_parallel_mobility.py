@@ -88,7 +88,7 @@ def test_five_axes():
 
 def test_similar_hexagons_are_singular_everywhere():
     with pytest.raises(
-        InputError, match=r"singular in every pose.*platform \(type II\).* do not hold the rot"
+        InputError, match=r"singular in every checked pose.*platform \(type II\).* do not hold the rot"
     ):
         ParallelRobot(ups6(gap=np.pi / 3))
     robot = ParallelRobot(ups6(gap=np.pi / 3), check=False)

@@ -140,7 +140,7 @@ def test_closed_forms_reach_the_point_in_every_branch(kind):
         assert len(found) == 2 ** SIGNS[name]
         branch = nearest_branch(leg, target, q)
         np.testing.assert_allclose(np.exp(1j * closed_form(leg, target, branch)), np.exp(1j * q), atol=1e-9)
-        with pytest.raises(InputError, match="branch signs"):
+        with pytest.raises(InputError, match="branch: a leg of type"):
             closed_form(leg, target, (1,) * (SIGNS[name] + 1))
 
 
