@@ -67,7 +67,7 @@ def test_json_has_covariances(written, recording, capsys):
     ("options", "said"),
     [
         (("base",), "r.csv: base: does not rest on the sensor"),
-        (("bodies", "--tared"), "r.csv: base: its weight cannot be told"),
+        (("bodies", "--tared"), "r.csv: base: its weight cannot be separated"),
         (("payload", "--sigmas", "-1"), "sigmas: must be > 0"),
         (("arm", "--bandwidth", "-1"), "--bandwidth: must be > 0"),
     ],

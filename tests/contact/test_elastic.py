@@ -191,7 +191,7 @@ def test_a_base_that_moves_does_so_as_on_rigid_feet():
     ("options", "words"),
     [
         ({"stiffness": 0.0}, "stiffness: must be > 0"),
-        ({"tangential_stiffness": 1e5}, "tangential_stiffness: of a contact without stiffness"),
+        ({"tangential_stiffness": 1e5}, "tangential_stiffness: needs stiffness"),
         ({"stiffness": 1e5, "damping": 10, "damping_ratio": 0.1}, "either damping or damping_ratio"),
         ({"stiffness": 1e5, "damping_ratio": 5}, "damping_ratio: must be below 1"),
         ({"stiffness": 1e5, "damping": -1}, "damping: must be >= 0"),

@@ -132,7 +132,7 @@ def test_what_cannot_be_eliminated_is_refused():
         minimal_form(ParallelRobot(replace(description, legs=(rough, *description.legs[1:]))))
     with pytest.raises(InputError, match="2 motors for 3 coordinates"):
         minimal_form(ParallelRobot(replace(description, actuated=description.actuated[:2]), check=False))
-    with pytest.raises(InputError, match="2 branch signs"):
+    with pytest.raises(InputError, match="has 2 signs"):
         leg_solution(leg, cs.vertsplit(cs.SX.sym("t", 3)), (1,))
 
 

@@ -224,7 +224,7 @@ def test_gears_of_a_file(tmp_path):
     assert found.limits.overshoot == pytest.approx(np.exp(-0.05 * np.pi / np.sqrt(1 - 0.0025)))
     assert task("gear_stiffness = 1e4\ngear_damping = 2\n").limits.overshoot == 1.0
     for motors, message in (
-        ("gear_damping = 2\n", "motors.gear_damping: of gears without gear_stiffness"),
+        ("gear_damping = 2\n", "motors.gear_damping: needs gear_stiffness"),
         ("gear_stiffness = -1\n", "motors.gear_stiffness: must be > 0"),
         ("gear_stiffness = 1e4\ngear_damping_ratio = 1\n", "motors.gear_damping_ratio: must be below 1"),
         ("gear_stiffness = { elbow = 1e4 }\n", "motors.gear_stiffness.elbow: no such joint"),
