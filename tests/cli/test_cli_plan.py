@@ -411,7 +411,7 @@ def test_a_plan_says_what_the_arm_holds(planner, capsys, tmp_path):
     planner.result = replace(planner.result, task=task_of_held)
     _, out, _ = run(capsys, "C", "--no-figures", "-v")
     payload = "payload 2 kg (point mass at (0, 0, 0.1) m)"
-    assert f"base 3.45 kg, arm 15.71 kg, {payload}; together 21.16 kg" in out
+    assert f"base 3.45 kg, arm 15.71 kg, {payload}; together 21.16 kg" in " ".join(out.split())
     data = json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
     assert data["payload"] == {"mass": 2.0, "center_of_mass": [0.0, 0.0, 0.1]}
     assert data["masses_kg"] == pytest.approx({"base": 3.45, "arm": 15.711, "payload": 2.0, "total": 21.161})
