@@ -67,7 +67,7 @@ def test_ranges_hold_every_position(seed: int) -> None:
         ([0.0, 0.6, 0.5, 1.0], np.ones((2, 3, 1)), "increasing"),
         ([0.0, 1.0], np.full((2, 1, 1), np.nan), "coefficients"),
         ([0.0, 1.0], np.ones((1, 1, 1)), "D and n"),
-        ([0.0, 0.5, 1.0], np.ones((2, 2, 1)), "jumps by 0.5 at s = 0.5"),
+        ([0.0, 0.5, 1.0], np.ones((2, 2, 1)), "has a gap of 0.5 at s = 0.5"),
         ([0.0, 0.5, 1.0], np.array([[[1.0], [0.0]], [[0.0], [0.5]]]), "does not move between s = 0.5 and 1"),
     ],
 )
