@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +190,9 @@ class _Rosbags:
     store1: Callable[[], Any]
 
 
+@cache
 def _rosbags() -> _Rosbags:
+    """The package, loaded once: making its classes of messages takes half a second."""
     try:
         from rosbags.rosbag1 import Reader as Reader1
         from rosbags.rosbag2 import Reader, StoragePlugin, Writer
@@ -197,9 +200,7 @@ def _rosbags() -> _Rosbags:
     except ImportError:
         raise InputError("bags need the package rosbags: pip install 'ocptip[bags]'", "") from None
 
-    def store1() -> Any:
-        return get_typestore(Stores.ROS1_NOETIC)
-
+    store1 = cache(partial(get_typestore, Stores.ROS1_NOETIC))  # made only where a bag of ROS 1 is read
     store = get_typestore(Stores.ROS2_HUMBLE)
     return _Rosbags(Reader, Reader1, Writer, StoragePlugin.MCAP, store, store1)
 
