@@ -16,6 +16,7 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.motors import DCMotors, PowerMaps
 from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
+from ocptip.task_files.task_scene import NO_BASE_SHAPE
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -282,19 +283,21 @@ def test_joints_without_limits_are_refused(tmp_path):
 
 def test_what_a_file_leaves_open_is_assumed_and_said(tmp_path):
     text = URDF.replace("acceleration_deg_s2 = 200\n", "")
-    assert load(tmp_path, URDF).robot.notes == ()
+    assert load(tmp_path, URDF).robot.notes == (NO_BASE_SHAPE,)
     task = load(tmp_path, text)
     np.testing.assert_allclose(task.robot.limits.acceleration, 2 * task.robot.limits.speed)
-    (note,) = task.robot.notes
+    note, base = task.robot.notes
+    assert base == NO_BASE_SHAPE
     assert note.startswith("acceleration limits of joints ")
     assert note.endswith(": full speed in 0.5 s, for the file gives none")
     task = load(tmp_path, text.replace('[motors]\nkind = "estimated"\nstandby = 3\n', ""))
     assert isinstance(task.robot.motors, DCMotors)
-    assert [note.split()[0] for note in task.robot.notes] == ["acceleration", "motors:"]
+    assert [note.split()[0] for note in task.robot.notes] == ["acceleration", "motors:", "the"]
     task = load(tmp_path, changed(URDF, locked_m=None, base_link=None))
     assert task.robot.notes == (
         "base_link 'base', not given in the file",
         "locked, not in the chain to the tool: grip at 0 (rad, sliding joints m)",
+        NO_BASE_SHAPE,
     )
 
 
