@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ class PathTable:
         return []
 
 
-class JointTable:
+class JointTable(ABC):
     """Stops in which every joint stops by itself.
 
     Args:
@@ -149,12 +150,13 @@ class JointTable:
         return [*contacts, *texts] if not self._in_check else texts
 
     @property
+    @abstractmethod
     def _in_check(self) -> bool:
         """The check of the motion says which limits of the contacts are broken."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _own_violations(self) -> list[str]:
-        raise NotImplementedError
+        """Sentences on limits that only this scenario has."""
 
 
 class BrakeTable(JointTable):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -69,7 +68,7 @@ def with_joint_limits(arm: ArmModel, path: str | os.PathLike[str]) -> ArmModel:
     for key, what in _SCALES.items():
         if (factor := data.get(key, 1.0)) != 1.0:
             notes.append(f"{key} {factor} of {file.name} does not count: the {what} limits are unscaled")
-    return replace(arm.with_limits(**values), notes=(*arm.notes, *notes))
+    return arm.with_limits(**values).with_notes(*notes)
 
 
 def _numbers(joint: Any, key: str, where: str) -> dict[str, float]:

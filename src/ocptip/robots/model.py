@@ -354,6 +354,10 @@ class ArmModel:
                 raise InputError(f"limits: no {name!r}; there are {', '.join(known)}")
         return dataclasses.replace(self, limits=dataclasses.replace(self.limits, **limits))
 
+    def with_notes(self, *notes: str) -> ArmModel:
+        """The arm with further assumptions for reports, one sentence each."""
+        return dataclasses.replace(self, notes=(*self.notes, *notes))
+
     def with_usual_accelerations(self, source: str) -> ArmModel:
         """The same arm whose joints reach full speed in `FULL_SPEED`, where no acceleration limit is known.
 
@@ -367,7 +371,7 @@ class ArmModel:
         joints = f"of joints {', '.join(self.joint_names[j] for j in np.flatnonzero(unknown))}"
         note = f"acceleration limits {joints}: full speed in {FULL_SPEED:g} s, for {source} gives none"
         arm = self.with_limits(acceleration=np.where(unknown, speed / FULL_SPEED, acceleration))
-        return dataclasses.replace(arm, notes=(*arm.notes, note))
+        return arm.with_notes(note)
 
     def with_spheres(
         self, sphere_sets: Iterable[SphereSet], *, excluded_pairs: Iterable[tuple[str, str]] = ()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -174,7 +173,7 @@ class Robot(StandingMechanism):
         arm = arm.with_payload(Payload(payload) if isinstance(payload, float | int) else payload)
         if motors is None:
             motors, note = DCMotors.estimated(arm), "motors: estimated from torque and speed limits"
-            arm = replace(arm, notes=(*arm.notes, note))
+            arm = arm.with_notes(note)
         return cls(arm, support, motors, **others)
 
     def __repr__(self) -> str:

@@ -289,7 +289,7 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
     if (jerks := np.flatnonzero(np.isfinite(arm.limits.jerk))).size:
         joints = ", ".join(arm.joint_names[j] for j in jerks)
         note = f"jerk limits of joints {joints}: motions of plan keep them, cycles and retimed paths do not"
-        arm = replace(arm, notes=(*arm.notes, note))
+        arm = arm.with_notes(note)
     return arm
 
 

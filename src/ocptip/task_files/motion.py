@@ -354,7 +354,7 @@ def _with_finer_solids(robot: Robot, postures: np.ndarray, gap: float) -> Robot:
     more = [f"{after.count(name)} for {name}" for name in dict.fromkeys(after)
             if after.count(name) != before.count(name)]  # fmt: skip
     note = f"convex solids so that start and goal are as free as their meshes: {', '.join(more)}"
-    return robot.varied(arm=replace(robot.arm, geometry=finer, notes=(*robot.arm.notes, note)))
+    return robot.varied(arm=replace(robot.arm, geometry=finer).with_notes(note))
 
 
 def ramp_task(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ocptip.basics import schema
@@ -135,7 +133,7 @@ def arm_and_motors(
         if "kind" in table:
             return arm, motors
         note = "motors: estimated from torque and speed limits, for the file describes none"
-        return replace(arm, notes=(*arm.notes, note)), motors
+        return arm.with_notes(note), motors
     if not modular:
         raise table.error("the power maps 'modular' are for the modular arms only", "kind")
     return arm, modular_motors()

@@ -179,7 +179,7 @@ class TaskScene:
         require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
         obstacles = read_obstacles(data, "obstacle")
         if not self._shapes and _only_the_arm_is_solid(arm):
-            arm = replace(arm, notes=(*arm.notes, NO_BASE_SHAPE))
+            arm = arm.with_notes(NO_BASE_SHAPE)
         with data.table("limits").at(speed_limits="point_speed"):
             checked_points(arm, self._speeds)
         robot = Robot(
