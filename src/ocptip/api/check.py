@@ -96,6 +96,16 @@ class Check(CheckedMotion):
         """The assumptions about the motion where its file gives nothing, one sentence each."""
         return [*self.motion.assumed, f"the robot rests before 0 s and after {self.motion.end:.4g} s"]
 
+    @property
+    def unproved(self) -> str:
+        """What a proof lacks; of fitted samples none is possible."""
+        if self.motion.fit is None or not self.check.verified:
+            return self.check.unproved
+        return (
+            "a proof: the samples do not give accelerations exactly; ocptip certify proves the commanded "
+            "trajectory, with its velocities and accelerations"
+        )
+
     def require(self, text: str) -> tuple[Outcome, ...]:
         """Return which requirements the motion meets.
 

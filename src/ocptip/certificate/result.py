@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.certificate.trusted.checker import Verdict
 from ocptip.certificate.trusted.described import CLEARANCE
+from ocptip.motion.summary import RESULT_TITLES
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 
 AT_LIMIT = 1e-6
@@ -27,6 +28,16 @@ _CLAIMS = (
 )
 """Title, unit, keys of the bounds: nominal, and in the worst case."""
 _LEAST = ("clearance", CLEARANCE)  # bounds from below
+_OF_CONTACTS = "planning with lower --gn and --gt may help"
+_WORDS = {
+    "contacts": ("foot forces and friction", _OF_CONTACTS),
+    "tip-over": ("tipping", _OF_CONTACTS),
+    "torque": ("joint torques", "planning with a lower --torque-ratio may help"),
+    "clearance": ("clearance", "planning with a larger --clearance may help"),
+}
+"""Names of claims, and what helps where they are not proved."""
+_BY_SLOWER = "a slower motion may help"
+_UNBOUNDED = 1e6
 
 
 @dataclass(frozen=True)
@@ -44,8 +55,24 @@ class Undecided:
     claim: str
     short: float
 
+    @property
+    def remedy(self) -> str:
+        """What helps."""
+        claim, within, _ = self.claim.partition(" within tolerance")
+        _, helps = _WORDS.get(claim, ("", _BY_SLOWER))
+        return f"{helps}, a smaller uncertainty also" if within else helps
+
     def __str__(self) -> str:
-        return f"{self.claim} from {self.start:.6f} to {self.end:.6f} s, by {self.short:.2g}"
+        """What is not proved, where, and by how much it falls short."""
+        claim, within, _ = self.claim.partition(" within tolerance")
+        name, _ = _WORDS.get(claim, (claim, ""))
+        name += " within the uncertainty" if within else ""
+        ends = dict.fromkeys(f"{time:.5f}" for time in (self.start, self.end))
+        when = f"{'from' if len(ends) > 1 else 'at'} {' to '.join(ends)} s"
+        if self.short > _UNBOUNDED:
+            return f"{name} {when}, without any bound there"
+        by = {"clearance": f"{1e3 * self.short:.2g} mm", "angle": f"{self.short:.2g} (rad, m)"}
+        return f"{name} {when}, short by {by.get(claim, f'{100 * self.short:.2g} % of the limit')}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +107,24 @@ class Certificate:
     def holds(self) -> bool:
         """The certificate holds and its bounds keep the limits, apart from values that are sampled."""
         return self.verdict.holds and self.kept
+
+    @property
+    def missing(self) -> str:
+        """What is not proved, where, by how much, and what helps; empty if everything is proved."""
+        if self.certified:
+            return ""
+        if self.data is None:
+            return f"a proof: {self.reason}"
+        if self.undecided:
+            worst = max(self.undecided, key=lambda one: one.short)
+            more = f"; and {len(self.undecided) - 1} more (ocptip certify)" if len(self.undecided) > 1 else ""
+            return f"a proof of {worst}{more}; {worst.remedy}"
+        if not self.verdict.holds:
+            return f"a proof: {self.verdict.problems[0]}"
+        if not self.kept:
+            return f"a proof within the limits; proved is {claims(self.verdict)}"
+        sampled = ", ".join(RESULT_TITLES.get(name, name) for name in self.sampled)
+        return f"a proof of {sampled}: these are only checked at samples, all other limits are proved"
 
     def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
         """By how much it falls short of proving a limit, and the middles of the intervals, s.

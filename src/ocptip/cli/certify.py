@@ -127,7 +127,8 @@ class CertifyReport(Report):
         """The verdict, margins, what is proved, and where something is missing."""
         found, checked, proof = self.found, self.found.check, cast(Certificate | None, self.found.certificate)
         head = [f"{found.name} on {found.task.name}   {checked.headline}", motion_line(checked)]
-        lines = [*head, *wrapped("Broken", checked.violations), ""]
+        missing = filter(None, [checked.unproved])
+        lines = [*head, *wrapped("Missing", missing), *wrapped("Broken", checked.violations), ""]
         lines += margin_table(found.task.robot, checked)
         if proof is not None:
             parts = zip(found.checked.names, found.checked.segments, strict=True)
@@ -136,7 +137,7 @@ class CertifyReport(Report):
             if len(proof.undecided) > _MOST:
                 undecided.append(f"and {len(proof.undecided) - _MOST} more")
             lines += ["", *wrapped("Proof", [f"{proof}", *segments, f"took {proof.seconds:.2f} s"])]
-            lines += wrapped("Missing", undecided)
+            lines += wrapped("Not proved", undecided, 12)
         lines += wrapped("Note", notes(checked))
         lines += wrapped("Assumed", found.assumed)
         return "\n".join([*lines, *files_lines(self.written)])

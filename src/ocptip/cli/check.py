@@ -25,46 +25,13 @@ from ocptip.cli.motion_summary import motion_text, rise_rows, wrapped
 from ocptip.cli.options import given_columns, given_limits, naming_options, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.summary import motion_line
-from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
+from ocptip.motion.summary import RESULT_TITLES, motion_line
+from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.bags import require_new
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 
-_ROWS = {
-    "GN": "tip-over GN",
-    "GT": "slip GT",
-    "jump_GN": "GN at acceleration steps",
-    "jump_GT": "GT at acceleration steps",
-    TIP_WITHIN: "tip-over GN, worst case",
-    SLIP_WITHIN: "slip GT, worst case",
-    "GN_stop": "GN in stops on the path",
-    "GT_stop": "GT in stops on the path",
-    "GN_brakes": "GN in stops by brakes",
-    "GT_brakes": "GT in stops by brakes",
-    "GN_cancel": "GN when cancelled",
-    "GT_cancel": "GT when cancelled",
-    "GN_cancel_worst_case": "GN when cancelled, worst case",
-    "GT_cancel_worst_case": "GT when cancelled, worst case",
-    "torque_ratio": "torque / limit",
-    TORQUE_WITHIN: "torque / limit, worst case",
-    "clearance_m": "clearance",
-    f"{CLEARANCE_WITHIN}_m": "clearance, worst case",
-    "foot_force_N": "force on a compliant foot",
-    "jump_foot_force_N": "the same at acceleration steps",
-    "foot_lift_m": "lift of a compliant foot",
-    "GN_gears": "GN, elastic joints",
-    "GT_gears": "GT, elastic joints",
-    "speed_ratio": "speed / limit",
-    "acceleration_ratio": "acceleration / limit",
-    "angle_margin_deg": "angle margin",
-    "position_margin_m": "position margin",
-    "singularity": "distance from singular poses",
-    "motor_speed": "motor speed",
-    "tcp_speed_m_s": "TCP speed",
-    "point_speed_m_s": "speed of a point",
-}
 _MARGINS = ("angle_margin_deg", "position_margin_m")
 _AT_WORST = (TIP_WITHIN, SLIP_WITHIN)
 _UNITS = {
@@ -236,7 +203,7 @@ def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
 def worst_rows(checked: MotionCheck) -> list[list[str]]:
     """Worst value, limit, time and place of every quantity, below a row of titles."""
     rows = [["quantity", "worst", "limit", "time", "where", ""]]
-    for name, title in _ROWS.items():
+    for name, title in RESULT_TITLES.items():
         if name not in checked.worst:
             continue
         worst = checked.worst[name]
@@ -250,8 +217,8 @@ def worst_rows(checked: MotionCheck) -> list[list[str]]:
 
 
 def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:
-    names = [name for name in _ROWS if name not in _MARGINS and name in scaled[0][1].worst]
-    rows = [["times x", "verdict", "duration", "energy", *(_ROWS[name] for name in names)]]
+    names = [name for name in RESULT_TITLES if name not in _MARGINS and name in scaled[0][1].worst]
+    rows = [["times x", "verdict", "duration", "energy", *(RESULT_TITLES[name] for name in names)]]
     for factor, checked in scaled:
         verdict = checked.headline if not checked.verified else "CHECKED"
         numbers = [_value(name, checked.worst[name].value) for name in names]

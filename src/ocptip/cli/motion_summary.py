@@ -85,7 +85,7 @@ def motion_text(
     checked, robot = found.check, found.task.robot
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
-        [*head, *wrapped("Broken", found.broken)],
+        [*head, *wrapped("Missing", filter(None, [found.unproved])), *wrapped("Broken", found.broken)],
         segment_table(found.task, found.checked) if found.task.is_cycle else [],
         margin_table(robot, checked),
         robustness_lines(found.robustness),

@@ -84,6 +84,11 @@ class Proof(Protocol):
         """Plain data for JSON from which the proof is checked; None where there is none."""
         ...
 
+    @property
+    def missing(self) -> str:
+        """What is not proved, where, by how much, and what helps; empty if all is proved."""
+        ...
+
     def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
         """By how much a limit is not proved, and when, s."""
         ...
@@ -137,6 +142,17 @@ class MotionCheck:
     def certified(self) -> bool:
         """Every limit is proved to hold at every instant."""
         return self.verified and self.certificate is not None and self.certificate.certified
+
+    @property
+    def unproved(self) -> str:
+        """What a proof lacks, where, and what helps; empty if everything is proved or a limit is broken."""
+        if not self.verified:
+            return ""
+        return (
+            self.certificate.missing
+            if self.certificate
+            else "a proof: none was tried, ocptip certify tries it"
+        )
 
     @property
     def headline(self) -> str:

@@ -12,6 +12,7 @@ from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
 from ocptip.motion.stops import Stops
 from ocptip.motion.tolerated import Tolerated
+from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.trajectory import Trajectory
@@ -27,6 +28,40 @@ TITLES = {
     "tcp_speed_m_s": "TCP speed",
     "point_speed_m_s": "Speed of a point",
 }
+RESULT_TITLES = {
+    "GN": "tip-over GN",
+    "GT": "slip GT",
+    "jump_GN": "GN at acceleration steps",
+    "jump_GT": "GT at acceleration steps",
+    TIP_WITHIN: "tip-over GN, worst case",
+    SLIP_WITHIN: "slip GT, worst case",
+    "GN_stop": "GN in stops on the path",
+    "GT_stop": "GT in stops on the path",
+    "GN_brakes": "GN in stops by brakes",
+    "GT_brakes": "GT in stops by brakes",
+    "GN_cancel": "GN when cancelled",
+    "GT_cancel": "GT when cancelled",
+    "GN_cancel_worst_case": "GN when cancelled, worst case",
+    "GT_cancel_worst_case": "GT when cancelled, worst case",
+    "torque_ratio": "torque / limit",
+    TORQUE_WITHIN: "torque / limit, worst case",
+    "clearance_m": "clearance",
+    f"{CLEARANCE_WITHIN}_m": "clearance, worst case",
+    "foot_force_N": "force on a compliant foot",
+    "jump_foot_force_N": "the same at acceleration steps",
+    "foot_lift_m": "lift of a compliant foot",
+    "GN_gears": "GN, elastic joints",
+    "GT_gears": "GT, elastic joints",
+    "speed_ratio": "speed / limit",
+    "acceleration_ratio": "acceleration / limit",
+    "angle_margin_deg": "angle margin",
+    "position_margin_m": "position margin",
+    "singularity": "distance from singular poses",
+    "motor_speed": "motor speed",
+    "tcp_speed_m_s": "TCP speed",
+    "point_speed_m_s": "speed of a point",
+}
+"""Titles of worst values by their names in `MotionCheck.worst`."""
 _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s", "point_speed_m_s": "m/s"}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
@@ -55,6 +90,13 @@ class CheckedMotion:
     def check(self) -> MotionCheck:
         """The check; of a cycle the worst of all segments."""
         return self.checked.whole
+
+    @property
+    def unproved(self) -> str:
+        """What a proof lacks, where, by how much, and what helps; empty where it is proved or limits are
+        broken.
+        """
+        return self.check.unproved
 
     @property
     def margins(self) -> tuple[MotionMargin, ...]:
@@ -91,7 +133,14 @@ def brief(title: str, found: CheckedMotion) -> str:
     """Verdict, duration and energy, broken limits, margins, robustness."""
     checked = found.check
     verdict = checked.headline if found.verified or not checked.verified else "LIMITS BROKEN"
-    rows = [f"{title}   {verdict}", motion_line(checked), *(f"Broken  {text}" for text in found.broken), ""]
+    missing = [f"Missing {found.unproved}"] if found.unproved else []
+    rows = [
+        f"{title}   {verdict}",
+        motion_line(checked),
+        *missing,
+        *(f"Broken  {text}" for text in found.broken),
+        "",
+    ]
     rows += margin_table(found.task.robot, checked)
     return "\n".join([*rows, "", *robustness_lines(found.robustness)])
 

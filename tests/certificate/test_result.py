@@ -1,0 +1,52 @@
+"""What a certificate says is missing."""
+
+from dataclasses import replace
+
+import pytest
+
+from ocptip.certificate.result import LATE, Certificate, Undecided
+from ocptip.certificate.trusted.checker import Verdict
+
+HOLDS = Verdict(True, (), {"GT": 0.5}, 3)
+NONE = Verdict(False, (), {}, 0)
+WITHIN = Undecided(1.25, 1.27, "contacts within tolerance", 0.021)
+TIPS = Undecided(0.5, 0.6, "tip-over", 1e-3)
+
+
+def test_a_complete_proof_lacks_nothing():
+    assert Certificate({}, HOLDS, kept=True).missing == ""
+
+
+def test_the_largest_lack_is_named_with_place_amount_and_remedy():
+    lacks = Certificate({}, HOLDS, kept=True, undecided=(TIPS, WITHIN), sampled=("GN_worst_case",)).missing
+    what = "a proof of foot forces and friction within the uncertainty from 1.25000 to 1.27000 s"
+    assert lacks.startswith(f"{what}, short by 2.1 % of the limit; and 1 more")
+    assert "--gt" in lacks
+    assert "smaller uncertainty" in lacks
+    assert "smaller uncertainty" not in Certificate({}, HOLDS, undecided=(TIPS,)).missing
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"data": None, "verdict": NONE, "reason": "contacts on one line"}, "a proof: contacts on one line"),
+        ({"verdict": Verdict(False, ("speed: not proved near 1 s",), {}, 3)}, "speed: not proved near 1 s"),
+        ({"kept": False}, "a proof within the limits; proved is friction used <= 50.00 %"),
+        ({"sampled": ("GT_stop", *LATE)}, "GT in stops on the path, delayed joints"),
+    ],
+)
+def test_other_lacks_have_their_reason(changes, words):
+    lacks = replace(Certificate({}, HOLDS, kept=True), **changes).missing
+    assert words in lacks
+
+
+@pytest.mark.parametrize(
+    ("claim", "short", "text"),
+    [
+        ("clearance", 2e-3, "clearance from 0.10000 to 0.20000 s, short by 2 mm"),
+        ("clearance within tolerance", 2e-3, "clearance within the uncertainty from 0.10000 to 0.20000 s"),
+        ("torque", 1e9, "joint torques from 0.10000 to 0.20000 s, without any bound there"),
+    ],
+)
+def test_amounts_have_the_unit_of_their_quantity(claim, short, text):
+    assert str(Undecided(0.1, 0.2, claim, short)).startswith(text)
