@@ -18,7 +18,7 @@ from ocptip.motion.output import sample_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.reserves.tipping import TipOver
-from ocptip.standing.contact_margins import ContactMargins
+from ocptip.standing.contact_margins import ContactMargins, Margin
 from ocptip.standing.instants import Instants
 from tests.contact.test_resting import four_feet
 
@@ -142,7 +142,7 @@ def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_
     of = lambda rows: ContactMargins.of(Instants(robot, *(part[rows] for part in states)), times[rows])  # noqa: E731
     assert of(lifts | True).alike.value == pytest.approx(alike.min())
     assert of(lifts).lines()[0].startswith("minimum foot force -")
-    assert of(lifts).differs.startswith("with equally compliant feet one lifts")
+    assert of(lifts).differs.startswith("with equally compliant feet contact")
     assert of(lifts).force.value == 0
     standing = of(~lifts)
     rows = np.flatnonzero(~lifts & solve_many(support, wrenches).persistent)
@@ -153,6 +153,18 @@ def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_
     assert used == standing.equal_friction.value >= standing.friction.value
     clamped = support.varied([RigidClamp(position=[0, 0, 0], friction_upper=0.5, friction_lower=0.5)])
     assert equal_normal_map(clamped) is None
+
+
+def test_the_contacts_that_only_equally_compliant_feet_lose_are_named_with_their_share():
+    rest = ContactMargins(None, None, None, None, unique=False)
+    lifts = replace(rest, alike=Margin(-3.0, 0.5, (3,)), equal_friction=Margin(0.99, 0.5, (1,)))
+    slips = replace(rest, alike=Margin(3.0, 0.5, (3,)), equal_friction=Margin(1.37, 0.5, (1, 2)))
+    assert rest.differs == ""
+    assert lifts.differs == "with equally compliant feet contact 3 lifts"
+    does = "contacts 1 and 2 slip, needing 137 % of the friction"
+    assert slips.differs == f"with equally compliant feet {does}"
+    both = replace(lifts, equal_friction=slips.equal_friction).differs
+    assert both == f"{lifts.differs} and {does}"
 
 
 @pytest.mark.parametrize(("radius", "lifts"), [(0.2, True), (0.25, False)])
@@ -176,6 +188,6 @@ def test_the_headline_of_a_check_says_where_equally_compliant_feet_differ(case, 
     assert (springs.min() < 0) == lifts
     assert checked.contacts.alike.value == pytest.approx(springs.min(), abs=0.2)
     assert checked.headline == "CHECKED at samples for the nominal model only (no uncertainty)" + (
-        " (with equally compliant feet one lifts)" if lifts else ""
+        f", BUT with equally compliant feet {checked.contacts.alike.where} lifts" if lifts else ""
     )
     assert checked.to_dict()["contacts"]["equal_compliance"]["agrees"] != lifts

@@ -302,7 +302,10 @@ class Standing:
             return ""
         lifted = np.flatnonzero(self.equal.lifts[0]) + 1
         found = [f"contact {k} lifts" for k in lifted]
-        found += [] if self.equal.stands[0] else ["the friction is not enough"]
+        if not self.equal.stands[0]:
+            used = self.equal.usage[0]
+            most = f" (contact {np.nanargmax(used) + 1} would need {percent(np.nanmax(used))} of it)"
+            found += [f"the friction is not enough{most if np.isfinite(used).any() else ''}"]
         return f"with equally compliant feet {' and '.join(found)}" if found else ""
 
     @property

@@ -29,6 +29,12 @@ def notes(checked: MotionCheck) -> list[str]:
         found.append("rigid feet can share the load differently; foot forces are of equally compliant feet")
     if contacts.alike and contacts.alike.value < 0:
         found.append(f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base")
+    if contacts.equal_friction and contacts.equal_friction.value >= 1:
+        share = percent(contacts.equal_friction.value)
+        found.append(
+            f"friction used is for the best sharing of the load; equally compliant feet would need {share} "
+            f"{contacts.equal_friction}. Declare `stiffness` of the contacts to check their springs"
+        )
     if contacts.weak:
         found.append(
             f"weakly stable at {contacts.weak} instants, first at {contacts.first_weak:.3f} s: the contact "

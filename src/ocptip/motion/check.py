@@ -163,15 +163,15 @@ class MotionCheck:
         word = f"PROVED {about}" if self.certified else f"CHECKED at samples {about}"
         if self.within is not None:
             word += f"for {self.within.tolerance.title}"
-        return word + self.scope + self._if_equally_compliant
+        return word + self._if_equally_compliant + self.scope
 
     @property
     def _if_equally_compliant(self) -> str:
         """Where equally compliant feet lose what another sharing of the load keeps; else empty."""
         differs, alike = self.contacts.differs, self.within and self.within.alike
         if not differs and alike and alike.value < 0:
-            differs = "with equally compliant feet one lifts within the uncertainty"
-        return f" ({differs})" if self.verified and differs else ""
+            differs = f"with equally compliant feet {alike.where} may lift within the uncertainty"
+        return f", BUT {differs}" if self.verified and differs else ""
 
     @property
     def scope(self) -> str:

@@ -36,13 +36,15 @@ class Margin:
         """Plain data for JSON."""
         return {"value": self.value, "time": self.time, "contacts": list(self.contacts)}
 
+    @property
+    def where(self) -> str:
+        """The contacts: "contact 3", "contacts 1 and 2"; empty without any."""
+        *others, last = [f"{k}" for k in self.contacts] or [""]
+        return f"contacts {', '.join(others)} and {last}" if others else last and f"contact {last}"
+
     def __str__(self) -> str:
         """Where and when."""
-        numbers = [f"{k}" for k in self.contacts]
-        which = f"contact {numbers[0]}, " if len(numbers) == 1 else ""
-        if len(numbers) > 1:
-            which = f"contacts {', '.join(numbers[:-1])} and {numbers[-1]}, "
-        return f"({which}{self.time:.3f} s)"
+        return f"({self.where}{', ' if self.contacts else ''}{self.time:.3f} s)"
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,13 @@ class ContactMargins:
     @property
     def differs(self) -> str:
         """The failure, lift-off or slip, that only equally compliant feet show; else empty."""
-        lifts = self.alike is not None and self.alike.value < 0
-        slips = self.equal_friction is not None and self.equal_friction.value >= 1
-        does = " and ".join(word for word, known in (("lifts", lifts), ("slips", slips)) if known)
-        return f"with equally compliant feet one {does}" if does else ""
+        alike, friction, does = self.alike, self.equal_friction, []
+        if alike and alike.value < 0:
+            does.append(f"{alike.where} lift{'s' * (len(alike.contacts) < 2)}")
+        if friction and friction.value >= 1:
+            slips = f"{friction.where} slip{'s' * (len(friction.contacts) < 2)}"
+            does.append(f"{slips}, needing {percent(friction.value)} of the friction")
+        return f"with equally compliant feet {' and '.join(does)}" if does else ""
 
     def later(self, seconds: float) -> ContactMargins:
         """These margins with their times shifted by `seconds`."""
