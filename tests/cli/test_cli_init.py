@@ -197,7 +197,6 @@ def test_limits_and_states_of_moveit_go_into_the_task(here, capsys):
     assert "acceleration limits of joints turn_2: full speed in 0.5 s, for the file gives none" in notes
     assert "default_velocity_scaling_factor 0.1 of joint_limits.yaml does not count" in notes
     assert "joint_limits.yaml does not name lift" in notes
-    assert "jerk limits of joints lift" in notes
 
 
 @pytest.mark.parametrize(

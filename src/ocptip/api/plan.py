@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
+import numpy as np
+
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.outputs import remove_figures
@@ -94,7 +96,8 @@ class Plan(CheckedMotion):
         for part in planned.parts:
             robot, motion, limits = part.task.robot, part.motion, part.task.limits
             if task.is_cycle and controller == "quintic":  # segments are planned as ramps
-                motion = motion.with_rise_times(rise_time or RISE_TIME)
+                least = rise_time or RISE_TIME  # jerk limits may ask for more
+                motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
             if controller == "ramps":
                 run = Execution.of_drives(robot, motion, limits, part.check)
             else:

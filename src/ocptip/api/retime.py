@@ -68,7 +68,10 @@ class Timing:
         """Time a path; arguments are those of :func:`retime`."""
         robot, limits = task.robot, task.limits
         stage("timing the path ...")
-        timed = time_path(robot, fit.path, limits, task.objective, jerk=_jerk(robot, jerk))
+        most = _jerk(robot, jerk)
+        if jerk is None and most is not None and fit.path.bends.size:
+            task, most = _beyond_jerk_limits(task, fit), None
+        timed = time_path(robot, fit.path, limits, task.objective, jerk=most)
         stage("checking the timing ...")
         step = None if rate is None else 1 / rate
         execution = execute(robot, timed.motion, limits, controller, step=step)
@@ -107,10 +110,24 @@ class Timing:
 
 
 def _jerk(robot: StandingMechanism, jerk: float | None) -> np.ndarray | None:
-    """(n,) rad/s^3, m/s^3; None without."""
-    if jerk is None:
-        return None
-    return jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0)
+    """(n,) rad/s^3, m/s^3: what is asked for, within the limits of the robot; None: there is no limit."""
+    most = robot.limits.jerk
+    if jerk is not None:
+        most = np.minimum(most, jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0))
+    return most if np.isfinite(most).any() else None
+
+
+def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:
+    """The task, whose robot notes that no timing of the path keeps its jerk limits."""
+    robot = task.robot
+    joints = ", ".join(robot.names[j] for j in np.flatnonzero(np.isfinite(robot.limits.jerk)))
+    place = fit.path.breakpoints[fit.path.bends[0]]
+    note = (
+        f"jerk limits of joints {joints} are not kept: the curvature of the path has a step at "
+        f"s = {place:.4f}; waypoints without times are joined smoothly"
+    )
+    arm = cast(Robot, robot).arm.with_notes(note)
+    return replace(task, robot=cast(Robot, robot).varied(arm=arm))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

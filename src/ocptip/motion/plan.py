@@ -216,7 +216,7 @@ class _Legs:
         """Run starts of one leg; an interrupt is passed on after its plan is kept."""
         number, i, j = leg
         task = self._task.segments[number].between(self._layers[number][i], self._layers[number + 1][j])
-        task = replace(task, rise_times=())
+        task = replace(task, rise_times=task.rise_times or ())
 
         def progress(done: int, steps: int, best: float | None) -> None:
             if self._progress:

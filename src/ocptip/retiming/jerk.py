@@ -24,7 +24,6 @@ _OPTIONS = {
     "print_time": False,
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 400, "mu_init": 1e-2},
 }
-_JUMP = 1e-6  # of the greatest one: a curvature that changes by less is continuous
 _BEGIN = 0.7  # of the given speed, from which the solver starts
 _SHORTEST, _LONGEST = 0.2, 100.0  # of that begin: durations of intervals
 _FAR = 1e3  # times the given d2s/dt2: there are no greater ones
@@ -70,13 +69,9 @@ class _Program:
         self.still = grid.bounds[:, 1] == 0
         self.nodes = np.zeros(len(grid.places), dtype=int)  # of the places
         self.nodes[grid.left], self.nodes[grid.right] = np.arange(self.count), np.arange(1, self.count + 1)
-        curvature = grid.places.ddq
-        jumps = np.max(np.abs(curvature[grid.left[1:]] - curvature[grid.right[:-1]]), axis=1, initial=0.0)
-        bad = np.flatnonzero((jumps > _JUMP * np.max(np.abs(curvature))) & ~self.still[1:-1])
-        if bad.size:
-            raise InputError(
-                f"jerk: the path's curvature has a step at s = {grid.s[1 + bad[0]]:.4f}, also accelerations"
-            )
+        if grid.path.bends.size:
+            step = grid.path.breakpoints[grid.path.bends[0]]
+            raise InputError(f"jerk: the path's curvature has a step at s = {step:.4f}, also accelerations")
 
     def start(self) -> np.ndarray:
         """Slower than the given timing everywhere, with d2s/dt2 as means of neighbours."""

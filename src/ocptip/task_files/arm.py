@@ -285,12 +285,7 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
             own = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
             values[name][own] = given[np.isfinite(given)]
     table.close()
-    arm = arm.with_limits(**values).with_usual_accelerations("the file")
-    if (jerks := np.flatnonzero(np.isfinite(arm.limits.jerk))).size:
-        joints = ", ".join(arm.joint_names[j] for j in jerks)
-        note = f"jerk limits of joints {joints}: motions of plan keep them, cycles and retimed paths do not"
-        arm = arm.with_notes(note)
-    return arm
+    return arm.with_limits(**values).with_usual_accelerations("the file")
 
 
 def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:

@@ -49,7 +49,7 @@ from ocptip.task_files.task_scene import (
     task_keys,
 )
 from ocptip.task_files.tolerance import tolerance_of
-from ocptip.trajectories.velocity_profiles import checked_rise_times
+from ocptip.trajectories.velocity_profiles import SHORTEST_RISE, checked_rise_times
 
 _KIND = schema.choice("Stops.", get_args(Kinds))
 _RATES = {"cancel_deceleration_deg_s2": False, "cancel_deceleration_m_s2": True}
@@ -380,7 +380,9 @@ def ramp_task(
     with table.at():
         check_commands(commands)
         objective = objective_of(*wanted)
-    return MotionTask(name, robot, start, goal, limits, tuple(sorted(joints)), commands, objective)
+    chosen = tuple(sorted(joints))
+    rises = _rises_of_jerk(robot)
+    return MotionTask(name, robot, start, goal, limits, chosen, commands, objective, rise_times=rises)
 
 
 def _durations(table: Table) -> dict[str, float]:
@@ -393,22 +395,28 @@ def _durations(table: Table) -> dict[str, float]:
 
 
 def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | None:
-    """Rise times of [limits], else those with which no jerk limit of the joints can be exceeded.
-
-    Within a rise time an acceleration changes by no more than from its limit to the opposite one.
-    """
-    key, limits = table.one_of("rise_time"), robot.limits
-    if key is None and not np.isfinite(limits.jerk).any():
-        return None
+    """Rise times of [limits], else those of the jerk limits of the joints."""
+    key = table.one_of("rise_time")
     if key is None:
-        with table.at(rise_time="jerk"):
-            return checked_rise_times(2 * limits.acceleration / limits.jerk, robot.n)
+        return _rises_of_jerk(robot)
     if key == "rise_time":
         found = table.get(key, size=robot.n)
     else:
         found = 2 * robot.limits.acceleration / table.get(key, size=robot.n)
     with table.at(rise_time=key):
         return checked_rise_times(found, robot.n)
+
+
+def _rises_of_jerk(robot: StandingMechanism) -> tuple[float, ...] | None:
+    """Rise times with which no jerk limit of the joints can be exceeded; None: there is no such limit.
+
+    Within a rise time an acceleration changes by no more than from its limit to the opposite one.
+    """
+    limits = robot.limits
+    if not np.isfinite(limits.jerk).any():
+        return None
+    rises = 2 * limits.acceleration / limits.jerk
+    return checked_rise_times(np.where(rises > 0, np.maximum(rises, SHORTEST_RISE), 0.0), robot.n, "jerk")
 
 
 def _joints(item: Any, names: tuple[str, ...]) -> list[int]:

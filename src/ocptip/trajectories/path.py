@@ -24,6 +24,9 @@ GAP = 1e-9  # rad or m: jumps of positions at breakpoints that are rounding
 CORNER = 1e-6
 """A step of the first derivative by more than this share of itself is a corner."""
 
+BEND = 1e-6
+"""A step of the second derivative by more than this share of its maximum is a step of the curvature."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
@@ -102,6 +105,17 @@ class JointPath:
         begins, ends = self._at_ends(1)
         size = np.maximum(np.linalg.norm(begins[1:], axis=1), np.linalg.norm(ends[:-1], axis=1))
         return 1 + np.flatnonzero(np.linalg.norm(begins[1:] - ends[:-1], axis=1) > CORNER * size)
+
+    @cached_property
+    def bends(self) -> np.ndarray:
+        """Breakpoints, counted from 0, at which the curvature has a step and a motion need not stop.
+
+        No motion that passes them keeps a jerk limit.
+        """
+        begins, ends = self._at_ends(2)
+        steps = np.max(np.abs(begins[1:] - ends[:-1]), axis=1, initial=0.0)
+        size = np.max(np.abs([begins, ends]))
+        return np.setdiff1d(1 + np.flatnonzero(steps > BEND * size), self.corners)
 
     @cached_property
     def curve(self) -> PPoly:
