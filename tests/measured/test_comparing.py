@@ -7,6 +7,7 @@ import pytest
 
 from ocptip.basics.errors import InputError, InputWarning
 from ocptip.measured.compare import LEVEL, compare
+from ocptip.measured.contact_losses import ContactLoss
 from ocptip.measured.prediction import Elasticity, Predictor
 from ocptip.measured.recording import ANGLE, POWER, Recording, Signal, doubt_turns
 from ocptip.measured.signals import clipped
@@ -158,6 +159,15 @@ def test_a_base_that_moved_is_found():
     assert found.base.changes == pytest.approx([3e-4, -2e-4, 2e-3], abs=2e-5)
     still = [replace(s, values=1e-5 * rng.normal(size=len(late))) for s in signals]
     assert compare(Recording(recording.times, recording.signals + tuple(still)), predictor()).agrees
+
+
+def test_a_contact_that_was_open_is_found_above_30_ms():
+    losses = tuple(ContactLoss(k, 3, t, 0.9, 2 * t, True) for k, t in ((1, 0.029), (2, 0.045)))
+    recording = replace(recorded(1), contact_losses=(*losses, ContactLoss(3, 1, 2.0, 0.0, 2.0, False)))
+    found = compare(recording, predictor())
+    assert names(found) == ["contact 2 lost", "contact 3 never closed"]
+    assert found.findings[0].value == pytest.approx(45)
+    assert found.contact_losses[1].at == pytest.approx(0.9 - found.clock)
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.measured.contact_losses import contact_loss
 from ocptip.measured.recording import MOST, read_recording
 from tests.measured.machines import predictor
 
@@ -98,3 +99,32 @@ def test_bad_lines(tmp_path):
     with pytest.raises(InputError, match="at least 50 samples"):
         read(tmp_path, "time_s,q1_deg", rows=10)
     assert read(tmp_path, "time_s,q1", unit="deg").signals[0].values[0] == pytest.approx(np.radians(1))
+
+
+def test_switches_keep_all_samples_of_the_file(tmp_path):
+    rate, count = 2000.0, 4 * MOST
+    lines = ["time_s,q1_deg,contact1,contact2_V,contact3,contact9"]
+    for k in range(count):
+        opened = 2000 <= k < 2014 or 5000 <= k < 5100  # 7 and 50 ms
+        lines.append(f"{k / rate},{k / 100},{int(not opened)},{4.8 if k % 7 else 4.9},0,1")
+    found = read(tmp_path, "", text="\n".join(lines))
+    assert found.thinned == 4
+    assert [s.name for s in found.signals] == ["q1"]
+    assert found.unknown == ("contact9",)  # the robot has three
+    first, second, third = found.contact_losses
+    assert (first.contact, first.count) == (1, 2)
+    assert first.longest == pytest.approx(0.05)
+    assert first.total == pytest.approx(0.057)
+    assert first.at == pytest.approx(2.5)
+    assert (second.contact, second.count, second.longest) == (2, 0, 0.0)
+    assert not third.ever_closed
+
+
+def test_missing_samples_of_a_switch_are_no_interruption():
+    times = np.arange(10) / 10
+    values = np.array([1, 1, np.nan, 1, 0, np.nan, 0, 1, 1, 0.0])
+    loss = contact_loss(2, times, values)
+    assert (loss.contact, loss.count) == (2, 2)
+    assert loss.longest == pytest.approx(0.3)  # from 0.4 to 0.7 s
+    assert loss.total == pytest.approx(0.4)  # the last one lasts until the end
+    assert loss.after(0.15).at == pytest.approx(0.25)

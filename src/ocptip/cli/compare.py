@@ -18,6 +18,7 @@ from ocptip.cli.layout import named, under
 from ocptip.cli.options import given_columns
 from ocptip.cli.stand import check_plot_target
 from ocptip.measured.compare import LEVEL
+from ocptip.measured.contact_losses import losses_text
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED
 from ocptip.measured.signals import Finding
@@ -106,6 +107,8 @@ class CompareReport(Report):
                 rows.append(
                     ("", f"contacts shifted by at most {1e3 * base.contacts.max():.3g} mm at any time")
                 )
+        if found.contact_losses:
+            rows.append(("contacts", losses_text(found.contact_losses)))
         if found.unrecorded:
             rows.append(("not recorded", some([_WORDS[kind] for kind in found.unrecorded], 8)))
         if found.unknown:

@@ -23,7 +23,16 @@ from ocptip.measured.comparison import Comparison, beside, energies, gripper_dev
 from ocptip.measured.prediction import DAMPING, Elasticity, Predictor, State
 from ocptip.measured.recording import ANGLE, KINDS, POWER, SPEED, TORQUE, WRENCH, Recording, Signal
 from ocptip.measured.regression import Block, Explanation, explain, whitened
-from ocptip.measured.signals import Finding, absent, clipped, dead, noisy, resolution, uncovered
+from ocptip.measured.signals import (
+    Finding,
+    absent,
+    clipped,
+    dead,
+    lost_contacts,
+    noisy,
+    resolution,
+    uncovered,
+)
 from ocptip.measured.springs import BEND, DAMP, DELAY, Loose, Swinging, loosened
 from ocptip.numerics.threads import one_thread
 
@@ -414,12 +423,14 @@ class _Comparing:
         moved = base_motion(recording, contacts, found.clock, end, self.level)
         if moved is not None:
             self.findings += moved.findings
+        losses = tuple(one.after(found.clock) for one in recording.contact_losses)
+        self.findings += lost_contacts(losses)
         there = {one.kind for one in recording.signals}
         return Comparison(
             times, found.clock, 1.96 * found.error, tuple(compared),
             gripper_deviation(recording, predictor, nominal.q),
             energies(compared, times, predictor.motion.end),
-            moved, tuple(self.findings), tuple(kind for kind in KINDS if kind not in there),
+            moved, losses, tuple(self.findings), tuple(kind for kind in KINDS if kind not in there),
             recording.unknown, self.unexplained, self.level * _TESTS, recording.thinned,
         )  # fmt: skip
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.measured.base_motion import BaseMotion
+from ocptip.measured.contact_losses import ContactLoss
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, GRIPPER, POWER, Recording, Signal
 from ocptip.measured.signals import Finding, noise_of
@@ -67,6 +68,7 @@ class Comparison:
             is recorded.
         energy: measured and predicted, J, of the electric power; None where that is not recorded.
         base: how the base moved; None where that is not recorded.
+        contact_losses: interruptions of contacts with a switch, times of the motion.
         findings: what differs from the description.
         unrecorded: kinds of signals that are not there.
         unknown: columns of the file that are left out.
@@ -82,6 +84,7 @@ class Comparison:
     gripper: np.ndarray | None
     energy: tuple[float, float] | None
     base: BaseMotion | None
+    contact_losses: tuple[ContactLoss, ...]
     findings: tuple[Finding, ...]
     unrecorded: tuple[str, ...]
     unknown: tuple[str, ...]
@@ -108,6 +111,7 @@ class Comparison:
             "gripper_deviation_m": deviation,
             "energy": energy,
             "base": self.base.to_dict() if self.base else None,
+            "contact_losses": [one.to_dict() for one in self.contact_losses],
             "findings": [one.to_dict() for one in self.findings],
             "unrecorded": list(self.unrecorded),
             "unknown_columns": list(self.unknown),

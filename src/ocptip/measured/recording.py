@@ -13,6 +13,7 @@ Known quantities, with a unit at the end of the name, which may be in brackets (
 - pose of the base since the start: `base_x`, `base_y`, `base_z`; m, mm; and `base_roll`, `base_pitch`,
   `base_yaw`; deg, rad
 - tangential shifts of contacts 1, 2, ...: `dx1`, `dy1`, ...; m, mm
+- switches at contacts 1, 2, ...: `contact1`, ...; numbers or V, closed above half of their maximum
 - normal forces of contacts 1, 2, ...: `normal1`, ...; N (`identify` uses them, `compare` does not)
 
 NAME is that of a joint, SENSOR that of the task's `[sensor]`. The columns of `motion.csv` are among these.
@@ -33,6 +34,7 @@ import numpy as np
 from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError, refuse_huge
 from ocptip.basics.read import read_text
+from ocptip.measured.contact_losses import ContactLoss, contact_loss
 from ocptip.measured.time_bases import on_one_clock
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.bags import is_bag, recording_in_bag, refuse_of_other_files
@@ -40,8 +42,8 @@ from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_name
 from ocptip.trajectories.csv_time import times_of
 from ocptip.trajectories.trajectory import Trajectory
 
-ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT = (
-    "angles", "speeds", "torques", "sensor", "power", "gripper", "base", "shifts", "feet",
+ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT, SWITCH = (
+    "angles", "speeds", "torques", "sensor", "power", "gripper", "base", "shifts", "feet", "switches",
 )  # fmt: skip
 KINDS = (ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT)
 FEWEST = 50  # samples: statistics of less say nothing
@@ -59,6 +61,7 @@ _UNITS = {
     BASE: {**_LENGTH, **_TURN},
     SHIFT: _LENGTH,
     FOOT: {"N": 1.0},
+    SWITCH: {"V": 1.0},
 }
 _ALL = sorted({unit for units in _UNITS.values() for unit in units}, key=len, reverse=True)
 _WITH_UNIT = re.compile(rf"(?P<body>.+?)[\s_]*[\[(]?(?<![A-Za-z])(?P<unit>{'|'.join(_ALL)})[\])]?")
@@ -67,7 +70,7 @@ _WORDS = {
     **dict.fromkeys(("velocity", "vel", "speed", "qd"), SPEED),
     **dict.fromkeys(("effort", "torque", "force", "tau"), TORQUE),
 }
-_NUMBERED = re.compile(r"(?P<word>q|qd|tau|power|normal)(?P<number>[1-9][0-9]*)")
+_NUMBERED = re.compile(r"(?P<word>q|qd|tau|power|normal|contact)(?P<number>[1-9][0-9]*)")
 _WRENCH = re.compile(r"(?:.*[./_])?(?P<part>force|torque)[./](?P<axis>[xyz])")  # of a WrenchStamped
 _AXES = {name: k for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz"))}
 _PLACES = {name: k for k, name in enumerate(("x", "y", "z", "roll", "pitch", "yaw"))}
@@ -104,6 +107,7 @@ class Recording:
         gaps: from, to (s) and number of samples where whole lines of the file are missing, see `gaps_of`.
         rates: what was done with signals that were not sampled with the joints, in words.
         slower: names of those that were sampled less often: where they have no sample, none is missing.
+        contact_losses: of contacts with a switch, from all samples of the file, times as in it.
     """
 
     times: np.ndarray
@@ -113,6 +117,7 @@ class Recording:
     gaps: tuple[tuple[float, float, int], ...] = ()
     rates: tuple[str, ...] = ()
     slower: frozenset[str] = frozenset()
+    contact_losses: tuple[ContactLoss, ...] = ()
 
     @property
     def period(self) -> float:
@@ -205,6 +210,7 @@ def _of_table(table: TextTable, robot: StandingMechanism, unit: str | None) -> R
         signals[name] = kind, index, scale * rows[:, k]
         largest = float(np.nanmax(np.abs(signals[name][2]), initial=0.0))
         refuse_huge(f"column {table.header[k]}", largest)
+    switches = {name: signals.pop(name) for name in list(signals) if signals[name][0] == SWITCH}
     if not signals:
         raise InputError(f"header: no known quantity among {', '.join(table.header)} (see docs/compare.md)")
     others = [k for k, own in known.items() if own is None]
@@ -221,6 +227,7 @@ def _of_table(table: TextTable, robot: StandingMechanism, unit: str | None) -> R
         gaps_of(one.times),
         one.moved,
         one.slower,
+        tuple(contact_loss(k + 1, times, values) for _, k, values in switches.values()),
     )
 
 
@@ -250,6 +257,8 @@ def _signal(title: str, robot: StandingMechanism, unit: str | None) -> tuple[str
         if known is None:
             continue
         name, kind, index = known
+        if kind == SWITCH and index >= len(robot.support.contacts):
+            continue
         if own and own not in _UNITS[kind]:
             continue
         return name, kind, index, _scale(title, kind, index, own, robot.units, unit)
@@ -278,8 +287,8 @@ def _known(body: str, names: Sequence[str], sensor: str) -> tuple[str, str, int]
     """Name, kind and index of a column without its unit."""
     if (match := _NUMBERED.fullmatch(body)) is not None:
         number = int(match["number"])
-        if match["word"] == "normal":
-            return body, FOOT, number - 1
+        if match["word"] in ("normal", "contact"):
+            return body, FOOT if match["word"] == "normal" else SWITCH, number - 1
         kind = {"q": ANGLE, "qd": SPEED, "tau": TORQUE, "power": POWER}[match["word"]]
         if number > len(names):
             return None

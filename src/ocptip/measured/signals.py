@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from ocptip.measured.contact_losses import ContactLoss
 from ocptip.measured.recording import ANGLE, SPEED, TORQUE, WRENCH, Recording, Signal
+
+HARMLESS = 0.03
+"""s: vibration opened contacts of the rig of thesis M for up to 30 ms, and no base tipped (7.4.1)."""
 
 _NORMAL = 1.4826  # standard deviation over median deviation
 _ROUNDED = 1e-9  # of a signal's range: predictions so near are the same
@@ -24,7 +28,7 @@ class Finding:
 
     Attributes:
         kind: "mass", "centre of mass", "friction", "losses", "delay", "elasticity", "zero", "missing",
-            "dead", "clipped", "noisy" or "base".
+            "dead", "clipped", "noisy", "base" or "contact".
         name: what: `mass of link 3`, `Coulomb friction of elbow`, `fz clipped`, ...
         value: its size, nan where there is none.
         interval: half width of its 95 % interval, in the same unit; nan where there is none.
@@ -103,6 +107,20 @@ def gaps(recording: Recording) -> list[Finding]:
     if more := len(recording.gaps) - 1:
         text += f", and {more} shorter gap{'s' * (more > 1)}"
     return [Finding("missing", "samples missing", 100 * lost / (lost + there), unit="%", text=text)]
+
+
+def lost_contacts(losses: Sequence[ContactLoss]) -> list[Finding]:
+    """Interruptions of contacts that contradict a plan in which none is lost."""
+    found = []
+    for one in losses:
+        name = f"contact {one.contact}"
+        if not one.ever_closed:
+            found.append(Finding("contact", f"{name} never closed", text="its switch is open in all samples"))
+        elif one.longest > HARMLESS:
+            times = "once" if one.count == 1 else f"longest of {one.count} interruptions"
+            text = f"{times}, from {one.at:.3f} s; vibration explains up to {1e3 * HARMLESS:.0f} ms"
+            found.append(Finding("contact", f"{name} lost", 1e3 * one.longest, unit="ms", text=text))
+    return found
 
 
 def uncovered(recording: Recording, begin: float, end: float) -> list[Finding]:
