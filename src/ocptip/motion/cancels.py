@@ -14,7 +14,7 @@ import numpy as np
 
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import WITHIN_OF, Limits
+from ocptip.standing.limits import SLIP_WITHIN, WITHIN_OF, Limits
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
 from ocptip.standing.within.cancelled import worst_of_cancels
 from ocptip.standing.within.worst_case import worst_case_of
@@ -207,6 +207,7 @@ def _levels(
     q, qd, _ = motion.states(times)
     process = robot.during(motion).acting(times)
     tolerance = limits.tolerance
+    cases = worst_case_of(robot, tolerance).up_to(getattr(limits, SLIP_WITHIN)) if tolerance.given else None
 
     def level(share: float) -> CancelLevel:
         own = replace(cancel, decelerations=tuple(share * a for a in cancel.decelerations))
@@ -228,8 +229,8 @@ def _levels(
         if known and stops.clearance < limits.clearance:
             least, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
             broken.append(f"clearance is {least:.3g} mm, must be >= {asked:g}")
-        if tolerance.given and not broken:
-            worst = worst_of_cancels(worst_case_of(robot, tolerance), motion, own, times)
+        if cases is not None and not broken:
+            worst = worst_of_cancels(cases, motion, own, times)
             for name, at in zip(WITHIN_OF, worst, strict=True):
                 value = 0.0 if at is None else at.value if at.bound is None else at.bound
                 if value > getattr(limits, WITHIN_OF[name]):

@@ -10,6 +10,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.motion.cancels import rounded_down, safe_decelerations
 from ocptip.published.tasks import experiment_task
+from ocptip.reserves.minimax import ConeBatch
 from ocptip.standing.limit_kinds.cancel import WorstCancelLimit
 from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion, stop_states
@@ -17,6 +18,7 @@ from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.cancelled import worst_of_cancels
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 from tests.robots.pinocchio_twin import dynamics, twin
 
@@ -168,6 +170,26 @@ def test_within_an_uncertainty_nothing_sampled_is_worse(case):
     worst = robot.tip_over.reference_moment / (robot.tip_over.reference_moment + moments.min())
     assert worst <= tip.value + 1e-6
     assert slip.value > 0
+
+
+def test_slip_is_searched_only_where_it_can_exceed_what_is_enough(ur5, monkeypatch):
+    """Four feet: half spaces show the rest; and delayed joints are worst where their slopes say so."""
+    robot, rates = ur5.robot, (ur5.robot.limits.speed / 2, ur5.robot.limits.acceleration / 4)
+    motion = Trajectory.ending_together(np.zeros(6), np.full(6, 0.8), [None] * 6, *rates)
+    own = Uncertainty(base_mass=0.05, friction=0.1, delay=0.01, damping=0.05)
+    cancel, times = Cancel(tuple(0.2 * robot.limits.acceleration)), cancel_times(motion)[::10]
+    cases = worst_case_of(robot, own)
+    tip, slip = worst_of_cancels(cases, motion, cancel, times)
+    assert 0.1 < slip.value < 0.6
+    solved = []
+    solve = ConeBatch.solve
+    monkeypatch.setattr(ConeBatch, "solve", lambda self, A, b: solved.append(len(A)) or solve(self, A, b))
+    assert list(worst_of_cancels(cases.up_to(0.9), motion, cancel, times)) == [tip, None]
+    assert not solved
+    assert list(worst_of_cancels(cases.up_to(0.9 * slip.value), motion, cancel, times)) == [tip, slip]
+    assert solved
+    monkeypatch.setattr("ocptip.standing.within.cancelled._CLOSER", 10**9)
+    assert list(worst_of_cancels(cases, motion, cancel, times)) == [tip, slip]
 
 
 def test_rounding_never_exceeds_a_safe_value():

@@ -19,12 +19,14 @@ from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import Trajectory
 
 _STEP = 1e-9  # s
+_CLOSER = 4 * EXACT  # steps at which the worst delayed joints are searched
 
 
 def worst_of_cancels(
     cases: WorstCase, motion: Trajectory, cancel: Cancel, times: np.ndarray
 ) -> Iterator[WorstInstant | None]:
-    """The worst instants for tip-over (None: the base cannot tip), then for slip, which takes longer.
+    """The worst instants for tip-over (None: no tipping axis), then for slip, which takes longer (None: at
+    most `WorstCase.enough`).
 
     Their times are when the joints begin to decelerate.
 
@@ -58,7 +60,7 @@ def _states(
     if not (late or more):
         return found
     options, when, stop = _options(start, at, rate, late, more)
-    number, values, _ = worst_options(options, cases, process[stop], functions=functions)
+    number, values, _ = worst_options(options, cases, process[stop], functions=functions, most=_CLOSER)
     for k in range(values.shape[1]):
         rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
         chosen = options[rows[:, None], np.arange(options.shape[1]), number[rows, k]]

@@ -16,6 +16,7 @@ import numpy as np
 
 from ocptip.basics.text import quantity
 from ocptip.reserves.equal_compliance import equal_normal_map
+from ocptip.reserves.slip import known
 from ocptip.standing.arm import Robot
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Sampled
@@ -187,9 +188,15 @@ def worst_tip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
     return _worst_tip(cases, at.some(np.argsort(-_least_moments(cases, at), kind="stable")[:EXACT]))
 
 
-def worst_slip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
-    """The maximum GT of delayed states within the uncertainty; the most critical ones exactly."""
-    return _worst_slip(cases, at.some(np.argsort(-_greatest_slips(cases, at), kind="stable")[:EXACT]))
+def worst_slip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant | None:
+    """The maximum GT of delayed states within the uncertainty; the most critical ones exactly.
+
+    None where it is at most `WorstCase.enough`.
+    """
+    bad = _greatest_slips(cases, at)
+    if np.max(known(bad)) <= cases.enough:
+        return None
+    return _worst_slip(cases, at.some(np.argsort(-bad, kind="stable")[:EXACT]))
 
 
 def _least_if_alike(cases: WorstCase, at: DelayedStates) -> Margin | None:

@@ -285,6 +285,7 @@ def worst_options(
     acting: np.ndarray,
     matters: np.ndarray | None = None,
     functions: Sequence[int] | None = None,
+    most: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which case of every joint is worst for each moment and for friction, by their slopes.
 
@@ -294,6 +295,8 @@ def worst_options(
         acting: (D, 6) what a process is that varies; else (D, 0).
         matters: where a function, of all, stays below this by its slopes, it is not checked more closely.
         functions: F numbers of those that are evaluated, see `WorstCase.function`; default: all.
+        most: number of instants, for each function, that are checked more closely: those with the largest
+            values by the slopes; default: all.
 
     Returns:
         Numbers (D, F, n) of cases; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
@@ -316,6 +319,12 @@ def worst_options(
             gains = np.where(np.isnan(gains), -np.inf, gains)
             gained = np.sum(np.max(gains, axis=2), axis=1) - np.einsum("rsj,rjs->r", over, chosen[..., :3])
             number[row, which] = np.argmax(gains, axis=2)
+            if most is not None and most < count:
+                estimated = np.zeros((count, len(each)))
+                estimated[row, which] = values[row, which] + gained
+                ranks = np.argsort(np.argsort(-estimated, axis=0, kind="stable"), axis=0)
+                kept, most = ranks[row, which] < most, None
+                row, which, gained = row[kept], which[kept], gained[kept]
             if matters is not None:
                 values[row, which] += gained
                 kept = values[row, which] >= matters[each[which]]

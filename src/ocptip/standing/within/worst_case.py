@@ -69,6 +69,7 @@ class WorstCase:
         deviations: of it.
         reference: M0 of the tip-over index, N m; of the nominal robot.
         axes: number of tipping axes.
+        enough: friction utilisation up to which nobody asks for more than a bound, see `up_to`.
 
     Raises:
         InputError: the tolerance does not fit the robot, or the robot is no arm.
@@ -82,6 +83,7 @@ class WorstCase:
         self.reference = robot.tip_over.reference_moment or 0.0
         self._map = TipMap(self.footing.tip_over)
         self._slip_map: ConeMap | SlipMap | None = None
+        self.enough = 0.0
         self.axes = self._map.count
 
     def within(self, tolerance: Uncertainty) -> WorstCase:
@@ -91,6 +93,12 @@ class WorstCase:
         if tolerance.friction != self.deviations.tolerance.friction:
             other.footing = self.deviations.robot.weakest(tolerance)
             other._map = TipMap(other.footing.tip_over)
+        return other
+
+    def up_to(self, GT: float) -> WorstCase:
+        """The worst case where no friction utilisation is searched that half spaces show to be below GT."""
+        other = copy(self)
+        other.enough = self.footing.slip.level_below(GT)
         return other
 
     def smooth(self, GT: float) -> tuple[WorstCase, float]:
@@ -246,12 +254,13 @@ class WorstCase:
             WorstDeviations(found, np.zeros((len(s), over.shape[2])), np.zeros((len(s), 6))),
             np.arange(len(s)),
         )
-        maximum = np.max(known(slip.greatest(wrenches)), initial=0.0)
+        maximum, before = self.enough or np.max(known(slip.greatest(wrenches)), initial=0.0), -1.0
         for most in (_FIRST, len(s)):
-            level = slip.level_below(float(maximum))
+            level = max(slip.level_below(float(maximum)), self.enough)
             rows, todo = slip.half_spaces(level), left
             if rows is not None:
-                near = self._nearest(rows, wrenches, over, max_delay)
+                if level != before:
+                    near, before = self._nearest(rows, wrenches, over, max_delay), level
                 todo = left[near.values[left] > 0]
                 todo = todo[np.argsort(-near.values[todo], kind="stable")[:most]]
             found[todo], left = values(todo), np.setdiff1d(left, todo)
