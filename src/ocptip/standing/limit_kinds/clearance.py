@@ -191,9 +191,12 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         late = slopes * moved < 0
         gaps = gaps + np.sum(np.minimum(slopes * moved, 0.0), axis=1)
         near = np.flatnonzero(gaps < self.number + CLOSE)
-        for _ in range(CHOICES):
-            chosen = late[near] = slopes[near] * moved[near] < 0
-            gaps[near], slopes[near] = self._at(places[near] + chosen * moved[near], k[near], once=True)
+        for turn in range(CHOICES):
+            if turn:  # only where the slopes there choose other joints
+                near = near[np.any((slopes[near] * moved[near] < 0) != late[near], axis=1)]
+            late[near] = slopes[near] * moved[near] < 0
+            delayed = places[near] + late[near] * moved[near]
+            gaps[near], slopes[near] = self._at(delayed, k[near], once=True)
         return i, k, late, gaps
 
     def _at(self, q: np.ndarray, pairs: np.ndarray, *, once: bool = False) -> tuple[np.ndarray, np.ndarray]:
