@@ -67,9 +67,10 @@ def _apart(
     middle = points.mean(axis=0)
     towards = dot(_transposed(R), Form.of(d)[:, None]) if linked else Form.of(d)  # base axes
     own = Form.of(d) if linked else dot(R, towards[:, None])  # axes of the first
-    top = np.max(linear(points - middle, own).range[1], axis=0)
+    top = np.max(linear(_foremost(points - middle, own), own).range[1], axis=0)
     origin, along = dot(q - (p + times_rows(R, middle)), towards), dot(Q, towards[:, None])
-    heights = linear(np.array(second["points"]), along) + Form(origin.c[:, None], origin.r[None])
+    nearest = _foremost(np.array(second["points"]), -along)
+    heights = linear(nearest, along) + Form(origin.c[:, None], origin.r[None])
     low, radii = np.min(heights.range[0], axis=0), first["radius"] + second["radius"]
     loose = U + 6 * len(frames) * ROUNDED  # rounded subtractions, and axes that are not quite orthonormal
     return low - top - radii - loose * (1 + np.abs(points).sum(axis=1).max() + np.abs(low) + top + radii)
@@ -81,9 +82,23 @@ def _above(frames: list[Frame], body: Mapping[str, Any], half_space: Mapping[str
     normal = np.tile(np.array(half_space["normal"], dtype=float)[:, None], p.r.shape[-1])
     d, level = Form.of(normal), half_space["level"]
     along, origin = dot(R, d[:, None]), dot(p, d)
-    heights = linear(np.array(body["points"]), along) + Form(origin.c[:, None], origin.r[None])
+    points = _foremost(np.array(body["points"]), along)
+    heights = linear(points, along) + Form(origin.c[:, None], origin.r[None])
     height = np.max(heights.range[1], axis=0) + body["radius"] * np.linalg.norm(normal, axis=0) * (1 + U)
     return level - height - (U + 2 * ROUNDED) * (1 + abs(level) + np.abs(height))
+
+
+def _foremost(points: np.ndarray, along: Form) -> np.ndarray:
+    """Those of the points (P, 3) that may be the farthest along forms (3, N) in some interval.
+
+    The others stay behind the point with the highest lower bound; hulls of meshes have thousands of them.
+    """
+    low, high = along.range
+    above, below = np.maximum(points, 0.0), np.minimum(points, 0.0)
+    slack = U * (np.abs(points) @ np.maximum(np.abs(low), np.abs(high)))  # of rounding
+    least = above @ low + below @ high - slack
+    most = above @ high + below @ low + slack
+    return points[np.any(~(most < np.max(least, axis=0)), axis=1)]  # what is not a number stays
 
 
 def _transposed(R: Form) -> Form:
