@@ -2,9 +2,13 @@
 
 A planar robot with a two-link arm presses horizontally with force 5 at a point; where should it stand, and
 how high should the point be? The source gives force, limits, weights and results, but its drawing with
-lengths and weights is missing, so that these are a documented choice of ours (`DIMENSIONS`) with which the
-same happens: in the global minimum, near p = (6.6, 7.9), the weights of the links make the process force and
-the joint torques nearly vanish; a second, local minimum lies where the arm is folded.
+lengths and weights is missing. `DIMENSIONS` are fitted so that both printed minima appear: in the global one,
+at p = (6.6, 7.9), the weights of the links make the process force and the joint torques vanish; in the local
+one, at p = (0.8, 0.8), the arm is folded and only the torque of its elbow vanishes.
+
+The fit has four equations. The directions of both links in the global minimum follow from their weights; they
+and the lengths give its two coordinates. In the local minimum the elbow is at its limit of 10 degrees and
+joint 1 near its limit of 20 degrees, which gives the other two. Base weight and axles stay free.
 
     python -m studies.placement.planar --out results [--sets 200] [--starts 8] [--seed 0]
 
@@ -43,9 +47,9 @@ from ocptip.standing.arm import Robot
 from studies.common import say, table
 
 DIMENSIONS = {
-    "link lengths": (4.7, 4.5),
-    "link weights, acting in their middle": (5.0, 5.0),
-    "height of joint 1 above the ground": 2.0,
+    "link lengths": (5.0, 4.5),
+    "link weights, acting in their middle": (2.0, 6.4),
+    "height of joint 1 above the ground": 1.35,
     "base weight, acting below joint 1": 20.0,
     "height of the base's centre of mass": 0.8,
     "axles in front of and behind joint 1": 1.2,
@@ -55,7 +59,7 @@ ANGLES = np.deg2rad([[20.0, 160.0], [10.0, 170.0]])
 TORQUES = np.array([35.0, 30.0])
 COST = np.array([1.0, 1.2])
 COST_REFERENCE = float(COST @ TORQUES)
-LOWEST = 2.0  # p2 >= 2 (4.40)
+LOWEST = 0.0  # p2 >= 0 (4.40): the 2 of the printed line is the index
 GN_LIMIT = 0.9
 WIDE = 50.0  # half the track sideways
 BOX = ((-3.0, 10.0), (LOWEST, 11.0))

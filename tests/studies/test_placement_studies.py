@@ -89,6 +89,19 @@ def test_planar_minimum_is_where_the_weights_make_the_force(evaluator):
     assert best.total <= values["total"][0] + 1e-6
 
 
+def test_planar_local_minimum_is_where_the_source_prints_it(evaluator):
+    point = np.array([0.827, 0.850])  # the elbow at its limit of 10 degrees
+    np.testing.assert_allclose(point, [0.8, 0.8], atol=0.055)
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    around = point + 0.15 * np.column_stack([np.cos(angles), np.sin(angles)])
+    values = field(evaluator, np.vstack([point, around]))
+    feasible = values["cause"] < 0
+    assert feasible[0]
+    assert feasible[1:].sum() >= 8
+    assert values["total"][0] < values["total"][1:][feasible[1:]].min()
+    assert values["total"][0] > 5 * field(evaluator, np.array([[6.590, 7.919]]))["total"][0]
+
+
 def test_planar_regions_name_the_right_cause(evaluator):
     low, far, folded, heavy = [0.3, 2.1], [9.5, 5.0], [-2.0, 3.0], [-2.0, 10.0]
     causes = field(evaluator, np.array([far, folded, heavy, POINTS[0]]))["cause"]
@@ -115,7 +128,9 @@ def test_planar_study_writes_its_files(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_planar_minima():
     best, second = planar_placement.minima(Evaluator(planar_problem()), 81)[:2]
-    np.testing.assert_allclose(best["p"], [6.632, 7.923], atol=1e-3)
+    np.testing.assert_allclose(best["p"], [6.590, 7.919], atol=1e-3)
+    np.testing.assert_allclose(second["p"], [0.8, 0.8], atol=0.05)  # the source's local minimum
+    assert second["M2"] == pytest.approx(0, abs=1e-3)
     assert second["total"] > 5 * best["total"]
     assert second["angles_deg"][1] == pytest.approx(10, abs=0.01)  # the elbow's limit holds it
 
