@@ -65,7 +65,7 @@ def measured(name: str) -> str:
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
         path = Path(folder) / "recording.csv"
         path.write_text(recording(*CASES[name], rests="rest" in name))
-        ocptip_main(["check", str(path), "--task", str(TASK), "--json"])
+        ocptip_main(["check", str(path), "--task", str(TASK), "--tolerance", "none", "--json"])
     used = resource.getrusage(resource.RUSAGE_SELF)
     return f"{used.ru_utime + used.ru_stime:.1f} {used.ru_maxrss / 1024:.0f} {programs[0]}"
 

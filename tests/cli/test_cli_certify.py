@@ -9,24 +9,25 @@ from ocptip.cli.main import main
 from tests.places import ROOT
 from tests.quick import ONE_START
 
+PLAIN = ("--tolerance", "none")
 PLAN = str(ROOT / "studies" / "results" / "plans" / "B-effective" / "plan.json")
 
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory):
     path = tmp_path_factory.mktemp("certificate") / "c.json"
-    assert main(["certify", PLAN, "--out", str(path)]) == 0
+    assert main(["certify", PLAN, *PLAIN, "--out", str(path)]) == 0
     return path
 
 
 def test_it_says_what_is_proved(certificate, capsys):
-    assert main(["certify", PLAN]) == 0
+    assert main(["certify", PLAN, *PLAIN]) == 0
     out = capsys.readouterr().out
     assert out.startswith("plan.json on B   PROVED for the nominal model only (no uncertainty)\n")
     assert "Tipping margin  0." in out  # the table that plan prints
     assert "at every instant tipping margin >= 0.18" in " ".join(out.split())
     assert all(len(line) <= 80 for line in out.splitlines())
-    assert main(["certify", PLAN, "--json"]) == 0
+    assert main(["certify", PLAN, *PLAIN, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["certified"]
     assert data["certificate"]["bounds"]["GN"] < 0.9
@@ -60,7 +61,7 @@ def test_a_certificate_is_judged_from_its_data_alone(certificate, capsys, tmp_pa
 
 
 def test_a_motion_beyond_its_limits_is_not_certified(capsys):
-    assert main(["certify", PLAN, "--gn", "0.85"]) == 1
+    assert main(["certify", PLAN, *PLAIN, "--gn", "0.85"]) == 1
     out = capsys.readouterr().out
     assert "LIMITS BROKEN" in out
     assert "GN is 0.8993" in out
@@ -70,7 +71,7 @@ def test_a_motion_beyond_its_limits_is_not_certified(capsys):
     ("arguments", "words"),
     [
         (["missing.json"], "missing.json"),
-        ([PLAN, "--out", "no/such/folder/c.json"], "no/such/folder"),
+        ([PLAN, *PLAIN, "--out", "no/such/folder/c.json"], "no/such/folder"),
         (["CERTIFICATE", "--out", "c.json"], "--out"),
         ([PLAN, "--case", "B", "--task", "t.toml"], "--task"),
     ],
@@ -102,7 +103,7 @@ def test_a_rise_time_as_typed_is_certified(capsys):
     plan = str(ROOT / "studies" / "results" / "plans" / "A-effective" / "plan.json")
     bounds = []
     for more in ([], ["--rise-time", "0.05"]):
-        assert main(["certify", plan, "--json", *more]) == 0
+        assert main(["certify", plan, *PLAIN, "--json", *more]) == 0
         data = json.loads(capsys.readouterr().out)
         bounds.append((data["certificate"]["bounds"]["GT"], data["duration_s"]))
     assert bounds[0] != bounds[1]

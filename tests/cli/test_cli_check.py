@@ -17,6 +17,8 @@ from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 
+PLAIN = ("--tolerance", "none")
+
 
 @pytest.fixture(scope="module")
 def task():
@@ -32,7 +34,8 @@ def plan(tmp_path, task):
 
 
 def check_json(capsys, *arguments):
-    code = main(["check", *map(str, arguments), "--json"])
+    within = () if "--tolerance" in arguments else PLAIN
+    code = main(["check", *map(str, arguments), *within, "--json"])
 
     def refuse(name):
         raise AssertionError(f"{name} is no JSON")
@@ -64,7 +67,7 @@ def test_json_holds_the_check_of_the_library(capsys, plan, task):
 
 def test_table_says_the_same(capsys, plan):
     _, result = check_json(capsys, plan)
-    assert main(["check", str(plan), "-v"]) == 0
+    assert main(["check", str(plan), *PLAIN, "-v"]) == 0
     text = capsys.readouterr().out
     lines = text.splitlines()
     assert lines[0] == "plan.json on C   PROVED for the nominal model only (no uncertainty)"
@@ -90,7 +93,7 @@ def test_table_says_the_same(capsys, plan):
 
 
 def test_a_broken_limit_is_exit_code_1_and_marked(capsys, plan):
-    assert main(["check", str(plan), "--gn", "0.5"]) == 1
+    assert main(["check", str(plan), *PLAIN, "--gn", "0.5"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "plan.json on C   LIMITS BROKEN"
     assert lines[2].startswith("Broken  GN is 0.88")
@@ -123,7 +126,7 @@ def test_time_scale_lists_each_factor_and_keeps_the_exit_code(capsys, plan, task
     ]
     fast = check_motion(task.robot, task.reference.time_scaled(0.9), task.limits)
     assert result["time_scale"][1]["worst"]["GN"]["value"] == pytest.approx(fast.worst["GN"].value, rel=1e-6)
-    assert main(["check", str(plan), "-v", "--time-scale", "1.2", "0.9"]) == 0
+    assert main(["check", str(plan), *PLAIN, "-v", "--time-scale", "1.2", "0.9"]) == 0
     lines = capsys.readouterr().out.splitlines()
     slow, quick = (next(line for line in lines if line.split()[:1] == [f]) for f in ("1.2", "0.9"))
     assert slow.split()[:2] == ["1.2", "CHECKED"]
@@ -140,7 +143,7 @@ def test_samples_are_checked_like_commands(capsys, plan, task, tmp_path):
     assert code == 0
     assert samples["worst"]["GN"]["value"] == pytest.approx(commands["worst"]["GN"]["value"], rel=1e-3)
     assert (commands["interpolation"], samples["interpolation"]) == (None, "quintic Hermite polynomials")
-    assert main(["check", str(csv), "--case", "C", "--base", "effective"]) == 0
+    assert main(["check", str(csv), *PLAIN, "--case", "C", "--base", "effective"]) == 0
     assert "note       checked is the curve through the samples" in capsys.readouterr().out
     assert samples["energy_J"] == pytest.approx(commands["energy_J"], rel=1e-5)
 
@@ -175,7 +178,7 @@ def test_a_motion_that_does_not_fit_start_and_goal_is_noted(capsys, plan, tmp_pa
     data["start"][1] += 0.5
     moved = tmp_path / "moved.json"
     moved.write_text(json.dumps(data))
-    main(["check", str(moved)])
+    main(["check", str(moved), *PLAIN])
     assert "Note    the motion starts 0.5 deg off the task's start" in capsys.readouterr().out
 
 
@@ -278,7 +281,7 @@ def test_samples_with_noise_are_said_to_be_such(capsys, task, tmp_path):
         (tmp_path / "m.csv").write_text("\n".join([header, *lines]) + "\n")
         assert main(head) == 2
         assert "says neither degrees nor radians; give --unit deg or --unit rad" in capsys.readouterr().err
-        code = main([*head, "--unit", "rad"])
+        code = main([*head, *PLAIN, "--unit", "rad"])
         out = capsys.readouterr().out
         assert code in (0, 1)
         assert (

@@ -77,7 +77,7 @@ def test_summary(task, search, capsys):
     best = search.result.best
     scope = "(contacts and drives; collision not checked)"
     assert out.startswith(
-        f"press   PLACED for the given uncertainty, all constraints verified {scope}. "
+        f"press   PLACED for 'workshop' uncertainty (default), all constraints verified {scope}. "
         f"Total {best.total:.4f}; "
     )
     assert f"p1 {best.parameters[0]:.3f} m, p2 {best.parameters[1]:.3f} m" in lines["place"]

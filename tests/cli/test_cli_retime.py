@@ -94,7 +94,7 @@ def test_check_says_what_another_timing_of_the_path_takes(
 ) -> None:
     """Nothing is said where the motion is good, or where no timing helps."""
     capsys.readouterr()
-    assert main(["check", TOO_FAST, "--task", TASK, "--json"]) == 1
+    assert main(["check", TOO_FAST, "--task", TASK, *PLAIN, "--json"]) == 1
     text = json.loads(capsys.readouterr().out)["retimed"]
     found = re.match(r"along this path the limits allow (\d\.\d+) instead of 1\.000 s", text)
     timed = json.loads((folder / "plan.json").read_text(encoding="utf-8"))["duration_s"]

@@ -37,7 +37,7 @@ def run(tmp_path):
     "arguments",
     [
         ["stand", EXAMPLES / "scenes/rover_on_slope.toml"],
-        ["check", RESULTS / "plans" / "A-effective" / "plan.json"],
+        ["check", RESULTS / "plans" / "A-effective" / "plan.json", "--tolerance", "none"],
         *(
             pytest.param(call, marks=pytest.mark.slow)
             for call in (

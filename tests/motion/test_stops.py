@@ -224,6 +224,9 @@ def test_bad_rules_are_one_line(case_file, text, said):
     assert "\n" not in str(error.value)
 
 
+PLAIN = ("--tolerance", "none")
+
+
 @pytest.fixture
 def motion_file(tmp_path, task):
     path = tmp_path / "plan.json"
@@ -232,18 +235,18 @@ def motion_file(tmp_path, task):
 
 
 def test_the_command_says_what_was_looked_at(capsys, motion_file):
-    assert main(["check", str(motion_file), "-v", "--stops", "path"]) == 0
+    assert main(["check", str(motion_file), "-v", *PLAIN, "--stops", "path"]) == 0
     text = capsys.readouterr().out
     assert "GN in stops on the path" in text
     assert "category 0 (brakes) not checked" in " ".join(text.split())
     assert "largest safe share of the planned speed" in text
-    assert main(["check", str(motion_file), "--stops", "--json"]) == 1
+    assert main(["check", str(motion_file), *PLAIN, "--stops", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["verified"]
     assert not data["stops"]["verified"]
     assert {"path", "brakes"} == set(data["stops"]["worst"])
     assert "0.5 to 2 times the torque limits, a guess" in " ".join(data["stops"]["assumed"])
-    assert main(["check", str(motion_file)]) == 0
+    assert main(["check", str(motion_file), *PLAIN]) == 0
     assert "Stops" not in capsys.readouterr().out
 
 
@@ -338,7 +341,7 @@ def test_brakes_too_strong_for_any_motion_are_refused_before_planning(task, caps
 
 def test_a_cancel_is_a_third_scenario(capsys, motion_file):
     """At the default of a controller it tips case A's printed motion; a gentle one is safe."""
-    arguments = ["check", str(motion_file), "--stops", "cancel"]
+    arguments = ["check", str(motion_file), *PLAIN, "--stops", "cancel"]
     assert main([*arguments, "--json", "--deceleration", "300,100%"]) == 2
     assert "--deceleration: expected numbers or a share such as 46%" in capsys.readouterr().err
     assert main([*arguments, "--deceleration", "300,200"]) == 2

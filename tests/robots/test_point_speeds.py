@@ -74,7 +74,7 @@ def test_a_file_has_speed_limits(tmp_path, capsys, task):
     again = tmp_path / "again.toml"
     again.write_text(read.source.text("A", read.limits, read.objective))
     assert load_task(again).robot.speed_limits == read.robot.speed_limits
-    assert main(["check", str(motion), "--tcp-speed", "0.25"]) == 1
+    assert main(["check", str(motion), "--tcp-speed", "0.25", "--tolerance", "none"]) == 1
     text = " ".join(capsys.readouterr().out.split())
     assert "tcp_speed_m_s is" in text
     assert "TCP speed" in text

@@ -63,7 +63,7 @@ def test_check_says_how_the_base_swings(capsys, tmp_path):
     commands = [[{"phi_e": angle, "speed": 60.0, "acceleration": 120.0}] for angle in goal]
     motion = tmp_path / "motion.json"
     motion.write_text(json.dumps({"start": start, "commands": commands}))
-    code = main(["check", str(motion), "--task", str(tmp_path / "task.toml"), "-v"])
+    code = main(["check", str(motion), "--task", str(tmp_path / "task.toml"), "-v", "--tolerance", "none"])
     text = capsys.readouterr().out
     assert code == 0
     assert "compliant feet  " in text

@@ -204,7 +204,7 @@ def test_a_task_made_in_python_is_not_in_the_folder(case, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_what_the_command_line_says_goes_before_the_folder(plan, tmp_path, capsys):
-    assert main(["check", str(plan), "--base", "printed", "--json"]) == 0
+    assert main(["check", str(plan), "--base", "printed", "--json", "--tolerance", "none"]) == 0
     assert json.loads(capsys.readouterr().out)["masses_kg"]["base"] == 6.582
     (tmp_path / "mine.toml").write_text('case = "C"\nbase = "printed"\n[limits]\nGN = 0.3\n')
     assert main(["check", str(plan), "--task", str(tmp_path / "mine.toml"), "--json"]) == 1

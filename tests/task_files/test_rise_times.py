@@ -111,7 +111,7 @@ def test_commands_run_with_the_rise_time_of_the_option_the_file_or_the_task(tmp_
     task.write_text('case = "A"\n[limits]\nrise_time = 0.01\n')
     for motion in (ramps, named):
         for option in ([], ["--rise-time", "0.02"], ["--rise-time", "0"]):
-            main(["check", str(motion), "--task", str(task), "--json", *option])
+            main(["check", str(motion), "--task", str(task), "--tolerance", "none", "--json", *option])
             duration = json.loads(capsys.readouterr().out)["duration_s"] - data["duration_s"]
             durations[motion.name, *option] = round(duration, 6)
     assert list(durations.values()) == [0.01, 0.02, 0.0, 0.03, 0.02, 0.0]

@@ -219,7 +219,7 @@ def check(
 ) -> Check:
     """Check whether a motion keeps all limits of a task at every instant. No optimisation.
 
-    A case, or a task file that says nothing of it, has no uncertainty here; `ocptip.load_task` gives it one.
+    A case, or a task file that states no uncertainty, has the default one, as in :func:`ocptip.load_task`.
 
     Example::
 

@@ -16,7 +16,7 @@ from ocptip.motion.output import PLAN, TRAJECTORY
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
 from ocptip.trajectories.bags import is_bag
@@ -28,17 +28,17 @@ MotionLike = Trajectory | str | os.PathLike[str]
 
 
 def task_of_motion(
-    motion: str | os.PathLike[str], task: TaskLike | None, base: Base | None, otherwise: Uncertainty
+    motion: str | os.PathLike[str], task: TaskLike | None, base: Base | None
 ) -> tuple[Task, Path]:
     """The task and the motion's file.
 
     The task that is named, or that of the plan's folder, or the case that the file names, with its base.
+    Cases, and task files that state no uncertainty, have the default one.
 
     Args:
         motion: the file, or the folder of a plan.
         task: a task, a case or a task file; None: that of the motion.
         base: of a case.
-        otherwise: the uncertainty of cases, and of task files that have none.
     """
     path = Path(motion)
     if path.is_dir() and not is_bag(path):
@@ -51,7 +51,7 @@ def task_of_motion(
     if task is not None and case is None:
         if base is not None:
             raise InputError("base: only for --case; a task file already names its base")
-        return read_task(task, otherwise) if isinstance(task, str | os.PathLike) else task, path
+        return read_task(task, DEFAULT) if isinstance(task, str | os.PathLike) else task, path
     asked = case is not None or base is not None
     if not asked and (folder == Path(motion) or is_plan_folder(folder)):
         return read_plan_folder(folder).task, path
@@ -66,7 +66,7 @@ def task_of_motion(
         )
     case = f"{case or named}"
     found = experiment_task(case, base or (origin.get("base") if case == named else None) or "effective")
-    return replace(found, limits=replace(found.limits, tolerance=otherwise)), path
+    return replace(found, limits=replace(found.limits, tolerance=DEFAULT)), path
 
 
 def given_motion(
@@ -88,10 +88,10 @@ def given_motion(
     if not isinstance(motion, str | os.PathLike):
         if task is None:
             raise InputError("task: missing; a motion that is no file does not say which robot it is of")
-        return "motion", _loaded(task, base), motion
+        return "motion", load_task(task, base=base), motion
     if Path(motion).suffix == ".toml":
         raise InputError("is a task or a path, no motion", "", str(motion))
-    task, path = task_of_motion(motion, task, base, NONE)
+    task, path = task_of_motion(motion, task, base)
     if rate is None and path.name == TRAJECTORY and is_plan_folder(path.parent):
         rate = planned_rate(path.parent)
     elif rate is not None:
@@ -110,10 +110,3 @@ def given_motion(
         defined = "samples, which already define its timing" if found.points else "already a timing"
         raise InputError(f"rise_time: {motion} has {defined}")
     return name, task, found
-
-
-def _loaded(task: TaskLike, base: Base | None) -> Task:
-    """A task; cases, and files that do not say it, have no uncertainty."""
-    if isinstance(task, str) and task in case_names():
-        return load_task(task, base=base, uncertainty=NONE)
-    return read_task(task, NONE) if isinstance(task, str | os.PathLike) else task

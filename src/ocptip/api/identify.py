@@ -25,7 +25,7 @@ from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, doubt_turns, read_recording
 from ocptip.measured.signals import gaps
 from ocptip.motion.task import MotionTask
-from ocptip.standing.tolerance import WORKSHOP
+from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import PlanFolder, arm_of, read_plan_folder
 from ocptip.trajectories.read import load_motions
@@ -211,7 +211,7 @@ def motion_for_identification(task: MotionTask | str | os.PathLike[str], *, seed
         InputError: the task cannot be used; one line.
     """
     is_file = isinstance(task, str | os.PathLike)
-    given = read_task(task, WORKSHOP) if is_file else task
+    given = read_task(task, DEFAULT) if is_file else task
     name = Path(task).name if is_file else given.name
     if given.is_cycle:
         raise InputError("is a cycle; motions for identification start at one pose", "", str(task))

@@ -14,7 +14,7 @@ from ocptip.placement.place import place as search
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult
 from ocptip.placement.within import placement_within, searched
-from ocptip.standing.tolerance import WORKSHOP, Uncertainty
+from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.rest import WithinAtRest
 from ocptip.task_files.placement import PlacementTask, load_placement
 from ocptip.task_files.tolerance import load_tolerance
@@ -53,7 +53,7 @@ def place(
     elif isinstance(what, PlacementProblem):
         task = PlacementTask("placement", what, what.tolerance)
     else:
-        task = load_placement(what, WORKSHOP)
+        task = load_placement(what, DEFAULT)
     if uncertainty is not None:
         task = task.within(load_tolerance(uncertainty) if isinstance(uncertainty, str) else uncertainty)
     try:

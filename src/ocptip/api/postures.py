@@ -20,7 +20,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import own_refusals
-from ocptip.standing.tolerance import WORKSHOP, Uncertainty
+from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.rest import WithinAtRest
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.scene import Scene
@@ -99,7 +99,7 @@ def resting_posture(
             raise InputError(f"q: expected {what.n} joint values of the robot, got {q!r}")
         values = finite_array("q", q, (what.n,))
         return RestingPosture.of("robot", "given", what, values, Limits())
-    task = read_task(what, WORKSHOP) if isinstance(what, str | os.PathLike) else what
+    task = read_task(what, DEFAULT) if isinstance(what, str | os.PathLike) else what
     rests = rests_of(task)
     if isinstance(q, str):
         if q not in rests:

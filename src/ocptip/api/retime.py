@@ -29,7 +29,6 @@ from ocptip.retiming.retime import Retimed
 from ocptip.retiming.retime import retime as time_path
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.path import load_path, path_along, refuse_early
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.path_fit import FittedPath
@@ -213,7 +212,7 @@ def retime(
         given = path_along(path, task, path_tolerance)
     else:
         refuse_early(path)  # the task may have to be compiled first
-        task, file = task_of_motion(path, task, base, WORKSHOP)
+        task, file = task_of_motion(path, task, base)
         reading = {"columns": columns, "unit": unit, "rate": rate, "topic": topic}
         name, given = file.name, load_path(file, task, tolerance=path_tolerance, **reading)
     motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)

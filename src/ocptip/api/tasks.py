@@ -16,7 +16,7 @@ from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.point_speeds import TCP
 from ocptip.standing.arm import Robot
-from ocptip.standing.tolerance import WORKSHOP, Uncertainty
+from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -95,12 +95,12 @@ def _read(source: TaskLike, base: Base | None) -> Task:
         return source
     if source in case_names():
         task = experiment_task(str(source), base or "effective")
-        return replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
+        return replace(task, limits=replace(task.limits, tolerance=DEFAULT))
     if Path(source).suffix.lower() != ".toml":
         raise InputError(f"{source}: neither a case (A to H) nor a task file (.toml)")
     if base is not None:
         raise InputError(f"base: belongs to the cases A to H, got {source}")
-    return read_task(source, WORKSHOP)
+    return read_task(source, DEFAULT)
 
 
 def _durations(task: Task, exact: float | None, most: float | None) -> dict[str, float]:

@@ -89,7 +89,7 @@ def is_index(word: str) -> bool:
 TOLERANCE = argument(
     "--tolerance",
     "SET",
-    "uncertainty of floor, masses, friction and drives: none, workshop (default of plan, retime, place), "
+    "uncertainty of floor, masses, friction and drives: none, workshop (default), "
     "site, or a TOML file with [tolerance]",
 )
 LIMITS = group(

@@ -26,7 +26,7 @@ from ocptip.motion.cycles.task import CycleTask
 from ocptip.placement.for_cycle import CyclePlacement, CyclePlacements, place_for_cycle
 from ocptip.placement.output import refusal_to_dict
 from ocptip.placement.result import NoPlacementError
-from ocptip.standing.tolerance import WORKSHOP
+from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cell import CellTask, load_cell
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -37,7 +37,7 @@ def run(options: Namespace) -> Report:
     """Place and plan; where there is no place or no plan, the report says why."""
     require_least(options, starts=1, seed=0, jobs=1, places=1)
     least = {"objective": options.objective, "price_per_second": options.price_per_second}
-    cell = load_cell(options.task, WORKSHOP)
+    cell = load_cell(options.task, DEFAULT)
     if options.tolerance is not None:
         with naming("--tolerance"):
             cell = cell.within(load_tolerance(options.tolerance))

@@ -23,7 +23,6 @@ from ocptip.cli.motion_summary import notes, wrapped
 from ocptip.cli.options import given_columns, given_limits, naming_options
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.summary import margin_table, motion_line
-from ocptip.standing.tolerance import NONE
 
 _MOST = 8  # undecided intervals that are listed
 
@@ -37,7 +36,7 @@ def run(options: Namespace) -> Report:
         planes = [one for one in data["model"]["bodies"] if "normal" in one] if verdict.holds else []
         return VerdictReport(Path(options.motion).name, verdict, len(planes))
     with naming_options("base", "rate", "rise_time"):
-        task, _ = task_of_motion(options.motion, options.case or options.task, options.base, NONE)
+        task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
         if task.is_cycle and options.out is not None:
             raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
         task = load_task(task, **given_limits(options))

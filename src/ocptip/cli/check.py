@@ -28,7 +28,6 @@ from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import RESULT_TITLES, motion_line
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.bags import require_new
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 
@@ -63,7 +62,7 @@ def run(options: Namespace) -> CheckReport:
         with naming("--bag"):
             require_new(options.bag)
     with naming_options("base", "step", "time_scale", "rate", "rise_time", "sensitivities", "topic"):
-        task, _ = task_of_motion(options.motion, options.case or options.task, options.base, NONE)
+        task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
         task = with_cancel(load_task(task, **given_limits(options)), options)
         say_if_compiling()
         with Progress(sys.stderr, "reading the motion ...", what="instants") as progress:

@@ -25,7 +25,7 @@ from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import scope_of
 from ocptip.placement.result import NoPlacementError, Placement, PlacementMargin, PlacementResult
 from ocptip.reserves.tipping import moment_at
-from ocptip.standing.tolerance import WORKSHOP
+from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -45,7 +45,7 @@ def run(options: Namespace) -> Report:
 
 def _asked(options: Namespace) -> Asked:
     """A task, with what the options change."""
-    task = load_placement(options.task, WORKSHOP)
+    task = load_placement(options.task, DEFAULT)
     if options.tolerance is not None:
         with naming("--tolerance"):
             task = task.within(load_tolerance(options.tolerance))
@@ -106,9 +106,9 @@ class PlaceReport(Report):
         head, lines = _found(answer) if isinstance(answer, PlacementResult) else refusal_lines(answer)
         if within:
             if not within.stands:
-                head = f"NO PLACEMENT for {within.tolerance.title}. In the nominal model: {head}"
+                head = f"NO PLACEMENT for {within.scope}. In the nominal model: {head}"
             else:
-                head = head.replace("PLACED", f"PLACED for {within.tolerance.title}", 1)
+                head = head.replace("PLACED", f"PLACED for {within.scope}", 1)
             lines += under("uncertainty", within.lines(shown.problem.robot.tip_over.reference_moment))
             if self.found.dropped and within.stands:
                 lines.append(("", f"{self.found.dropped} better ones or alternatives are not robust enough"))

@@ -16,7 +16,6 @@ from ocptip.cli.command import Report
 from ocptip.cli.options import given_columns, given_limits, naming_options, output_directory, typed
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
-from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.path import refuse_early
 
 _WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
@@ -27,7 +26,7 @@ def run(options: Namespace) -> Report:
     refuse_early(options.motion)  # the task may have to be compiled first
     with naming_options(*typed(options, "base", "controller", "rate", "jerk", "max_duration")):
         asked = options.case or options.task
-        task, path = task_of_motion(options.motion, asked, options.base, WORKSHOP)
+        task, path = task_of_motion(options.motion, asked, options.base)
         task = load_task(task, **given_limits(options))
         directory = output_directory(options, task.name, task.source)
         say_if_compiling()

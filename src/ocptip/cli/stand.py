@@ -109,7 +109,7 @@ class StandReport(Report):
     def _headline(self) -> str:
         found = self.found
         lost = found.nominally_stable and not found.stable
-        about = f" WITHIN {found.within.tolerance.title.upper()}" if found.within and not lost else ""
+        about = f" WITHIN {found.within.scope.upper()}" if found.within and not lost else ""
         verdict, _, remark = self._answer().partition(".")
         verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
         return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"

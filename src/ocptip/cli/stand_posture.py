@@ -12,7 +12,7 @@ from ocptip.basics.text import did_you_mean, percent, quantity
 from ocptip.cli.layout import under
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import WORKSHOP
+from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cycle import read_task
 
 _ELSEWHERE = {"sensitivities": "ocptip check", "gn_reference": "reference_moment in [limits]"}
@@ -43,7 +43,7 @@ def read_posture(options: Namespace) -> RestingPosture:
     for name, instead in _ELSEWHERE.items():
         if getattr(options, name):
             raise InputError(f"--{name.replace('_', '-')}: not with --posture; use {instead}")
-    task, asked = read_task(options.scene, WORKSHOP), options.posture
+    task, asked = read_task(options.scene, DEFAULT), options.posture
     rests = rests_of(task)
     return resting_posture(task, asked if asked in rests else _values(rests["start"][0], asked, list(rests)))
 

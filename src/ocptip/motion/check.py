@@ -158,11 +158,13 @@ class MotionCheck:
     def headline(self) -> str:
         """The verdict in capital letters, and what it is about."""
         if not self.verified:
-            return "LIMITS BROKEN" if self.stands else "NOT STABLE"
+            if not self.stands:
+                return "NOT STABLE"
+            return f"LIMITS BROKEN for {self.within.tolerance.scope}" if self.within else "LIMITS BROKEN"
         about = "for the nominal model only (no uncertainty)" if self.within is None else ""
         word = f"PROVED {about}" if self.certified else f"CHECKED at samples {about}"
         if self.within is not None:
-            word += f"for {self.within.tolerance.title}"
+            word += f"for {self.within.tolerance.scope}"
         return word + self._if_equally_compliant + self.scope
 
     @property

@@ -70,9 +70,7 @@ def posture_within(robot: Robot, q: np.ndarray, tolerance: Uncertainty) -> Withi
 
 def _within(cases: Sequence[Callable[[Uncertainty], RestCase]], tolerance: Uncertainty) -> WithinAtRest:
     """The worst of cases within the part of an uncertainty that counts at rest."""
-    own = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
-    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in AT_REST)
-    return found_within(cases, own, AT_REST, ignored)
+    return found_within(cases, tolerance, AT_REST)
 
 
 def rest_case(placement: Placement, case: TaskLoad, tolerance: Uncertainty) -> RestCase:

@@ -180,9 +180,15 @@ class Uncertainty:
 
     @property
     def title(self) -> str:
-        """Its name in headlines: "'workshop' uncertainty" of a preset, else "the given uncertainty"."""
+        """Its name in sentences: "'workshop' uncertainty" of a preset, else "the given uncertainty"."""
         names = [name for name, preset in PRESETS.items() if self in (preset, preset.of(None))]
         return f"'{names[0]}' uncertainty" if names else "the given uncertainty"
+
+    @property
+    def scope(self) -> str:
+        """Its name in headlines, which mark the default."""
+        default = self in (DEFAULT, DEFAULT.of(None))
+        return f"{self.title} (default)" if default else self.title
 
     def only(self, *names: str) -> Uncertainty:
         """This uncertainty restricted to some quantities; all others are exact."""
@@ -336,5 +342,7 @@ WORKSHOP = Uncertainty(
 SITE = replace(
     WORKSHOP, tilt=np.radians(1.5), extra_mass=0.5, friction=0.3, speed=0.05, push=20.0, base_push=20.0
 )
+DEFAULT = WORKSHOP
+"""Holds wherever neither a file nor an option states an uncertainty."""
 PRESETS = {"none": NONE, "workshop": WORKSHOP, "site": SITE}
 """By the name in files and options. `SITE` is `WORKSHOP` with more tilt, mass and speed, and with pushes."""

@@ -146,10 +146,37 @@ def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out" / "ground.png").stat().st_size > 10_000
     assert main(["check", str(tmp_path / "out")]) == 0
     assert table[1] in capsys.readouterr().out
-    assert main(["check", str(tmp_path / "out" / "trajectory.json"), "--task", str(path), "--json"]) == 0
+    assert (
+        main(
+            [
+                "check",
+                str(tmp_path / "out" / "trajectory.json"),
+                "--task",
+                str(path),
+                "--tolerance",
+                "none",
+                "--json",
+            ]
+        )
+        == 0
+    )
     data = json.loads(capsys.readouterr().out)
     assert [row["name"] for row in data["segments"]] == ["out", "back"]
-    assert main(["check", str(tmp_path / "out" / "motion.csv"), "--task", str(path), "--gn", "0.05"]) == 1
+    assert (
+        main(
+            [
+                "check",
+                str(tmp_path / "out" / "motion.csv"),
+                "--task",
+                str(path),
+                "--tolerance",
+                "none",
+                "--gn",
+                "0.05",
+            ]
+        )
+        == 1
+    )
     assert "segment back" in capsys.readouterr().out
 
 

@@ -81,7 +81,7 @@ def test_the_written_trajectory_is_within_the_range_and_says_where(plans, tmp_pa
         dict(zip("yz", offsets, strict=True)), abs=1e-6
     )
     assert "goal_offset_m" not in data["segments"][1]
-    assert main(["check", str(folder / "trajectory.json")]) == 0
+    assert main(["check", str(folder / "trajectory.json"), "--tolerance", "none"]) == 0
     assert "gripper pose" not in capsys.readouterr().out
 
 
@@ -89,7 +89,7 @@ def test_a_motion_outside_the_range_is_told_apart(plans, with_pose, tmp_path, ca
     write_plan(tmp_path / "out", plans("free"))
     narrow = written(tmp_path, with_pose("free = { z = [-0.0001, 0.0] }"))
     plan_json = str(tmp_path / "out" / "plan.json")
-    assert main(["check", plan_json, "--task", str(narrow)]) == 0
+    assert main(["check", plan_json, "--task", str(narrow), "--tolerance", "none"]) == 0
     assert "the goal of segment out misses its gripper pose by 0.0" in " ".join(
         capsys.readouterr().out.split()
     )

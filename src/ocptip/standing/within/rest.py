@@ -99,7 +99,8 @@ class WithinAtRest:
     """The worst of a base at rest.
 
     Attributes:
-        tolerance: within which.
+        tolerance: the part of the uncertainty that counts.
+        scope: name of the uncertainty.
         GN, GT: at the worst.
         GN_worst, GT_worst: what is off there, in words.
         stands: no contact is lost.
@@ -109,6 +110,7 @@ class WithinAtRest:
     """
 
     tolerance: Uncertainty
+    scope: str
     GN: float
     GT: float
     GN_worst: str
@@ -161,7 +163,6 @@ def scene_within(
         raise InputError("tolerance: only for spatial scenes (--tolerance none)")
     if not np.any(support.gravity):
         raise InputError("tolerance: without gravity there is no tilt and no weight (--tolerance none)")
-    own = tolerance.only(*(name for name in SEARCHED if name in tolerance.given))
     moment = reference_moment or TipOver(support).reference_moment
     fixed, hanging = _fixed_and_hanging(support, loads)
 
@@ -169,8 +170,7 @@ def scene_within(
         weights = [base_weight(support, some), *hanging]
         return RestCase(support, weights, fixed, some, base_pushes(some), moment)
 
-    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in SEARCHED)
-    return found_within([within], own, SEARCHED, ignored)
+    return found_within([within], tolerance, SEARCHED)
 
 
 def base_weight(support: Support, tolerance: Uncertainty) -> Weight:
@@ -206,16 +206,17 @@ def found_within(
     cases: Sequence[Callable[[Uncertainty], RestCase]],
     tolerance: Uncertainty,
     searched: Sequence[str],
-    ignored: tuple[str, ...] = (),
 ) -> WithinAtRest:
     """The worst of several cases within an uncertainty, each made by a function of it; a reason if one fails.
 
     Args:
         cases: postures or loads.
-        tolerance: of what can be off.
-        searched: names of that, likely culprits first.
-        ignored: what else was given, in words.
+        tolerance: the uncertainty.
+        searched: names of what counts, likely culprits first; the rest is left out, with a remark.
     """
+    scope, given = tolerance.scope, tolerance.given
+    ignored = tuple(str(tolerance.only(name)) for name in given if name not in searched)
+    tolerance = tolerance.only(*(name for name in searched if name in given))
     made = [case(tolerance) for case in cases]
     (GN, tip, first), (GT, slip, other) = (
         max(((*one, case) for one, case in zip(found, made, strict=True)), key=lambda item: item[0])
@@ -229,7 +230,7 @@ def found_within(
 
     reason, possible = ("", 1.0) if stands else why_not(tolerance, searched, kept)
     worst = first.words(tip), other.words(slip)
-    return WithinAtRest(tolerance, GN, GT, *worst, stands, reason, possible, ignored)
+    return WithinAtRest(tolerance, scope, GN, GT, *worst, stands, reason, possible, ignored)
 
 
 class RestCase:
