@@ -120,30 +120,43 @@ class Late:
                 blur[:, :, i] += U * np.abs(term)
         return found, blur
 
-    def _differs(self, event: int, joint: int, reach: float) -> np.ndarray:
-        """(3,): by how much coordinates, speeds and accelerations of the pieces at a switching time differ
-        within `reach`.
-        """
-        size = np.abs(self._step[event, joint]) + self._blur[event, joint]
-        k = np.arange(len(size))
-        first, second = k[1:], k[2:]
-        return (1 + U) * np.array(
-            [
-                np.sum(size * reach**k),
-                np.sum(size[1:] * first * reach ** (first - 1)),
-                np.sum(size[2:] * second * (second - 1) * reach ** (second - 2)),
-            ]
-        )
+    def _changes(
+        self, starts: np.ndarray, ends: np.ndarray
+    ) -> tuple[list[range], list[np.ndarray], np.ndarray]:
+        """Changes at switching times in intervals from start to end, (N,), s, and in the delay before them.
 
-    def _branches(self, joint: int, start: float, end: float) -> list[_Branch]:
-        """The cases of one joint from start to end, s."""
-        d, reach, events = self.delay, self.delay + end - start, self.events
-        inside = range(int(np.searchsorted(events, start - d, "right")), int(np.searchsorted(events, end)))
-        changes = {k: self._differs(k, joint, reach) for k in inside}
-        least = _SMALL * self._peaks[joint]
-        jumps = [k for k in inside if changes[k][2] > least]
-        smooth = np.sum([changes[k] for k in inside if k not in jumps] or [np.zeros(3)], axis=0)
-        smooth[2] *= 1 + self._overshoot
+        Returns:
+            The numbers of their switching times; for each interval which are acceleration steps, (times, n);
+            bounds (N, n, 3) of what coordinates, speeds and accelerations change at the others.
+        """
+        first = np.searchsorted(self.events, starts - self.delay, "right")
+        after = np.searchsorted(self.events, ends)
+        counts = np.maximum(after - first, 0)
+        owner = np.repeat(np.arange(len(starts)), counts)
+        event = np.arange(len(owner)) + np.repeat(first - np.cumsum(counts) + counts, counts)
+        reach = (self.delay + ends - starts)[owner, None, None]
+        size = np.abs(self._step[event]) + self._blur[event]  # (pairs, n, degrees)
+        k = np.arange(size.shape[2])
+        one, two = k[1:], k[2:]
+        parts = (
+            size * reach**k,
+            size[..., 1:] * one * reach ** (one - 1),
+            size[..., 2:] * two * (two - 1) * reach ** (two - 2),
+        )
+        differs = (1 + U) * np.stack([np.sum(part, axis=2) for part in parts], axis=2)
+        jumps = differs[..., 2] > _SMALL * self._peaks
+        smooth = np.zeros((len(starts), self.joints, 3))
+        np.add.at(smooth, owner, np.where(jumps[..., None], 0.0, differs))
+        smooth[..., 2] *= 1 + self._overshoot
+        inside = list(map(range, first.tolist(), after.tolist()))
+        return inside, np.split(jumps, np.cumsum(counts)[:-1]), smooth
+
+    def _branches(
+        self, joint: int, start: float, end: float, inside: range, jumping: np.ndarray, smooth: np.ndarray
+    ) -> list[_Branch]:
+        """The cases of one joint from start to end, s; the rest is its part of `_changes`."""
+        d, events, least = self.delay, self.events, _SMALL * self._peaks[joint]
+        jumps = [k for k, own in zip(inside, jumping.tolist(), strict=True) if own]
         low, high, found = (start - d, end - d), (start, end), []
         loose, rounded, sums = smooth, 0.0, {}  # sums: over steps that end at an event, by where they begin
         for k in jumps:
@@ -204,10 +217,11 @@ class Late:
         branches: list[_Branch] = []
         boxes: list[_Box] = []
         interval, chosen, counted, most = [], [], [], 0
-        for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        changes = zip(starts.tolist(), ends.tolist(), *self._changes(starts, ends), strict=True)
+        for number, (start, end, inside, jumps, smooth) in enumerate(changes):
             own, counts = [], []
             for joint in range(self.joints):
-                new = self._branches(joint, start, end)
+                new = self._branches(joint, start, end, inside, jumps[:, joint], smooth[joint])
                 if self.delay and apart is not None and not apart[number, joint] and len(new) > 1:
                     boxes.append(_Box(joint, start, end, new))
                     own.append([-len(boxes)])
