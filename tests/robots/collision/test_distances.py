@@ -189,6 +189,10 @@ def test_far_pairs_are_bounded_and_the_nearest_is_found(seed, below):
     least = found.least(y)
     np.testing.assert_array_equal(least.distances, exact.min(axis=1))
     np.testing.assert_array_equal(least.states, np.arange(5))
+    many = found.least(np.tile(y, (20, 1)))  # more than are computed at once
+    np.testing.assert_array_equal(many.states, np.arange(100))
+    for field in ("pairs", "distances", "normals", "points"):
+        np.testing.assert_array_equal(getattr(many, field).reshape(20, -1)[7], getattr(least, field).ravel())
 
 
 def test_depth_of_overlap():

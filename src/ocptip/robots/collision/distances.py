@@ -101,6 +101,11 @@ class Distances:
 
     def least(self, y: np.ndarray) -> Contact:
         """The nearest pair at each of N states (as many rows, in their order)."""
+        parts = [self._least(y[begin : begin + _AT_ONCE]) for begin in range(0, len(y), _AT_ONCE)]
+        found = [replace(part, states=part.states + k * _AT_ONCE) for k, part in enumerate(parts)]
+        return _joined(*found) if found else self._least(y)
+
+    def _least(self, y: np.ndarray) -> Contact:
         axes, origins = self._poses(y)
         bounds = self._bounds(axes, origins, self.pairs)
         states = np.arange(len(y))
@@ -296,9 +301,9 @@ def between_lines(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.linalg.norm(between + s[..., None] * along - t[..., None] * across, axis=-1)
 
 
-def _joined(one: Contact, two: Contact) -> Contact:
+def _joined(*parts: Contact) -> Contact:
     fields = ("states", "pairs", "distances", "normals", "points")
-    return Contact(*(np.concatenate([getattr(one, f), getattr(two, f)]) for f in fields))
+    return Contact(*(np.concatenate([getattr(part, f) for part in parts]) for f in fields))
 
 
 def _chosen(contact: Contact, rows: np.ndarray) -> Contact:
