@@ -8,6 +8,7 @@ import pytest
 from ocptip.cli.layout import tolerated_lines
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
+from ocptip.motion.summary import robustness_lines
 from ocptip.motion.tolerated import Tolerated, _beyond, robustness, tolerated
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
@@ -222,3 +223,23 @@ def test_wrenches_beyond_half_spaces_are_those_of_all_products():
         np.testing.assert_array_equal(np.sort(found), np.flatnonzero(outside > 0))
         assert np.all(np.diff(outside[found]) <= 0)
     assert len(_beyond(rows, np.zeros((5, 6)))) == 0
+
+
+def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
+    rows = [
+        Tolerated("tilt", 3.84, "deg", False, 0.1, "downhill"),
+        Tolerated("friction", 0.0, "", True, np.nan, ""),
+        Tolerated("foot_stiffness", 2.3e5, "N/m", True, np.nan, ""),
+    ]
+    text = " ".join(" ".join(robustness_lines(rows)).split())
+    assert text == (
+        "Robust to (one at a time): tilt 3.84 deg | any friction feet of 2.3e5 N/m and stiffer "
+        "until a contact is lost; torques, clearance and joint limits not included"
+    )
+    capped = robustness_lines([*rows, Tolerated("delay", 100.0, "ms", True, np.nan, "")])
+    assert "delay >= 100 ms" in capped[1]
+    assert capped[-2].endswith("until a contact is lost; >= : not searched further;")
+    assert max(map(len, capped)) <= 80
+    lost = robustness_lines([dataclasses.replace(rows[0], value=0.0, how="tips about contacts 1 and 4 " * 3)])
+    assert lost[0].startswith("Robust to nothing: ")
+    assert max(map(len, lost)) <= 80

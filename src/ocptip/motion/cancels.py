@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.basics.text import percent, quantity
 from ocptip.numerics.bisection import bisected
+from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import SLIP_WITHIN, WITHIN_OF, Limits
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
@@ -37,6 +39,7 @@ class CancelLevel:
         torque_ratio: the largest share of a torque limit that a drive needs.
         longest_stop_s: from the cancel until everything rests.
         clearance_m: the smallest distance; None where it is not known.
+        stops: in time, in the joint range and in clear space, whatever becomes of contacts and drives.
         broken: one sentence per broken limit; empty where the stops are safe.
     """
 
@@ -46,6 +49,7 @@ class CancelLevel:
     torque_ratio: float
     longest_stop_s: float
     clearance_m: float | None
+    stops: bool
     broken: tuple[str, ...]
 
     @property
@@ -115,11 +119,22 @@ class SafeDecelerations:
         hardest, model = self.hardest, self.within or "nominal model"
         if self.minimum is None or self.maximum is None:
             kept = f"no deceleration from {100 * SHARES[-1]:g} to 100 % of {of} is safe"
+            helps = f". To plan for it, try ocptip plan with --stop-safe cancel{self._gentle}"
         else:
             least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
-            kept = f"safe at {least:g} to {greatest:g} % of {of}, at most {self.deceleration(self.maximum)}"
-        at_full = "" if hardest.safe else f"; at 100 %: {hardest.broken[0]}"
-        return f"{kept} ({model}, checked at {self.instants} instants){at_full}"
+            safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
+            kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}"
+            helps = "" if hardest.safe else ". Set that in the controller, or plan with --stop-safe cancel"
+        gentlest = self.levels[-1]
+        worst = [hardest] if self.maximum is not None else [hardest, gentlest]
+        why = [f"; at {100 * level.share:g} % {level.broken[0]}" for level in worst if not level.safe]
+        return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}{helps}"
+
+    @property
+    def _gentle(self) -> str:
+        """The option of the gentlest deceleration that stops in time and in joint range; empty if none."""
+        stopped = [level.share for level in self.levels if level.stops]
+        return f" --deceleration {100 * min(stopped):g}%" if stopped else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -218,23 +233,29 @@ def _levels(
         known = np.isfinite(stops.clearance)
         broken = []
         if lost.any():
-            GN = float(np.max(stops.GN))
-            broken.append(f"{100 * np.mean(lost):.3g} % of the instants break a contact limit (GN {GN:.3g})")
+            when = f"when cancelled at {100 * np.mean(lost):.3g} % of the instants"
+            broken.append(f"{_contact_words(robot, own, np.max(stops.GN), np.max(stops.GT))} {when}")
         if torque > 1 + _KEPT:
             broken.append(f"a drive needs {100 * torque:.3g} % of its torque limit")
+        way = []
         if longest > own.longest:
-            broken.append(f"a stop takes {longest:.3g} s, must be <= {own.longest:g}")
+            way.append(f"a stop takes {longest:.3g} s, must be <= {own.longest:g}")
         if over > _KEPT:
-            broken.append(f"joint {joint + 1} leaves its limits by {over:.3g} {robot.units[joint]}")
+            off = f"{np.degrees(over):.3g} deg" if robot.units[joint] == "rad" else f"{1e3 * over:.3g} mm"
+            way.append(f"{robot.names[joint]} leaves its limits by {off}")
         if known and stops.clearance < limits.clearance:
             least, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
-            broken.append(f"clearance is {least:.3g} mm, must be >= {asked:g}")
+            way.append(f"clearance is {least:.3g} mm, must be >= {asked:g}")
+        broken += way
         if cases is not None and not broken:
             worst = worst_of_cancels(cases, motion, own, times)
             for name, at in zip(WITHIN_OF, worst, strict=True):
                 value = 0.0 if at is None else at.value if at.bound is None else at.bound
                 if value > getattr(limits, WITHIN_OF[name]):
-                    broken.append(f"{name} reaches {value:.3g} within {tolerance.title}")
+                    most = {"GN": limits.GN_worst_case, "GT": limits.GT_worst_case}
+                    bounds = replace(own, **most)
+                    words = _contact_words(robot, bounds, *(value if name == n else 0.0 for n in most))
+                    broken.append(f"{words} within {tolerance.title}")
                     break  # slip need not be evaluated
         return CancelLevel(
             share=share,
@@ -243,10 +264,25 @@ def _levels(
             torque_ratio=torque,
             longest_stop_s=longest,
             clearance_m=float(stops.clearance) if known else None,
+            stops=not way,
             broken=tuple(broken),
         )
 
     return level
+
+
+def _contact_words(robot: Robot, limits: Cancel, GN: float, GT: float) -> str:
+    """Which limits of the contacts are broken, and by how much, in N m and per cent."""
+    reference, found = robot.tip_over.reference_moment, []
+    if GN > limits.GN:
+        left, least = (quantity(moment_at(index, reference), "N m", 3) for index in (GN, limits.GN))
+        found.append("the base tips" if GN >= 1 else f"the tipping margin is {left}, must be >= {least},")
+    if GT > limits.GT:
+        slips = "slips" if found and GN >= 1 else "the base slips"
+        found.append(
+            slips if GT >= 1 else f"{percent(GT)} of the friction are used, must be <= {percent(limits.GT)},"
+        )
+    return " and ".join(found)
 
 
 def rounded_down(value: float) -> float:

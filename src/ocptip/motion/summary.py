@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -211,14 +212,15 @@ def motion_line(
 
 
 def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
-    """The largest deviation of each quantity alone that loses no contact."""
+    """The largest deviation of each quantity alone that loses no contact, and what that leaves out."""
     if not tolerated:
         return []
     lost = next(
         (one for one in tolerated if one.quantity == "tilt" and one.value == 0 and not one.at_most), None
     )
     if lost is not None:
-        return [f"Robust to nothing: the nominal model loses a contact ({lost.how}, {lost.time:.3f} s)."]
+        text = f"Robust to nothing: the nominal model loses a contact ({lost.how}, {lost.time:.3f} s)."
+        return textwrap.wrap(text, WIDTH, subsequent_indent=" " * 8)
     title = "Robust to (one at a time): "
     lines, width = [], WIDTH - len(title)
     for part in (one.short for one in tolerated):
@@ -226,6 +228,9 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
             lines[-1] += f" | {part}"
         else:
             lines.append(part)
+    capped = [one for one in tolerated if one.at_most and one.quantity not in ("friction", "foot_stiffness")]
+    lines.append(f"until a contact is lost{'; >= : not searched further' if capped else ''};")
+    lines.append("torques, clearance and joint limits not included")
     return [title + lines[0], *(" " * len(title) + line for line in lines[1:])]
 
 

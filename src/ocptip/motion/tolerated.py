@@ -101,14 +101,14 @@ class Tolerated:
         """In a few words: "tilt 3.84 deg", "delay >= 100 ms"."""
         name, sign, value = _SHORT[self.quantity], ">= " if self.at_most else "", self.value
         if self.quantity == "friction":
-            return f"friction {100 * (value - 1):.3g} %{' or less' if self.at_most else ''}"
+            return "any friction" if self.at_most else f"friction {100 * (value - 1):.3g} %"
         if self.quantity != "foot_stiffness":
             return f"{name} {sign}{value:.3g} {self.unit}".replace("+ ", "+").replace("+>= ", ">= +")
         if np.isfinite(value):
-            return f"{name} >= {_stiffness_text(min(value, STIFFEST))}"
+            return f"{name} of {_stiffness_text(min(value, STIFFEST))} and stiffer"
         if self.between is None:
             return "rigid feet only"
-        return f"{name} {' to '.join(map(_stiffness_text, self.between))}"
+        return f"{name} of {' to '.join(map(_stiffness_text, self.between))}"
 
     def _of_feet(self) -> str:
         damping = f"{100 * DAMPING_RATIO:.0f} % damping"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -118,7 +119,10 @@ def test_safe_decelerations_end_where_a_limit_does(case):
     assert all(level.safe for level in inside)
     above = min(level.share for level in found.levels if level.share > found.maximum)
     level = next(level for level in found.levels if level.share == above)
-    assert "break a contact limit" in level.broken[0]
+    text = level.broken[0]
+    assert re.search(r"^(the |\d+ % of the fric).* when cancelled at [\d.]+ % of the instants$", text), text
+    assert "GN" not in found.text
+    assert "plan with --stop-safe cancel" in found.text
     assert above - found.maximum <= 0.006
     below = max((level for level in found.levels if level.share < found.minimum), key=lambda own: own.share)
     assert any("leaves its limits" in text or "takes" in text for text in below.broken)
@@ -127,6 +131,16 @@ def test_safe_decelerations_end_where_a_limit_does(case):
     assert np.all((np.array(rates) <= highest) & (np.array(rates) > 0.99 * highest))
     slow = safe_decelerations(robot, motion, limits, replace(full, longest=0.6), close=1.0)
     assert slow.minimum > found.minimum
+
+
+def test_without_a_safe_deceleration_both_ends_and_a_remedy_are_named(case):
+    robot, motion, limits = case.robot, case.reference, case.limits
+    full = Cancel(tuple(robot.limits.acceleration), GN=limits.GN, GT=limits.GT, longest=0.01)
+    found = safe_decelerations(robot, motion, limits, full, close=1.0)
+    assert found.maximum is None
+    assert "at 100 % " in found.text
+    assert "; at 5 % " in found.text
+    assert found.text.endswith("To plan for it, try ocptip plan with --stop-safe cancel")
 
 
 def test_within_an_uncertainty_nothing_sampled_is_worse(case):
