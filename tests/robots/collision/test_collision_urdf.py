@@ -221,6 +221,25 @@ def test_base_payload_and_obstacles(arm):
     assert all((link, o.name) in names for link in ("shoulder_link", *links) for o in around)
 
 
+@pytest.mark.parametrize("slides", [[], [1, 3]], ids=["turning", "sliding"])
+def test_no_pair_comes_nearer_than_moved_joints_can_bring_it(arm, slides):
+    _, model = arm
+    model = replace(model, prismatic=np.isin(np.arange(6), slides))
+    model = model.with_limits(angle_min=np.full(6, -1.0), angle_max=np.full(6, 1.0))
+    deck = BodyShape("deck", 0, Box([1.0, 1.0, 0.1], position=[0.0, 0, 0.6]))
+    collision = ShapeCollisions(model, [floor(0.0), Solid(Ball(0.1), "ball")], [deck])
+    rng, worst = np.random.default_rng(7), 0.0
+    q, moved = rng.uniform(-0.9, 0.9, (30, 6)), rng.uniform(-0.1, 0.1, (30, 6))
+    bound = collision.approach(moved)
+    for share in (np.ones((30, 6)), rng.random((30, 6)), np.eye(6)[np.arange(30) % 6]):
+        nearer = collision.gaps(q) - collision.gaps(q + share * moved)
+        apart = collision.gaps(q + share * moved) > 0  # depths of overlap are no distances
+        assert np.all((nearer <= bound + 1e-6) | ~apart)
+        worst = max(worst, np.max(np.where(apart, nearer / bound, 0.0)))
+    assert worst > 0.5
+    assert np.all(np.isinf(CollisionModel(model).approach(moved)))
+
+
 def test_spheres_as_solids_have_the_distances_of_the_formulas(arm):
     """Of floor, wall, pillar and each other."""
     _, model = arm

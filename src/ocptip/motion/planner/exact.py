@@ -199,10 +199,11 @@ class Refiner:
 
         At the first look (share below 1) the ends of intervals that use at least this share of a limit.
         """
+        nodes = slice(own, own + len(watch))
         if share < 1:
-            hit = watched.near_rows(x, share).at_nodes[own : own + len(watch)]
+            hit = watched.near_rows(x, share, nodes).at_nodes
             return [place for place, h in zip(watch, hit, strict=True) if h and place[1] in (0.0, 1.0)]
-        use = watched.use(x)[own : own + len(watch)].reshape(-1, len(SHARES))
+        use = watched.use(x, nodes).reshape(-1, len(SHARES))
         chosen, step = [], SHARES[1]
         for i, u in enumerate(use):
             padded = np.concatenate([[-np.inf], u, [-np.inf]])

@@ -13,6 +13,7 @@ checked after each solve.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -205,6 +206,7 @@ class MotionProgram:
         self._last: Evaluation | None = None
         self._sloped: tuple[Evaluation, np.ndarray] | None = None
         self._latest: tuple[np.ndarray, Instants] | None = None
+        self._parts: dict[bytes, Instants] = {}  # of the latest
 
     def with_rows(
         self, rows: RowSet, pull: Pull | None = None, near: np.ndarray | None = None
@@ -226,18 +228,33 @@ class MotionProgram:
         shapes = {limit.name: (self.n_nodes, limit.width) for limit in self.limits}
         return RowSet({name: np.zeros(shape, dtype=bool) for name, shape in shapes.items()})
 
-    def near_rows(self, x: np.ndarray, share: float) -> RowSet:
-        """Rows whose use of their limit at x is at least `share` (1: at the limit)."""
-        at = self._instants(x)
-        return RowSet(
-            {limit.name: limit.near(at, share) & self._about(limit)[:, None] for limit in self.limits}
-        )
+    def near_rows(self, x: np.ndarray, share: float, nodes: slice = slice(None)) -> RowSet:
+        """Rows of some nodes whose use of their limit at x is at least `share` (1: at the limit)."""
+        return RowSet(dict(self._of_limits(x, nodes, lambda limit, at: limit.near(at, share), False)))
 
-    def use(self, x: np.ndarray) -> np.ndarray:
-        """Worst use of any limit at each node (N,): 1 at the limit, more beyond; rows need not take part."""
-        at = self._instants(x)
-        uses = [np.where(self._about(limit), limit.use(at), -np.inf) for limit in self.limits]
-        return np.max(uses, axis=0)
+    def use(self, x: np.ndarray, nodes: slice = slice(None)) -> np.ndarray:
+        """Worst use of any limit at some nodes: 1 at the limit, more beyond; rows need not take part."""
+        uses = self._of_limits(x, nodes, lambda limit, at: limit.use(at), -np.inf)
+        return np.max([values for _, values in uses], axis=0)
+
+    def _of_limits(
+        self,
+        x: np.ndarray,
+        nodes: slice,
+        evaluate: Callable[[Limit, Instants], np.ndarray],
+        elsewhere: float | bool,
+    ) -> Iterator[tuple[str, np.ndarray]]:
+        """Names of limits, and their values at those of the nodes that each is about; others `elsewhere`.
+
+        There may be tens of thousands of nodes with deviating joints, which most limits are not about.
+        """
+        numbers = np.arange(self.n_nodes)[nodes]
+        for limit in self.limits:
+            about = np.isin(self.nodes.kinds[nodes], limit.node_kinds)
+            values = evaluate(limit, self.instants(x, numbers[about]))
+            every = np.full((len(about), *values.shape[1:]), elsewhere, dtype=values.dtype)
+            every[about] = values
+            yield limit.name, every
 
     def most_broken(self, x: np.ndarray) -> str:
         """The limit whose row is farthest from its bounds at x, in words."""
@@ -248,12 +265,14 @@ class MotionProgram:
         return names[int(np.argmax(np.maximum(lower - values, values - upper)))] if names else "range"
 
     def instants(self, x: np.ndarray, nodes: np.ndarray) -> Instants:
-        """Some of the nodes as limits evaluate them."""
-        return self._instants(x).some(nodes)
-
-    def _about(self, limit: Limit) -> np.ndarray:
-        """(N,) True for the nodes that a limit is about."""
-        return np.isin(self.nodes.kinds, limit.node_kinds)
+        """Some of the nodes as limits evaluate them; the same again share what was computed of them."""
+        every = self._instants(x)
+        if len(nodes) == self.n_nodes:
+            return every
+        key = nodes.tobytes()
+        if key not in self._parts:
+            self._parts[key] = every.some(nodes)
+        return self._parts[key]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of all rows, in the order of `values`."""
@@ -343,6 +362,7 @@ class MotionProgram:
             parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
             n = self.physics.n
             q, qd, qdd, process = np.split(np.ascontiguousarray(s.T), [n, 2 * n, 3 * n], axis=1)
+            self._parts.clear()
             self._latest = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd, process)
         return self._latest[1]
 

@@ -120,6 +120,13 @@ class Collisions:
         state = int(np.argmin(found.distances))
         return float(found.distances[state]), self.labels[found.pairs[state]], state
 
+    def approach(self, moved: np.ndarray) -> np.ndarray:
+        """(N, m), m: how much nearer each pair can come while joints move by up to moved (N, n), rad or m.
+
+        Infinite where that is not known.
+        """
+        return np.full((len(moved), len(self.labels)), np.inf)
+
     def on_meshes(self, q: np.ndarray, label: GapLabel) -> float | None:
         """Distance, m, of the surfaces of the meshes that solids of these names enclose, at q (n,), rad.
 

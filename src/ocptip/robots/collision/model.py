@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations, product
+from operator import itemgetter
 from typing import Any
 
 import casadi as cs
@@ -21,7 +22,15 @@ from ocptip.robots.collision.gaps import (
     GapLabel,
     random_postures,
 )
-from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Hull, MeshFile, Shape
+from ocptip.robots.collision.shapes import (
+    ArmGeometry,
+    Ball,
+    BodyShape,
+    Hull,
+    MeshFile,
+    Shape,
+    enclosing_capsule,
+)
 from ocptip.robots.geometry import FLOOR, CollisionModel, Floor, Obstacle, floors_among, in_closed_form
 from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, joint_states
@@ -30,6 +39,7 @@ from ocptip.robots.urdf_parser import load_mesh
 
 _BY_HAND = "excluded"
 _PARALLEL = 1e-6
+_ENDLESS = 1e3  # m: lever behind a joint that slides without end
 _NEIGHBOURS = "neighbours"
 
 
@@ -160,6 +170,31 @@ class ShapeCollisions(Collisions):
 
     def nearest(self, q: np.ndarray) -> Contact:
         return self.distances.least(np.atleast_2d(q))
+
+    def approach(self, moved: np.ndarray) -> np.ndarray:
+        return np.abs(moved) @ self._reaches.T
+
+    @cached_property
+    def _reaches(self) -> np.ndarray:
+        """(pairs, n), m per rad or m: by how much at most each joint moves the one solid beside the other."""
+        arm, coupling = self.arm, self.arm.coupling
+        leaders = np.arange(arm.n) if coupling is None else coupling.leaders
+        ratios = np.ones(arm.n) if coupling is None else np.abs(coupling.ratios)
+        shifts = np.zeros(arm.n) if coupling is None else np.abs(coupling.offsets)
+        most = np.maximum(np.abs(arm.limits.angle_min), np.abs(arm.limits.angle_max))[leaders]
+        slide = np.where(arm.slides, ratios * most + shifts, 0.0)
+        lengths = np.linalg.norm(arm.offsets, axis=1) + np.append(slide[1:], 0.0)
+        found = np.zeros((len(self.pairs), arm.n))
+        for row, pair in zip(found, self.pairs, strict=True):
+            (low, _), (high, shape) = sorted((self.solids[s][1:] for s in pair), key=itemgetter(0))
+            if low == high:
+                continue
+            ends, radius = enclosing_capsule(shape)
+            own = float(np.max(np.linalg.norm(ends, axis=1))) + radius
+            for link in range(low + 1, high + 1):
+                lever = 1.0 if arm.slides[link] else own + float(np.sum(lengths[link:high]))
+                row[leaders[link]] += ratios[link] * min(lever, _ENDLESS)
+        return found
 
     def on_meshes(self, q: np.ndarray, label: GapLabel) -> float | None:
         geometry = self.arm.geometry

@@ -22,6 +22,7 @@ FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance 
 CLOSE = 0.02  # m: the same of a pair with joints that are late; farther ones are where slopes say
 _FLOOR_HINT = "; other floor: [[obstacle]] of kind 'floor'; none: floor = false in [base]"
 _PARTS_HINT = "; convex solids nearer to the meshes: mesh_parts = 16 or more in [arm]"
+BESIDE = 0.03  # m: the same, beyond what joints that are late can bring it nearer
 CHOICES = 2  # how often it is chosen, by slopes, which joints are late
 
 
@@ -184,9 +185,11 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
 
     def _latest(self, at: Instants) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Near pairs: node, number (r,), which joints are delayed (r, n), the distance (r,), m."""
-        i, k = np.nonzero(super()._gaps(at) < self.number + FAR)
         states = np.stack(at.motion_states, axis=1)  # (N, 3, n)
-        places, moved = states[i, 0], np.einsum("a,raj->rj", self._steps, states[i])
+        steps = np.einsum("a,raj->rj", self._steps, states)
+        reached = self.robot.collision.approach(steps)
+        i, k = np.nonzero(super()._gaps(at) < self.number + np.minimum(reached + BESIDE, FAR))
+        places, moved = states[i, 0], steps[i]
         gaps, slopes = self.robot.collision.slopes(states[:, 0], i, k, once=True)
         late = slopes * moved < 0
         gaps = gaps + np.sum(np.minimum(slopes * moved, 0.0), axis=1)
