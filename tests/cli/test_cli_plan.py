@@ -112,6 +112,13 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     assert (directory / "motion.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_stages_after_the_search_are_shown(planner):
+    shown = []
+    Plan.of(planner.result, stage=shown.append)
+    assert shown[0] == "proving what is run ..."
+    assert shown[1:] == ["checking stops and cancels ...", "finding which deviations lose no contact ..."]
+
+
 def test_options_reach_the_planner(planner, capsys, tmp_path):
     numbers = ["--starts", 5, "--seed", 7, "--jobs", 2]
     limits = ["--gn", 0.8, "--gt", 0.7, "--torque-ratio", 0.5, "--clearance", 0.02]

@@ -19,7 +19,7 @@ from ocptip.certificate.checks import certified
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import check_motion
-from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart, plan_segment
+from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart, Start, plan_segment
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.jobs import Jobs, _search
@@ -334,7 +334,7 @@ def test_starts_that_none_can_displace_go_on_before_the_others_have_said_their_p
     scripted(*6 * [case_b.reference.time_scaled(1.3)], promises=promises)
     jobs = Noted()
     search = MultiStart(case_b, range(6), 0, None)
-    search.run(jobs, [case_b], None)
+    search.run(jobs, [case_b])
     rough = [("ended", number) for number in range(6)]
     assert jobs.log[:9] == [*rough[:4], ("run", 1), rough[4], ("run", 4), rough[5], ("run", 3)]
     assert [start.number for start in search.starts if start.verified] == [1, 3, 4]
@@ -644,7 +644,7 @@ def test_the_most_promising_starts_are_finished_three_at_a_time(case_b, scripted
     promises = dict(enumerate([3.0, np.inf, 2.0, np.inf, 1.0, 4.0]))
     scripted(*(slow if number in good else None for number in range(6)), promises=promises)
     search = MultiStart(case_b, range(6), 7, None)
-    search.run(Jobs(None), [case_b], None)
+    search.run(Jobs(None), [case_b])
     assert {start.number for start in search.starts if start.finishing} == {*finished}
     assert {start.number for start in search.starts if start.verified} == {*good}
     left_out = {start.number for start in search.starts if start.attempt.result.status == LEFT_OUT}
@@ -657,7 +657,7 @@ def test_the_pair_of_postures_that_promises_the_least_cost_gets_the_other_starts
     promises = dict(enumerate([3.0, 1.0, 2.0, 1.5, 1.2, 0.9]))
     scripted(*6 * [case_b.reference.time_scaled(1.3)], promises=promises)
     search = MultiStart(case_b, range(6), 7, None)
-    search.run(Jobs(None), pairs, None)
+    search.run(Jobs(None), pairs)
     assert [pairs.index(start.task) for start in search.starts] == [0, 1, 2, 1, 1, 1]
     assert [start.number for start in search.starts if start.finishing] == [1, 4, 5]
 
@@ -682,6 +682,19 @@ def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(
     assert after.check.certificate.verdict.bounds["GT_worst_case"] <= limits.GT_worst_case
     assert after.result.energy < 1.003 * before.result.energy
     assert search.proved(after, certified).motion is after.motion  # nothing is missing any more
+
+
+def test_the_proof_is_a_step_of_its_own(case_b, monkeypatch):
+    """Shown as the last one, after all starts and changes."""
+    progress = Progress()
+    search = MultiStart(case_b, range(1), 0, progress, certified)
+    for stage in ("_solve_roughly", "_finish", "_hop", "_change_rise_time", "_prove_best"):
+        monkeypatch.setattr(search, stage, lambda *_: None)
+    monkeypatch.setattr(MultiStart, "best", Start(0, case_b))
+    search.run(Jobs(None), [case_b])
+    assert [call[:2] for call in progress.calls] == [(0, 3), (1, 3)]
+    MultiStart(case_b, range(1), 0, progress)
+    assert progress.calls[-1][:2] == (0, 2)
 
 
 def test_what_intervals_lack_says_which_limit_to_tighten_and_when():

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from ocptip.api.given import MotionLike, given_motion
-from ocptip.api.plan import sensitivities_of
+from ocptip.api.plan import sensitivities_of, silent
 from ocptip.api.requirements import Outcome, Requirement, read_requirements
 from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
@@ -250,7 +250,7 @@ def check(
         positive_number("time_scale", factor)
         if not 1 / _SCALE <= factor <= _SCALE:
             raise InputError(f"time_scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
-    say = stage or _silent
+    say = stage or silent
     if motion is None:
         if not _is_path(task):
             raise InputError("motion: missing; the task alone is no motion")
@@ -293,10 +293,6 @@ def check(
         stops=stopped,
         sensitivities=sensitivities_of(alone, given) if sensitivities and alone else (),
     )
-
-
-def _silent(text: str) -> None:
-    pass
 
 
 def _is_path(task: object) -> bool:

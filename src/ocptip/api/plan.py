@@ -88,9 +88,11 @@ class Plan(CheckedMotion):
         time_scale: Sequence[float] = (),
         price: Mapping[str, Any] | None = None,
         sensitivities: bool = False,
+        stage: Callable[[str], None] | None = None,
     ) -> Plan:
         """Run, prove and check what was planned; arguments are those of :func:`plan`."""
-        task = planned.finished
+        task, say = planned.finished, stage or silent
+        say("proving what is run ...")
         step = None if rate is None else 1 / rate
         executions = []
         for part in planned.parts:
@@ -106,14 +108,17 @@ class Plan(CheckedMotion):
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
         pairs = zip(executions, checked.segments, strict=True)
+        say("checking stops and cancels ...")
         stops = stops_by_segment(task, motion, checked)
         known = any(own.decelerations for own in stops.values())
+        cancels = {} if known else cancels_by_segment(task, motion)
+        say("finding which deviations lose no contact ...")
         return cls(
             planned,
             tuple(replace(run, check=own) for run, own in pairs),
             tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
             price or {},
-            {} if known else cancels_by_segment(task, motion),
+            cancels,
             task=planned.task,
             checked=checked,
             robustness=robustness(task, motion),
@@ -254,6 +259,7 @@ def plan(
     sensitivities: bool = False,
     largest_uncertainty: bool = False,
     progress: Progress | None = None,
+    stage: Callable[[str], None] | None = None,
 ) -> Plan:
     """Plan the motion, or the cycle, of minimum cost that keeps all limits; check and prove what is run.
 
@@ -280,6 +286,7 @@ def plan(
         sensitivities: say what changes of masses and contacts would do.
         largest_uncertainty: where there is no plan, search the largest uncertainty that has one.
         progress: called as progress(done, steps, minimum cost of a verified plan so far or None).
+        stage: called with what is done after the search.
 
     Raises:
         InputError: the task cannot be planned (with all reasons), or an argument cannot be used.
@@ -314,7 +321,11 @@ def plan(
         raise KeyboardInterrupt(f"before {what} a verified plan") from None
     price = price_of_stops(planned, _without_stops(task, how))
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
-    return Plan.of(planned, **known, price=price, sensitivities=sensitivities)
+    return Plan.of(planned, **known, price=price, sensitivities=sensitivities, stage=stage)
+
+
+def silent(text: str) -> None:
+    """Show nothing, where nobody wants to know what is done next."""
 
 
 def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:

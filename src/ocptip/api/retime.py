@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 
 from ocptip.api.given import MotionLike, task_of_motion
-from ocptip.api.plan import Plan
+from ocptip.api.plan import Plan, silent
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.certificate.checks import certified
@@ -229,7 +229,7 @@ def retime(
         asked = replace(segment.task, **ends, reference=motion, limits=limits, objective=goal)
         where = f"{name} (segment {segment.name})" if task.is_cycle else name
         with naming(where):
-            timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or _silent))
+            timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or silent))
     planned = _cycle(cast(CycleTask, task), timings) if task.is_cycle else timings[0].plan
     executions = tuple(own.execution for own in timings)
     motion = run_by(planned, executions)
@@ -243,10 +243,6 @@ def retime(
         robustness=robustness(planned.task, motion),
         cancels=cancels_by_segment(planned.task, motion),
     )
-
-
-def _silent(text: str) -> None:
-    pass
 
 
 def _cycle(task: CycleTask, timings: Sequence[Timing]) -> MotionPlan:

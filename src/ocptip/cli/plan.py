@@ -76,6 +76,7 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
                 sensitivities=options.sensitivities,
                 largest_uncertainty=options.largest_tolerance,
                 progress=progress,
+                stage=progress.stage,
             )
     except NoPlanError as error:
         return _no_plan(one.task, error)

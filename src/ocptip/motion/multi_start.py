@@ -77,7 +77,8 @@ class MultiStart:
         task: what is to be planned.
         numbers, seed: of the starts; they decide the random motions.
         progress: called as progress(done, steps, minimum cost so far or None). A start is two steps: until
-            its promise is known, and until it has ended. A change is one.
+            its promise is known, and until it has ended. A change is one, and so is the proof.
+        prove: proves the best motion; None: nothing does.
     """
 
     def __init__(
@@ -86,11 +87,13 @@ class MultiStart:
         numbers: range,
         seed: int,
         progress: Progress | None,
+        prove: Prove | None = None,
     ) -> None:
         self._task, self._numbers, self._seed = task, numbers, seed
         self._hops = 0 if task.limits.tolerance.given else len(numbers) // 2
+        self._proofs = 0 if prove is None else 1
         self._hops_begun, self._hopping = 0, deque[tuple[Start, Job[Attempt]]]()
-        self._progress, self._done = progress, -1
+        self._progress, self._prove, self._done = progress, prove, -1
         self.starts: list[Start] = []
         self._step()
 
@@ -99,7 +102,7 @@ class MultiStart:
         """The start whose verified motion has the minimum cost; of equals, the first one."""
         return min((one for one in self.starts if one.verified), key=lambda one: one.rank, default=None)
 
-    def run(self, jobs: Jobs, tasks: list[MotionTask], prove: Prove | None) -> None:
+    def run(self, jobs: Jobs, tasks: list[MotionTask]) -> None:
         """All stages, for the most promising pairs of postures; after an interrupt, what is known stays."""
         for family in families(tasks):
             self.starts, self._done = [], 0
@@ -112,8 +115,9 @@ class MultiStart:
                 break
         if self.best is not None and self._task.rise_times is None:
             self._change_rise_time(jobs, self.best)
-        if self.best is not None and prove is not None:
-            self._prove(jobs, self.best, prove)
+        if self.best is not None and self._prove is not None:
+            self._prove_best(jobs, self.best, self._prove)
+            self._step()
 
     def _solve_roughly(self, jobs: Jobs, dealt: list[tuple[MotionTask, int]]) -> None:
         """Know what starts promise; begin to finish those that are certain to be among the most promising."""
@@ -195,7 +199,7 @@ class MultiStart:
                 break
             best.task = next(task for task in candidates if task.rise_times == rises)
 
-    def _prove(self, jobs: Jobs, best: Start, prove: Prove) -> None:
+    def _prove_best(self, jobs: Jobs, best: Start, prove: Prove) -> None:
         assert best.attempt is not None
         if proof := jobs.begin(Search.proved, best.task, best.attempt, prove).result():
             best.attempt = proof.after(best.attempt, proof)
@@ -210,7 +214,7 @@ class MultiStart:
         """Tell that one more step is done."""
         self._done += 1
         if self._progress:
-            steps = 2 * len(self._numbers) + self._hops
+            steps = 2 * len(self._numbers) + self._hops + self._proofs
             self._progress(self._done, steps, self.best.rank[0] if self.best else None)
 
 
@@ -233,13 +237,13 @@ def plan_segment(
     """
     require_plannable(task)
     began = time.perf_counter()
-    search = MultiStart(task, range(first, first + starts), seed, progress)
+    search = MultiStart(task, range(first, first + starts), seed, progress, prove)
     with one_thread:
         tasks = likely_choices(task)
     interrupted = False
     try:
         with workers as pool, Jobs(pool) as jobs:
-            search.run(jobs, tasks, prove)
+            search.run(jobs, tasks)
     except BrokenExecutor as error:
         ended = sum(start.attempt is not None for start in search.starts)
         died = f"a worker process died after {ended} of {starts} starts ({error}); out of memory? "
