@@ -7,10 +7,12 @@ task, `ur5_among_pillars.toml`, is a hard one that is not random. "Best known" i
 runs has found, those with more starts and samples among them. Then the time of one run is measured with 1 to
 20 process forces and 1 to 8 poses of the UR5 that drills into a wall.
 
-    python -m studies.placement.clutter --out results [--tasks 10] [--sets 10] [--thorough 2] [--seed 0]
+    python -m studies.placement.clutter --out results [--uncertainty none] [--tasks 10] [--sets 10]
+        [--thorough 2] [--seed 0]
 
-Every finished run is kept in placement_clutter.json with the state of the source that made it; start again to
-go on, with --again to run `place` anew with default options. Times are CPU seconds.
+Within another uncertainty (`--uncertainty workshop`) it runs the same tasks, without times, and writes
+placement_clutter_workshop. Every finished run is kept in the JSON file with the state of the source that
+made it; start again to go on, with --again to run `place` anew with default options. Times are CPU seconds.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ from ocptip.placement.problem import (
 )
 from ocptip.placement.terrain import plane
 from ocptip.robots.geometry import Pillar, Wall
-from ocptip.task_files.placement import load_placement
+from ocptip.task_files.placement import PlacementTask, load_placement
+from ocptip.task_files.tolerance import load_tolerance
 from studies.common import (
     EXAMPLES,
     PLACING,
@@ -202,7 +205,9 @@ def markdown(study: Study, random: list[str], further: list[str]) -> str:
         times = [f"{np.median(s):.1f}" for s in (seconds, [row["cpu_seconds"] for row in thorough])]
         cells.append([task, f"{best:.5f}", f"{close} of {len(worse)}", most, *times])
     head = ["task", "best known", f"within {100 * CLOSE:g} %", "worst", "CPU s", "CPU s, thorough"]
-    lines = ["# `place` among obstacles, default options", "", *table(head, cells)]
+    uncertainty = study.rows.options["uncertainty"]
+    within = "" if uncertainty == "none" else f", within `{uncertainty}`"
+    lines = [f"# `place` among obstacles, default options{within}", "", *table(head, cells)]
     if random:
         lines += [
             "",
@@ -217,7 +222,8 @@ def markdown(study: Study, random: list[str], further: list[str]) -> str:
         iterations = f"{np.median([row['iterations'] for row in rows]):.0f}"
         times.append([task, f"{np.median(seconds):.1f}", f"{max(seconds):.1f}", iterations])
     head = ["task", "CPU s, median", "largest", "iterations"]
-    lines += ["", "# Time with many forces and poses", "", *table(head, times)]
+    if times:
+        lines += ["", "# Time with many forces and poses", "", *table(head, times)]
     lines += ["", f"- {software(versions())}.", f"- Seed of the tasks {study.rows.options['seed']}."]
     lines += state_notes([row.get("state") for row in study.rows.own], study.rows.state, "runs")
     return "\n".join(lines) + "\n"
@@ -226,6 +232,7 @@ def markdown(study: Study, random: list[str], further: list[str]) -> str:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--uncertainty", default="none", help="preset or TOML file (none)")
     parser.add_argument("--tasks", type=int, default=10, help="random tasks with a solution (10)")
     parser.add_argument("--sets", type=int, default=10, help="seeds of `place` per task (10)")
     parser.add_argument("--thorough", type=int, default=2, help="runs with more starts and samples (2)")
@@ -236,20 +243,30 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("--sets and --thorough must be at least 1, --tasks at least 0")
     options.out.mkdir(parents=True, exist_ok=True)
     identity, state = ("task", "kind", "start_seed"), source_state(*PLACING)
-    rows = RowFile(options.out / "placement_clutter.json", {"seed": options.seed}, identity, state)
+    tolerance, name = load_tolerance(options.uncertainty), Path(options.uncertainty).stem
+    stem = "placement_clutter" if name == "none" else f"placement_clutter_{name}"
+    given = {"seed": options.seed, "uncertainty": name}
+    rows = RowFile(options.out / f"{stem}.json", given, identity, state)
+
+    def within(problem: PlacementProblem) -> PlacementProblem:
+        return PlacementTask("", problem, problem.tolerance).within(tolerance).problem
+
     study, random = Study(rows, options.again), []
     for number in islice(count(1), MOST * options.tasks):
         if len(random) == options.tasks:
             break
-        problem = cluttered(options.seed, number)
+        problem = within(cluttered(options.seed, number))
         name = f"{number}: {problem.robot.arm.name}, {len(problem.tasks)} poses"
         if study.compare(name, problem, options.sets, options.thorough):
             random.append(name)
-    study.compare(AMONG_PILLARS.stem, load_placement(AMONG_PILLARS).problem, options.sets, options.thorough)
-    for forces, poses in [*((n, 1) for n in FORCES), *((1, n) for n in POSES[1:])]:
+    study.compare(
+        AMONG_PILLARS.stem, within(load_placement(AMONG_PILLARS).problem), options.sets, options.thorough
+    )
+    timed = [*((n, 1) for n in FORCES), *((1, n) for n in POSES[1:])] if stem == "placement_clutter" else []
+    for forces, poses in timed:
         study.runs(f"{forces} forces, {poses} poses", drilling(forces, poses), "time", TIMINGS)
     text = markdown(study, random, [AMONG_PILLARS.stem])
-    write_text(options.out / "placement_clutter.md", text)
+    write_text(options.out / f"{stem}.md", text)
     print(text, end="")
     return 0
 

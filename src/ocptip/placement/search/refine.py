@@ -18,6 +18,7 @@ _ROUNDS = 10
 _FIRST_ROUNDS = 3  # then only the better candidates go on
 _GO_ON = 0.4
 _DRAWS = 12  # per candidate and round
+_FINER = np.logspace(0.0, -1.5, _DRAWS)[None, :, None]  # shares of the radius, one per draw
 _RADIUS = 0.1  # of the parameters' scales and, in rad, of joint angles: standard deviation of the first round
 _TURN = 4.0  # the same for the base's angle, relative to the others
 _SHRINK = 0.6
@@ -145,10 +146,12 @@ def _improved_on(
             best_p, best_q, radius = best_p[kept], best_q[kept], radius[kept]
             score, total, margin = score[kept], total[kept], margin[kept]
         N, k = best_p.shape
-        steps = rng.normal(size=(N, _DRAWS, k)) * radius[:, None, None] * unit
+        # Wide draws alone leave narrow basins: what breaks a constraint by a little jumps to a worse place.
+        spread = radius[:, None, None] * _FINER
+        steps = rng.normal(size=(N, _DRAWS, k)) * spread * unit
         p = np.clip(best_p[:, None] + steps, terrain.lower, terrain.upper).reshape(-1, k)
         first = np.repeat(best_q, _DRAWS, axis=0)
-        first = first + rng.normal(size=first.shape) * np.repeat(radius, _DRAWS)[:, None, None]
+        first = first + rng.normal(size=first.shape) * spread.reshape(-1, 1, 1)
         q, exact = followed(evaluator, patch, p, first)
         value, goal, smallest = (np.full(len(p), np.inf) for _ in range(3))
         if exact.any():
