@@ -20,6 +20,7 @@ from ocptip.api.plan import Plan
 from ocptip.basics import errors
 from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.write import MARK
+from ocptip.cli import motion_summary
 from ocptip.cli.main import main
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress
@@ -110,6 +111,11 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     assert all(len(line) <= 80 for line in lines)
     assert out.isascii()
     assert (directory / "motion.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_missing_package_has_its_install_command(monkeypatch):
+    monkeypatch.setattr(motion_summary, "find_spec", lambda name: None)
+    assert "pip install 'ocptip[view]' for ocptip view {0}" in motion_summary._following()
 
 
 def test_stages_after_the_search_are_shown(planner):

@@ -12,6 +12,8 @@ import pytest
 
 from ocptip.api import plan as planning
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.certificate.result import Certificate
+from ocptip.certificate.trusted.checker import Verdict
 from ocptip.cli.main import main
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.check import check_motion
@@ -21,6 +23,7 @@ from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
 from ocptip.motion.stops import check_stops
+from ocptip.motion.summary import CheckedMotion
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.braking import gravity_torques
@@ -358,8 +361,31 @@ def test_a_cancel_is_a_third_scenario(capsys, motion_file):
     assert safe["ros2_control"].startswith("constraints: {decelerate_on_cancel: true, ")
     assert main([*arguments, "--deceleration", "4%"]) == 1
     text = " ".join(capsys.readouterr().out.split())
-    assert "LIMITS BROKEN in stops" in text
+    assert "LIMITS BROKEN in stops; the motion itself is PROVED for the nominal model only" in text
     assert "s, must be <= 2 s" in text
+
+
+def test_the_headline_keeps_what_is_proved_of_the_motion_beside_its_stops(task):
+    checked = check_motion(task.robot, task.reference, task.limits)
+    proof = Certificate({}, Verdict(True, (), {}, 1), kept=True)
+    proved = replace(checked, certificate=proof)
+    word = "PROVED for the nominal model only (no uncertainty)"
+    assert proved.headline == word
+    worst = {**checked.worst, "GN_stop": checked.worst["GN"]}
+    kept = replace(proved, worst=worst, certificate=replace(proof, sampled=("GN_stop",)))
+    assert (kept.headline, kept.certified, kept.unproved) == (word, False, "")
+    broken = replace(kept, verified=False, violations=("GN_stop is 1.2, must be <= 0.9",))
+    assert broken.headline == f"LIMITS BROKEN in stops; the motion itself is {word}"
+    both = replace(broken, violations=(*broken.violations, "GN is 0.95, must be <= 0.9"))
+    assert both.headline == "LIMITS BROKEN"
+    unproved = replace(kept, certificate=replace(proof, sampled=("GN_stop", "GT")))
+    assert unproved.headline.startswith("CHECKED at samples")
+    stops = SimpleNamespace(verified=True, violations=())
+    whole = SimpleNamespace(whole=proved)
+    motion = CheckedMotion(task=task, checked=whole, stops={"": stops})
+    assert motion.headline == f"{word}; stops CHECKED at samples"
+    stops.verified = False
+    assert motion.headline == f"LIMITS BROKEN in stops; the motion itself is {word}"
 
 
 def test_cancels_of_parallel_robots_are_refused(task):

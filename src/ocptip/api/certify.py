@@ -15,9 +15,10 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.read import parse_json, read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified_cycle
-from ocptip.motion.check import MotionCheck, Proof
+from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of
 from ocptip.motion.cycles.task import Task
+from ocptip.motion.proof import Proof
 from ocptip.trajectories.read import CERTIFICATE
 
 

@@ -16,7 +16,7 @@ from ocptip.trajectories.trajectory import Trajectory
 def certified(
     robot: StandingMechanism, motion: Trajectory, checked: MotionCheck, limits: Limits | None = None
 ) -> MotionCheck:
-    """The check with a certificate, if it is verified: a proof for all instants, as far as there is one.
+    """The check with a certificate, if the motion keeps its limits: a proof for all instants.
 
     One that it has stays.
 
@@ -24,13 +24,13 @@ def certified(
         robot, motion, limits: as checked.
         checked: result of `check_motion`.
     """
-    if not checked.verified or checked.certificate is not None:
+    if not checked.kept_while_moving or checked.certificate is not None:
         return checked
     return replace(checked, certificate=certify(robot, motion, limits or Limits(), checked.worst))
 
 
 def certified_cycle(task: Task, motion: Trajectory, checked: CycleCheck) -> CycleCheck:
-    """The check with certificates of all segments, if it is verified.
+    """The check with certificates of all segments, if their motions keep their limits.
 
     Each holds for its segment and the rests before and after it with what that segment holds, which are
     those at the seams.
@@ -39,7 +39,7 @@ def certified_cycle(task: Task, motion: Trajectory, checked: CycleCheck) -> Cycl
         task, motion: as checked.
         checked: result of `check_cycle`.
     """
-    if not checked.whole.verified:
+    if not checked.whole.kept_while_moving:
         return checked
     rows = zip(task.segments, motion.segments, checked.segments, strict=True)
     return cycle_check(task, motion, [certified(s.task.robot, own, c, s.task.limits) for s, own, c in rows])

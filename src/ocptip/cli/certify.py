@@ -125,7 +125,8 @@ class CertifyReport(Report):
     def to_text(self) -> str:
         """The verdict, margins, what is proved, and where something is missing."""
         found, checked, proof = self.found, self.found.check, cast(Certificate | None, self.found.certificate)
-        head = [f"{found.name} on {found.task.name}   {checked.headline}", motion_line(checked)]
+        stops = "; stops CHECKED at samples" if checked.proved_while_moving and not found.certified else ""
+        head = [f"{found.name} on {found.task.name}   {checked.headline}{stops}", motion_line(checked)]
         missing = filter(None, [checked.unproved])
         lines = [*head, *wrapped("Missing", missing), *wrapped("Broken", checked.violations), ""]
         lines += margin_table(found.task.robot, checked)

@@ -144,18 +144,14 @@ class CheckReport(Report):
     @property
     def _verdict(self) -> str:
         """In capital letters, and what it is about."""
-        checked, motion = self.check.check, self.check.motion
-        verdict = checked.headline
-        if checked.verified and not self.check.verified:
-            verdict = "LIMITS BROKEN in stops"
+        verdict, motion = self.check.headline, self.check.motion
         noisy = motion.fit is not None and motion.fit.noisy.any()
         return f"{verdict} ({_NOISY}, see note)" if noisy else verdict
 
     def _notes(self) -> list[str]:
         """Remarks on what a user may not expect of the motion."""
-        motion, checked = self.check.motion, self.check.check
-        notes = ["stops are checked at sampled instants"] if self.check.stops and checked.certified else []
-        notes += [self.check.retimed] if self.check.retimed else []
+        motion = self.check.motion
+        notes = [self.check.retimed] if self.check.retimed else []
         notes += [f"trajectory and margins over time are in the bag {self.bag}"] if self.bag else []
         if motion.fit is not None:
             notes += fit_notes(motion.fit, self.check.task.robot)

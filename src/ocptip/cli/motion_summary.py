@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -110,8 +111,14 @@ def motion_text(
         [line for name, text in details for line in wrapped(name, [text], widest)],
     ]
     text = "\n\n".join("\n".join(part) for part in parts if part)
-    following = "ocptip view {0}, ocptip check {0} --stops path"
-    return "\n".join([text, *files_lines(written, following)])
+    return "\n".join([text, *files_lines(written, _following())])
+
+
+def _following() -> str:
+    """Commands for the folder "{0}" of a plan; of a missing package the command that installs it."""
+    if find_spec("viser"):
+        return "ocptip view {0}, ocptip check {0} --stops path"
+    return "ocptip check {0} --stops path; pip install 'ocptip[view]' for ocptip view {0}"
 
 
 def _stops(segment: str, stops: Stops) -> list[str]:

@@ -87,10 +87,9 @@ class PlanReport(Report):
         plan, whole = self.plan.planned, self.plan.check
         if not plan.complete:
             return f"INCOMPLETE ({len(plan.parts)} of {len(plan.task.segments)} segments){whole.scope}"
-        if whole.verified and not self.good:
-            where = "stops" if any(own.violations for own in self.plan.stops.values()) else "trajectory.json"
-            return f"LIMITS BROKEN in {where}"
-        return whole.headline
+        if whole.verified and not self.good and not any(own.violations for own in self.plan.stops.values()):
+            return "LIMITS BROKEN in trajectory.json"
+        return self.plan.headline
 
     def found(self) -> list[tuple[str, str]]:
         """Details of the search for the motions."""

@@ -7,15 +7,16 @@ the worst instants until these no longer move. The rest before and after the mot
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import some
+from ocptip.motion.proof import Proof
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
@@ -36,6 +37,9 @@ NO_COLLISION = " (contacts and drives; collision not checked)"
 
 NO_FLOOR = " (no floor: what reaches below the contacts is not checked)"
 """Follows verdicts where no floor is an obstacle."""
+
+OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
+"""Ends of the names of worst values in stops."""
 
 _MIN_POINTS = 5
 _PART = 10_000  # instants that are evaluated at once
@@ -66,40 +70,6 @@ def floor_text(collision: dict[str, Any]) -> str:
         across = "at z =" if upright else f"across ({', '.join(f'{x:g}' for x in normal)}) at"
         planes.append(f"{plane['name']} {across} {level}")
     return ", ".join(planes)
-
-
-class Proof(Protocol):
-    """A proof for all instants of a motion, as checks, planner and files use it.
-
-    The package `certificate` makes such proofs; nothing here depends on how.
-    """
-
-    @property
-    def certified(self) -> bool:
-        """Every limit is proved to hold at every instant."""
-        ...
-
-    @property
-    def data(self) -> Mapping[str, Any] | None:
-        """Plain data for JSON from which the proof is checked; None where there is none."""
-        ...
-
-    @property
-    def missing(self) -> str:
-        """What is not proved, where, by how much, and what helps; empty if all is proved."""
-        ...
-
-    def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
-        """By how much a limit is not proved, and when, s."""
-        ...
-
-    def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
-        """The result for motions one after the other, this one first, which begin at `begins`, s."""
-        ...
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -144,9 +114,21 @@ class MotionCheck:
         return self.verified and self.certificate is not None and self.certificate.certified
 
     @property
+    def kept_while_moving(self) -> bool:
+        """All limits of the motion hold, whatever becomes of it in stops."""
+        of_stops = [name for name in self.worst if name.endswith(OF_STOPS)]
+        return all(any(text.startswith(f"{name} ") for name in of_stops) for text in self.violations)
+
+    @property
+    def proved_while_moving(self) -> bool:
+        """The motion is proved to keep its limits; stops are beyond the proof."""
+        proof = self.certificate if self.kept_while_moving else None
+        return proof is not None and proof.holds and all(name.endswith(OF_STOPS) for name in proof.sampled)
+
+    @property
     def unproved(self) -> str:
         """What a proof lacks, where, and what helps; empty if everything is proved or a limit is broken."""
-        if not self.verified:
+        if not self.kept_while_moving or self.proved_while_moving:
             return ""
         return (
             self.certificate.missing
@@ -156,16 +138,17 @@ class MotionCheck:
 
     @property
     def headline(self) -> str:
-        """The verdict in capital letters, and what it is about."""
-        if not self.verified:
+        """The verdict in capital letters, and what it is about; stops have a separate part."""
+        if not self.kept_while_moving:
             if not self.stands:
                 return "NOT STABLE"
             return f"LIMITS BROKEN for {self.within.tolerance.scope}" if self.within else "LIMITS BROKEN"
         about = "for the nominal model only (no uncertainty)" if self.within is None else ""
-        word = f"PROVED {about}" if self.certified else f"CHECKED at samples {about}"
+        word = f"PROVED {about}" if self.proved_while_moving else f"CHECKED at samples {about}"
         if self.within is not None:
             word += f"for {self.within.tolerance.scope}"
-        return word + self._if_equally_compliant + self.scope
+        word += self._if_equally_compliant + self.scope
+        return word if self.verified else f"LIMITS BROKEN in stops; the motion itself is {word}"
 
     @property
     def _if_equally_compliant(self) -> str:
@@ -173,7 +156,7 @@ class MotionCheck:
         differs, alike = self.contacts.differs, self.within and self.within.alike
         if not differs and alike and alike.value < 0:
             differs = f"with equally compliant feet {alike.where} may lift within the uncertainty"
-        return f", BUT {differs}" if self.verified and differs else ""
+        return f", BUT {differs}" if differs else ""
 
     @property
     def scope(self) -> str:

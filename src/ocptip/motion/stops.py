@@ -14,7 +14,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.cancels import SafeDecelerations, safe_decelerations
-from ocptip.motion.check import MotionCheck
+from ocptip.motion.check import OF_STOPS, MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.stop_rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
@@ -28,7 +28,6 @@ from ocptip.trajectories.trajectory import Trajectory
 
 ROWS = 12  # of the table
 _BY_JOINT = {"brakes": "by brakes (category 0)", "cancel": "cancel (each joint decelerates by itself)"}
-_OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +143,7 @@ def check_stops(
             decelerations = safe_decelerations(robot, motion, limits, full, of_limits=of_limits)
     violations = [text for table in tables.values() for text in table.violations()]
     violations += [lacking] if lacking else []
-    kept = all(worst.excess <= CLOSE for name, worst in checked.worst.items() if name.endswith(_OF_STOPS))
+    kept = all(worst.excess <= CLOSE for name, worst in checked.worst.items() if name.endswith(OF_STOPS))
     return Stops(
         kinds=kinds,
         verified=kept and not violations,

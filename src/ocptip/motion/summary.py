@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ocptip.basics.text import quantity, table
-from ocptip.motion.check import MotionCheck, Proof
+from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
+from ocptip.motion.proof import Proof
 from ocptip.motion.stops import Stops
 from ocptip.motion.tolerated import Tolerated
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
@@ -125,6 +126,16 @@ class CheckedMotion:
         return self.check.verified and all(stops.verified for stops in self.stops.values())
 
     @property
+    def headline(self) -> str:
+        """The verdict of the motion and of its stops, in capital letters, and what it is about."""
+        own = self.check.headline
+        if not self.stops or not self.check.verified:
+            return own
+        if self.verified:
+            return f"{own}; stops CHECKED at samples"
+        return f"LIMITS BROKEN in stops; the motion itself is {own}"
+
+    @property
     def broken(self) -> tuple[str, ...]:
         """The limits that are broken, stops included, one sentence each."""
         return (*self.check.violations, *(text for one in self.stops.values() for text in one.violations))
@@ -133,10 +144,9 @@ class CheckedMotion:
 def brief(title: str, found: CheckedMotion) -> str:
     """Verdict, duration and energy, broken limits, margins, robustness."""
     checked = found.check
-    verdict = checked.headline if found.verified or not checked.verified else "LIMITS BROKEN"
     missing = [f"Missing {found.unproved}"] if found.unproved else []
     rows = [
-        f"{title}   {verdict}",
+        f"{title}   {found.headline}",
         motion_line(checked),
         *missing,
         *(f"Broken  {text}" for text in found.broken),
