@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -321,8 +322,7 @@ class _Solver:
                 return self.lost(loads(level))
 
             best, fails = bisected(lost, 0.0, best, fails, near)
-            time = float(case.times[fails[0]])
-            how = ", ".join(part for part in (case.how, fails[1]) if part)
+            time, how = float(case.times[fails[0]]), ", ".join(part for part in (case.how, fails[1]) if part)
         return Tolerated(quantity, float(scale * best), unit, not how, time, how)
 
 
@@ -397,9 +397,7 @@ def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
 
 
 def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
-    """Every subset of the joints that move, delayed by the level; up to `MOST_LATE` joints, else each
-    alone.
-    """
+    """Every subset of the joints that move, delayed by the level; above `MOST_LATE` joints, each alone."""
     moving = np.flatnonzero(motion.speed_peaks > 0)
     if len(moving) > MOST_LATE:
         subsets = np.eye(len(moving), dtype=bool)
@@ -407,19 +405,22 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
         subsets = np.array(list(product((False, True), repeat=len(moving)))[1:-1], dtype=bool)
     events = np.union1d(motion.event_times, _knots(robot, motion))
 
+    @lru_cache(maxsize=1)  # all subsets begin with the largest delay that was not yet too much
+    def both(delay: float) -> tuple:
+        sides = events[:, None] + np.array([-INSIDE, INSIDE])
+        times = np.hstack([sides, sides + delay]).ravel()  # by event, as the case's times
+        return motion.states(times), motion.states(times - delay), robot.acting(times)
+
     def case(subset: np.ndarray) -> _Case:
-        late = np.zeros(motion.n, dtype=bool)
-        late[moving[subset]] = True
+        late = np.isin(np.arange(motion.n), moving[subset])
 
         def loads(delay: float) -> np.ndarray:
-            sides = events[:, None] + np.array([-INSIDE, INSIDE])
-            times = np.hstack([sides, sides + delay]).ravel()  # by event, as the case's times
-            now, then = motion.states(times), motion.states(times - delay)
-            states = [np.where(late, b, a) for a, b in zip(now, then, strict=True)]
-            return robot.loads(states[0], states[1], states[2], robot.acting(times))[1]
+            now, then, acting = both(delay)
+            q, qd, qdd = (np.where(late, b, a) for a, b in zip(now, then, strict=True))
+            return robot.loads(q, qd, qdd, acting)[1]
 
-        names = ", ".join(robot.names[j] for j in moving[subset])
-        return _Case(loads, np.repeat(events, 4), f"delayed: {names}")
+        names = (robot.names[j] for j in moving[subset])
+        return _Case(loads, np.repeat(events, 4), f"delayed: {', '.join(names)}")
 
     return [case(subset) for subset in subsets]
 

@@ -194,9 +194,10 @@ def softest_feet(robot: StandingMechanism, motion: Trajectory) -> SoftestFeet | 
     def lifted(exponent: float, whether: bool = False) -> Margin | None:
         elastic = feet(exponent)
         modes = Modes.of(elastic, ride.start_inertia[:6, :6])
-        course = Simulation(ride, elastic, modes, one_sided=False).run(whether)
-        least = min((_least(course, k) for k in range(len(unit))), key=lambda margin: margin.value)
-        return least if least.value < 0 or course.falls else None
+        forces, times, falls = Simulation(ride, elastic, modes, one_sided=False).least(whether)
+        k = int(np.argmin(forces))
+        least = Margin(float(forces[k]), float(times[k]), (k + 1,))
+        return least if least.value < 0 or falls else None
 
     return _range(lifted, np.arange(np.log10(STIFFEST), np.log10(SOFTEST) - 0.1, -0.5).tolist())
 

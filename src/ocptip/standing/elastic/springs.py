@@ -28,13 +28,14 @@ from scipy.linalg import eigh, expm
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
-from ocptip.standing.elastic.steps import ends_of_steps, powers, states_within
+from ocptip.standing.elastic.steps import ends_of_steps, oscillations, powers, states_within
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 LONGEST = 0.01  # s: steps of constant inertia
 TURN = 0.05  # rad or m by which a joint moves in a step, at most
 PER_PERIOD = 24  # instants per period of the highest frequency
+_AT_ONCE = 20_000  # instants: memory does not grow with the length of a motion
 MOST_SWITCHES = 500  # feet that lift and land
 FALLEN = 0.02  # m: a foot that moves farther has left what is linear
 FASTEST = 500.0  # Hz: gears with faster springs (drive and other joints held) count as such that do not give
@@ -172,19 +173,6 @@ class Modes:
         return cls(low / (2 * np.pi), high / (2 * np.pi), float(ratios[slowest]), delays)
 
 
-def oscillations(inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """(2 d, 2), natural frequencies, Hz, and damping ratios of M u'' + C u' + K u = 0, the slowest first."""
-    d = len(inertia)
-    A = np.zeros((2 * d, 2 * d))
-    A[:d, d:] = np.eye(d)
-    A[d:, :d], A[d:, d:] = -np.linalg.solve(inertia, stiffness), -np.linalg.solve(inertia, damping)
-    roots = np.linalg.eigvals(A)
-    sizes = np.abs(roots)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.column_stack([sizes / (2 * np.pi), -roots.real / sizes])
-    return found[np.argsort(sizes)]
-
-
 @dataclass(frozen=True, eq=False)
 class Course:
     """The motion of base and springs of gears, at T instants.
@@ -246,11 +234,10 @@ class Simulation:
         n = len(self._D)
         self._pressing: np.ndarray = np.ones(n, dtype=bool)
         self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
-        self._switches, self._lost = 0, list[tuple[int, float]]()
+        self._switches, self._lost, self._falls = 0, list[tuple[int, float]](), False
+        self._start_pressing = self._pressing
         if elastic is not None:
             self._start_pressing = elastic.share(ride.start_load[None, :6]).pressing[0].copy()
-        else:
-            self._start_pressing = self._pressing
         if len(gears):
             squares = eigh(self.stiffness(), ride.start_inertia[np.ix_(free, free)], eigvals_only=True)
             self._highest = max(self._highest, float(np.sqrt(squares[-1])) / (2 * np.pi))
@@ -288,55 +275,72 @@ class Simulation:
     @one_thread
     def run(self, to_first_pull: bool = False) -> Course:
         """From rest at the start to the end of the ride, or to the step in which a foot pulls."""
+        times, states, forces, gaps, wrenches = (
+            np.concatenate(values) for values in zip(*self._parts(to_first_pull), strict=True)
+        )
+        whole = np.zeros((len(times), 2, self.ride.inertia.shape[1]))
+        whole[:, :, self._free] = states.reshape(len(times), 2, self.d)
+        twists, rates, bends = whole[:, 0, :6], whole[:, 1, :6], whole[:, 0, 6:]
+        return Course(times, twists, rates, bends, forces, gaps, wrenches, tuple(self._lost), self._falls)
+
+    @one_thread
+    def least(self, to_first_pull: bool = False) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Minimum normal forces, N, and when, s, (n,) each, of the same; and whether a foot goes far."""
+        least, when = np.full(len(self._D), np.inf), np.zeros(len(self._D))
+        for times, _, forces, *_ in self._parts(to_first_pull):
+            normal = np.where(np.isnan(forces[:, :, 0]), np.inf, forces[:, :, 0])
+            less = (found := np.min(normal, axis=0)) < least
+            least[less], when[less] = found[less], times[np.argmin(normal, axis=0)][less]
+        return least, when, self._falls
+
+    def _parts(self, to_first_pull: bool) -> Iterator[tuple[np.ndarray, ...]]:
+        """The motion, part by part; at the end `_falls` says whether a foot goes far."""
         ride, n, d = self.ride, len(self._D), self.d
         self._counts = np.maximum(1, np.ceil(ride.lengths * self._highest * PER_PERIOD)).astype(int)
         self._steps = expm(self._every * (ride.lengths / self._counts)[:, None, None])
         self._pressing = self._start_pressing.copy()
         self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
-        self._switches, self._lost = 0, []
+        self._switches, self._lost, self._falls = 0, [], False
         K = self.stiffness(self._pressing) + self._leaning[0]
         z = np.zeros(2 * d + 4)
         z[:d] = np.linalg.lstsq(K, ride.start_load[self._free], rcond=1e-12)[0]
         z[2 * d] = 1.0
         if self._one_sided or not len(self._D) or not self._pressing.all():
-            parts, falls = self._run_on(z, to_first_pull)
+            yield from self._run_on(z, to_first_pull)
         else:
-            parts, falls = self._run_linearly(z, to_first_pull)
-        times, states, forces, gaps, wrenches = (
-            np.concatenate(values) for values in zip(*parts, strict=True)
-        )
-        whole = np.zeros((len(times), 2, ride.inertia.shape[1]))
-        whole[:, :, self._free] = states.reshape(len(times), 2, d)
-        twists, rates, bends = whole[:, 0, :6], whole[:, 1, :6], whole[:, 0, 6:]
-        return Course(times, twists, rates, bends, forces, gaps, wrenches, tuple(self._lost), falls)
+            yield from self._run_linearly(z, to_first_pull)
 
-    def _run_on(self, z: np.ndarray, to_first_pull: bool) -> tuple[list[tuple[np.ndarray, ...]], bool]:
-        """The motion, part by part, and whether a foot goes far; feet lift off and land."""
-        parts, falls = [self._seen(0, np.zeros(1), z[None])], False
+    def _run_on(self, z: np.ndarray, to_first_pull: bool) -> Iterator[tuple[np.ndarray, ...]]:
+        """The motion, part by part; feet lift off and land."""
+        yield (part := self._seen(0, np.zeros(1), z[None]))
         for i, begin in enumerate(self.ride.begins):
             z[2 * self.d :] = 1.0, 0.0, 0.0, 0.0
             for X in self._step(i, z):
-                parts.append(self._seen(i, begin + X[:, -3], X))
+                yield (part := self._seen(i, begin + X[:, -3], X))
                 z = X[-1].copy()
-            falls = self._far(z) or self._switches > MOST_SWITCHES
-            if falls or (to_first_pull and np.min(parts[-1][2][:, :, 0]) < 0):
+            self._falls = self._far(z) or self._switches > MOST_SWITCHES
+            if self._falls or (to_first_pull and np.min(part[2][:, :, 0]) < 0):
                 break
-        return parts, falls
 
-    def _run_linearly(self, z: np.ndarray, to_first_pull: bool) -> tuple[list[tuple[np.ndarray, ...]], bool]:
-        """The motion of feet that may pull, all steps at once, and whether a foot goes far."""
-        begin = self._seen(0, np.zeros(1), z[None])
+    def _run_linearly(self, z: np.ndarray, to_first_pull: bool) -> Iterator[tuple[np.ndarray, ...]]:
+        """The motion of feet that may pull, many steps at once."""
+        yield self._seen(0, np.zeros(1), z[None])
         ends = ends_of_steps(self._steps, self._counts, z, 2 * self.d)
         moved = np.abs(np.einsum("vkc,sv->skc", self._W, ends[1:, : self.d]))
         far = ~(np.max(moved, axis=(1, 2), initial=0.0) <= FALLEN)
         count = int(np.argmax(far)) + 1 if far.any() else len(far)
-        X, owner = states_within(self._steps[:count], self._counts[:count], ends)
-        seen = self._seen(0, self.ride.begins[owner] + X[:, -3], X)
-        pulls = np.min(seen[2][:, :, 0], axis=1) < 0
-        if to_first_pull and pulls.any():
-            count = int(owner[np.argmax(pulls)]) + 1
-        kept = owner < count
-        return [begin, tuple(part[kept] for part in seen)], bool(far[:count].any())
+        self._falls = bool(far[:count].any())
+        groups = np.cumsum(self._counts[:count]) // _AT_ONCE
+        for own in np.split(np.arange(count), np.flatnonzero(np.diff(groups)) + 1):
+            X, owner = states_within(self._steps[own], self._counts[own], ends[own[0] :])
+            seen = self._seen(0, self.ride.begins[own[owner]] + X[:, -3], X)
+            pulls = np.min(seen[2][:, :, 0], axis=1) < 0
+            if to_first_pull and pulls.any():
+                last = owner[np.argmax(pulls)]
+                self._falls = bool(far[: own[last] + 1].any())
+                yield tuple(part[owner <= last] for part in seen)
+                return
+            yield seen
 
     def _seen(self, i: int, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, ...]:
         gaps = np.where(self._pressing, 0.0, np.maximum(self._gaps(states, times), 0.0))

@@ -1,4 +1,4 @@
-"""Linear systems with constant matrices in each step: states at the ends of steps and within them."""
+"""Linear systems with constant matrices in each step: their oscillations, states at the ends and within."""
 
 from __future__ import annotations
 
@@ -46,8 +46,21 @@ def states_within(steps: np.ndarray, counts: np.ndarray, ends: np.ndarray) -> tu
     states = np.empty((int(np.sum(counts)), ends.shape[1]))
     for count in np.unique(counts):
         rows = np.flatnonzero(counts == count)
-        state = ends[rows]
+        state, own = ends[rows], steps[rows]
         for k in range(int(count)):
-            state = np.einsum("sij,sj->si", steps[rows], state)
+            state = np.einsum("sij,sj->si", own, state)
             states[first[rows] + k] = state
     return states, np.repeat(np.arange(len(counts)), counts)
+
+
+def oscillations(inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """(2 d, 2), natural frequencies, Hz, and damping ratios of M u'' + C u' + K u = 0, the slowest first."""
+    d = len(inertia)
+    A = np.zeros((2 * d, 2 * d))
+    A[:d, d:] = np.eye(d)
+    A[d:, :d], A[d:, d:] = -np.linalg.solve(inertia, stiffness), -np.linalg.solve(inertia, damping)
+    roots = np.linalg.eigvals(A)
+    sizes = np.abs(roots)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = np.column_stack([sizes / (2 * np.pi), -roots.real / sizes])
+    return found[np.argsort(sizes)]
