@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.numerics.jit.compiled import compiled, compiled_inline
+from ocptip.numerics.jit.compiled import compiled
 
 _REFINED = 1e-14
 _SINGULAR_TOLERANCE = 1e-11
@@ -73,7 +73,7 @@ def factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
     return True
 
 
-@compiled_inline
+@compiled
 def apply_inverse(inverse_t, b, out):
     """out = inverse @ b."""
     for i in range(out.shape[0]):
@@ -83,7 +83,7 @@ def apply_inverse(inverse_t, b, out):
             out[i] += b[j] * inverse_t[j, i]
 
 
-@compiled_inline
+@compiled
 def column_image(inverse_t, columns, c, extent, d):
     """d = inverse @ column c (the inverse is stored transposed: whole rows of memory are added).
 
@@ -97,7 +97,7 @@ def column_image(inverse_t, columns, c, extent, d):
             d[i] += f * inverse_t[j, i]
 
 
-@compiled_inline
+@compiled
 def exchange(inverse_t, x, p, d, r):
     """Replace slot r by the column whose image is d, in the inverse and in the two right-hand sides."""
     width = d.shape[0]

@@ -33,7 +33,9 @@ def recall(known, count, inverses, bases, rhs, x, order, inverse_t, subset, elem
                 order[place], order[place - 1] = order[place - 1], row
             break
     if best != known:
-        inverse_t[:, :] = inverses[best]
+        for i in range(inverse_t.shape[0]):
+            for j in range(inverse_t.shape[1]):
+                inverse_t[i, j] = inverses[best, i, j]
         for k in range(n):
             subset[k] = bases[best, 2 * m + k]
         for i in range(m):
@@ -45,7 +47,9 @@ def recall(known, count, inverses, bases, rhs, x, order, inverse_t, subset, elem
 def remember(row, inverses, bases, inverse_t, subset, element, owner):
     """Store the loaded basis as a known one."""
     m = element.shape[0]
-    inverses[row] = inverse_t
+    for i in range(inverse_t.shape[0]):
+        for j in range(inverse_t.shape[1]):
+            inverses[row, i, j] = inverse_t[i, j]
     for i in range(m):
         bases[row, i], bases[row, m + i] = element[i], owner[i]
     for k in range(subset.shape[0]):

@@ -267,12 +267,17 @@ def solve_batch(
     e, rho, cover, rhs, work = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     element, owner, subset = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(n, np.int64)
     generator, choice = np.empty(1, np.uint64), np.empty(n, np.int64)
-    negative = np.empty(np.max(start_count))
+    candidates = 0
+    for k in range(n):
+        candidates = max(candidates, start_count[k])
+    negative = np.empty(candidates)
     for i in range(m):
         # Multiples of the golden ratio modulo 1 are all different and evenly spread: a generic direction.
         rho[i] = 1.0 + ((i + 1) * 0.6180339887498949) % 1.0
     inverses, bases = np.empty((memory, m, width)), np.empty((memory, 2 * m + n), np.int64)
-    order, remembered, loaded = np.arange(memory), 0, -1
+    order, remembered, loaded = np.empty(memory, np.int64), 0, -1
+    for i in range(memory):
+        order[i] = i
     have_basis = False
     if warm and initial[0] >= 0:
         for k in range(n):
@@ -404,10 +409,12 @@ def solve_batch(
                         out_force[state, k, j] += force_columns[c, j] * value
                         out_acceleration[state, k, j] += acceleration_columns[c, j] * value
         else:
-            out_subset[state] = -1
-            out_x[state] = np.nan
-            out_force[state] = np.nan
-            out_acceleration[state] = np.nan
+            for i in range(m):
+                out_x[state, i] = np.nan
+            for k in range(n):
+                out_subset[state, k] = -1
+                for j in range(force_offset.shape[1]):
+                    out_force[state, k, j] = out_acceleration[state, k, j] = np.nan
 
 
 @compiled
@@ -427,9 +434,10 @@ def solve_one(
     """
     n, m, d, w = integers[0], integers[1], integers[7], integers[8]
     wrench = numbers[:w]
-    codes[:n] = -1
-    for value in wrench:
-        if not abs(value) <= largest:
+    for k in range(n):
+        codes[k] = -1
+    for i in range(w):
+        if not abs(wrench[i]) <= largest:
             return False
     rhs, plain, hint = right_hand_sides(integers, floats, wrench)
     at = w + m + 1

@@ -41,17 +41,19 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
     """x (n,) for columns (n, m), of which the first `bounded` have no negative x; whether it is the best."""
     n = len(columns)
     chosen = np.empty(n, np.int64)  # the columns that take part: those of any sign, then as they came
-    chosen[: n - bounded] = np.arange(bounded, n)
     count = n - bounded
+    for k in range(count):
+        chosen[k] = bounded + k
     x, tried = np.zeros(n), np.zeros(n, np.bool_)
     basis, R, parts, own = np.zeros((n, len(b))), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.bool_)
     lefts = np.zeros((n + 1, len(b)))
-    lefts[0] = b
+    for i in range(len(b)):
+        lefts[0, i] = b[i]
     left = _least_squares(columns, chosen[:count], 0, x, basis, R, parts, own, lefts)
     for _ in range(3 * max(n, 1)):
         new, steepest = -1, _SLOPE
         for k in range(bounded):
-            slope = (columns[k] * left).sum()
+            slope = _product(columns[k], left)
             if slope > steepest and x[k] == 0 and not tried[k]:
                 new, steepest = k, slope
         if new < 0:
@@ -64,7 +66,8 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
         if wanted[new] <= _ZERO:  # depends on the others, but for rounding
             tried[new] = True
             continue
-        tried[:] = False
+        for k in range(n):
+            tried[k] = False
         count += 1
         while True:
             share, inside = 1.0, True
@@ -73,7 +76,8 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
                     share, inside = min(share, x[k] / (x[k] - wanted[k]) if x[k] > 0 else 0.0), False
             if inside:
                 break
-            x += share * (wanted - x)
+            for k in range(n):
+                x[k] += share * (wanted[k] - x[k])
             # Columns before the first one that leaves keep their factors: only those after it are computed
             # again.
             kept, same = 0, count
@@ -85,7 +89,8 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
                 else:
                     x[k], same = 0.0, min(same, at)
             count = kept
-            wanted[:] = 0.0
+            for k in range(n):
+                wanted[k] = 0.0
             rest = _least_squares(columns, chosen[:count], same, wanted, basis, R, parts, own, lefts)
         x, left = wanted, rest
     return x, False
@@ -101,22 +106,27 @@ def _least_squares(columns, chosen, known, x, basis, R, parts, own, lefts):
     size = len(chosen)
     for k in range(known, size):
         column, left = columns[chosen[k]].copy(), lefts[k + 1]
-        R[: k + 1, k] = 0.0
+        for j in range(k + 1):
+            R[j, k] = 0.0
         # One pass of Gram-Schmidt loses digits where columns are nearly dependent; the second one restores
         # them.
         for _ in range(2):
             for j in range(k):
                 if own[j]:
-                    share = (basis[j] * column).sum()
+                    share = _product(basis[j], column)
                     R[j, k] += share
-                    column -= share * basis[j]
-        R[k, k] = np.sqrt((column * column).sum())
+                    for i in range(len(column)):
+                        column[i] -= share * basis[j, i]
+        R[k, k] = np.sqrt(_product(column, column))
         own[k] = R[k, k] > _DEPENDENT
-        left[:] = lefts[k]
+        for i in range(len(left)):
+            left[i] = lefts[k, i]
         if own[k]:
-            basis[k] = column / R[k, k]
-            parts[k] = (basis[k] * left).sum()
-            left -= parts[k] * basis[k]
+            for i in range(len(column)):
+                basis[k, i] = column[i] / R[k, k]
+            parts[k] = _product(basis[k], left)
+            for i in range(len(left)):
+                left[i] -= parts[k] * basis[k, i]
     for k in range(size - 1, -1, -1):
         if own[k]:
             total = parts[k]
@@ -124,3 +134,11 @@ def _least_squares(columns, chosen, known, x, basis, R, parts, own, lefts):
                 total -= R[k, j] * x[chosen[j]]
             x[chosen[k]] = total / R[k, k]
     return lefts[size]
+
+
+@compiled
+def _product(a, b):
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total

@@ -111,14 +111,16 @@ def _share_all(wrenches, maps, normals, shift, friction, J, equal, usage, forces
             elif shift[i] < 0:
                 high = min(high, -start[i] / shift[i])
         if not (least > _LEAST_FORCE * total and high > low):
-            forces[k] = np.nan
+            for i in range(4):
+                forces[k, i] = np.nan
             continue
         for i in range(4):
             one[i], other[i] = start[i] + low * shift[i], start[i] + high * shift[i]
             limit[0, i] = friction[i] * forces[k, i]
         upper, lower = _planar(h, limit, bases, held, pulls, friction, forces[k], forces[k], J)
         if not upper - lower <= _SURE * max(1.0, upper):
-            forces[k] = np.nan
+            for i in range(4):
+                forces[k, i] = np.nan
             continue
         for i in range(4):
             used[k, i] = np.sqrt(held[0, i, 0] ** 2 + held[0, i, 1] ** 2) / limit[0, i]
@@ -169,8 +171,8 @@ def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, he
 @compiled
 def _planar(h, limit, bases, held, pulls, friction, one, other, J):
     """The minimum usage with these limits, and the bound of its motion for two sets of normal forces."""
-    held[:] = 0.0
-    pulls[:] = 0.0
+    for i in range(4):
+        held[0, i, 0] = held[0, i, 1] = pulls[0, i, 0] = pulls[0, i, 1] = 0.0
     solve_planar(h, limit, bases, held, pulls)
     upper, power, first, second = 0.0, 0.0, 0.0, 0.0
     for i in range(4):

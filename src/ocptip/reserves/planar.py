@@ -70,9 +70,9 @@ def usage_map(
 def _usages(wrenches, loads, limits, preloads, J, derivatives, slopes, bends):
     """Usages (N,); puts slopes and second derivatives."""
     count, n = len(wrenches), len(limits)
-    h, most, safe = np.empty((count, 3)), np.empty((count, n)), np.ones((count, n))
+    h, most, safe = np.empty((count, 3)), np.empty((count, n)), np.empty((count, n))
     forces, pulls = np.zeros((count, n, 2)), np.zeros((count, n, 2))
-    usage, good = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    usage, good = np.zeros(count), np.empty(count, dtype=np.bool_)
     for s in range(count):
         for r in range(3):
             h[s, r] = 0.0
@@ -86,23 +86,23 @@ def _usages(wrenches, loads, limits, preloads, J, derivatives, slopes, bends):
             least, largest = min(least, most[s, i]), max(largest, abs(most[s, i]))
         # A limit near 0 makes the usage a ratio of rounding errors: such states are left to the cone program.
         good[s] = least > _LEAST_LIMIT * largest
-        if good[s]:
-            safe[s] = most[s]
+        for i in range(n):
+            safe[s, i] = most[s, i] if good[s] else 1.0
     solve_planar(h, safe, J.reshape(1, n, 2, 3), forces, pulls)
     for s in range(count):
         for i in range(n):
             x, y = forces[s, i, 0], forces[s, i, 1]
             usage[s] = max(usage[s], np.sqrt(x * x + y * y) / abs(most[s, i]))
-    sure = _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
+    _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives, good)
     for s in range(count):
-        if not (good[s] and sure[s]):
+        if not good[s]:
             usage[s] = np.nan
     return usage
 
 
 @compiled
-def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives):
-    """Puts slopes and second derivatives of usages; True where both bounds of the usage agree.
+def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives, good):
+    """Puts slopes and second derivatives of usages; not `good` is where both bounds of the usage disagree.
 
     Half the square of the usage rho is the largest h . u - D(u)^2 / 2 over motions u, D the friction's power:
     by the envelope theorem its slope is that of h and of the limits at the best u. Its curvature is C' H^-1 C
@@ -110,13 +110,13 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
     rotation about a contact u stays as it is, and rho is a ratio of affine functions.
     """
     count, n = most.shape
-    sure = np.ones(count, dtype=np.bool_)
     u, g, L, slope = np.empty(3), np.empty(3), np.empty(6), np.empty(6)
-    H, C, column = np.empty((3, 3)), np.empty((3, 6)), np.empty(3)
+    H, C, column = np.empty((3, 3)), np.empty((6, 3)), np.empty(3)  # C is kept transposed
     for s in range(count):
         rho = usage[s]
-        u[:] = 0.0
         largest = 0.0
+        for r in range(3):
+            u[r] = 0.0
         for i in range(n):
             x, y = pulls[s, i, 0], pulls[s, i, 1]
             largest = max(largest, np.sqrt(x * x + y * y))
@@ -124,19 +124,20 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
                 u[r] += J[i, 0, r] * x + J[i, 1, r] * y
         # The power of the load in u, scaled to unit power of the friction, is the lower bound of the usage.
         if not abs(rho - _power(h[s], u)) <= _SURE * max(1.0, rho):
-            sure[s] = False
+            good[s] = False
             continue
         if not derivatives or rho < _SURE:
             continue
-        g[:] = 0.0
-        H[:] = 0.0
-        C[:] = 0.0
-        L[:] = 0.0
+        for r in range(3):
+            g[r] = H[r, 0] = H[r, 1] = H[r, 2] = 0.0
+        for k in range(6):
+            L[k] = C[k, 0] = C[k, 1] = C[k, 2] = 0.0
         pivots = False
         for i in range(n):
             x, y = pulls[s, i, 0], pulls[s, i, 1]
             speed = np.sqrt(x * x + y * y)
-            L += speed * limits[i]
+            for k in range(6):
+                L[k] += speed * limits[i, k]
             # The contact about which the base turns has no velocity, so its friction has no derivative there.
             if speed <= _STILL * largest:
                 pivots = True
@@ -145,30 +146,30 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
             for r in range(3):
                 along = x * J[i, 0, r] + y * J[i, 1, r]
                 g[r] += most[s, i] * along
-                C[r] -= rho * along * limits[i]
+                for k in range(6):
+                    C[k, r] -= rho * along * limits[i, k]
                 across = most[s, i] / speed * (x * J[i, 1, r] - y * J[i, 0, r])
                 for c in range(3):
                     H[r, c] += across * (x * J[i, 1, c] - y * J[i, 0, c])
         for k in range(6):
             slope[k] = u[0] * loads[0, k] + u[1] * loads[1, k] + u[2] * loads[2, k]
+            slopes[s, k] = slope[k] - rho * L[k]
         if pivots:
             for k in range(6):
                 for m in range(6):
                     bends[s, k, m] = 2 * rho * L[k] * L[m] - slope[k] * L[m] - L[k] * slope[m]
-            slopes[s] = slope - rho * L
             continue
-        slopes[s] = slope - rho * L
         for r in range(3):
-            C[r] += loads[r] - rho * g[r] * L
+            for k in range(6):
+                C[k, r] += loads[r, k] - rho * g[r] * L[k]
             for c in range(3):
                 H[r, c] += g[r] * g[c]
         for k in range(6):
-            _solve_3(H, C[:, k], column)
+            _solve_3(H, C[k], column)
             for m in range(6):
                 bends[s, m, k] = (
-                    _power(C[:, m], column) - rho * rho * L[m] * L[k] - slopes[s, m] * slopes[s, k]
+                    _power(C[m], column) - rho * rho * L[m] * L[k] - slopes[s, m] * slopes[s, k]
                 ) / rho
-    return sure
 
 
 @compiled
@@ -213,9 +214,9 @@ def solve_planar(loads, limits, bases, forces, pulls):
             factor *= 0.5
         for _ in range(_STEPS):
             friction = _slide(limit, basis, u, v)
-            gradient[:] = 0.0
-            hessian[:] = 0.0
             least = np.inf
+            for r in range(3):
+                gradient[r] = hessian[r, 0] = hessian[r, 1] = hessian[r, 2] = 0.0
             for i in range(n):
                 speed = v[i, 2]
                 least = min(least, speed)

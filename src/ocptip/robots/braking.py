@@ -211,10 +211,9 @@ def _slow_down(inertia, bias, torque, step, speeds, moved):
     inverse, both = np.empty((n, n)), np.empty((n, 2 * n))
     for i in range(count):
         for j in range(n):
-            both[j] = 0.0
-            both[j, n + j] = 1.0
             for k in range(n):
-                both[j, k] = inertia[i, j, k]
+                both[j, k], both[j, n + k] = inertia[i, j, k], 0.0
+            both[j, n + j] = 1.0
         _solve(both, n)
         for j in range(n):
             for k in range(n):

@@ -3,8 +3,6 @@
 import importlib
 import sys
 
-import pytest
-
 CALLER = """
 from {callee} import step
 from ocptip.numerics.jit.compiled import compiled
@@ -14,21 +12,20 @@ def twice(x):
     return step(step(x))
 """
 CALLEE = """
-from ocptip.numerics.jit.compiled import compiled, compiled_inline
+from ocptip.numerics.jit.compiled import compiled
 
-@compiled{inline}
+@compiled
 def step(x):
     return x + {size}
 """
 
 
-@pytest.mark.parametrize("inline", ["", "_inline"])
-def test_a_change_of_a_called_function_is_seen(inline, tmp_path, monkeypatch):
+def test_a_change_of_a_called_function_is_seen(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
-    names = f"kept_callee{inline}", f"kept_caller{inline}"
+    names = "kept_callee", "kept_caller"
 
     def result(size):
-        (tmp_path / f"{names[0]}.py").write_text(CALLEE.format(inline=inline, size=size))
+        (tmp_path / f"{names[0]}.py").write_text(CALLEE.format(size=size))
         importlib.invalidate_caches()
         for name in names:
             sys.modules.pop(name, None)

@@ -237,7 +237,9 @@ def _weigh(s, weights, of_power, n, speeds):
     size, N = s.shape
     m = weights.shape[1] - 1
     inputs = np.empty((size + m, N))
-    inputs[:size] = s
+    for c in range(size):
+        for i in range(N):
+            inputs[c, i] = s[c, i]
     for k in range(m):
         for i in range(N):
             inputs[size + k, i] = weights[i, 1 + k]
@@ -255,8 +257,9 @@ def _bend(upper, on_s, slopes, of_power, inputs, on_power, n, speeds):
     """Add the second derivatives of the power to upper; put the sum's slopes into on_s (S, N)."""
     size, N = on_s.shape
     m = len(inputs) - size
-    on_s[:] = 0.0
     for c in range(size):
+        for i in range(N):
+            on_s[c, i] = 0.0
         for k in range(m):
             for i in range(N):
                 on_s[c, i] += inputs[size + k, i] * slopes[c * m + k, i]

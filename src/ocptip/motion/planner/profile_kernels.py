@@ -17,10 +17,10 @@ of these over the last rise time: with exact steps its ends are two switching ti
 
 import numpy as np
 
-from ocptip.numerics.jit.compiled import compiled, compiled_in_any_order, compiled_inline
+from ocptip.numerics.jit.compiled import compiled, compiled_in_any_order
 
 
-@compiled_inline
+@compiled
 def _third_integral(t, e):
     """Third integral of the smooth step at time t."""
     u = min(max((t + e) / (2 * e), 0.0), 1.0)
@@ -58,8 +58,10 @@ def _smooth_steps(t, e, u, of):
 @compiled
 def _smooth_rises(t, e, r, u, before, of):
     """Integrals and derivatives of smooth rises within r; u (N,) and before (5, N) are overwritten."""
-    N = len(t)
-    _smooth_steps(t - r, e, u, before)
+    N, end = len(t), of[4]  # a row that is not needed yet
+    for i in range(N):
+        end[i] = t[i] - r
+    _smooth_steps(end, e, u, before)
     _smooth_steps(t, e, u, of)
     for i in range(N):
         third = _third_integral(t[i], e) - _third_integral(t[i] - r, e)
@@ -86,12 +88,13 @@ def _exact_rises(t, begun, done, r, of):
 def _exact_steps(t, mask, of):
     """Integrals and derivatives of steps without rise, by their mask (N,)."""
     N = len(t)
-    of[2] = mask
     for i in range(N):
         of[1, i] = t[i] * mask[i]
     for i in range(N):
         of[0, i] = 0.5 * t[i] * t[i] * mask[i]
-    of[3:] = 0.0
+    for i in range(N):
+        of[2, i] = mask[i]
+        of[3, i] = of[4, i] = 0.0
 
 
 @compiled
@@ -233,7 +236,8 @@ def joint_states(
     u, before = np.empty(N), np.empty((5, N))
     for j in range(n):
         q, w, a, jerk = values[j], values[n + j], values[2 * n + j], rates[2 * n + j]
-        q[:] = start[j]
+        for i in range(N):
+            q[i] = start[j]
         for c in range(used[j]):
             of, s = steps[j, c], alpha[j, c]
             for i in range(N):
@@ -257,7 +261,8 @@ def joint_states(
                 if grows != 0.0 or late != 0.0:
                     for k in range(3):
                         _add(own[j, p, k], of[k], grows, of[k + 1], late)
-        rates[j], rates[n + j] = w, a
+        for i in range(N):
+            rates[j, i], rates[n + j, i] = w[i], a[i]
     return values, rates, own, steps
 
 
@@ -311,7 +316,7 @@ def _sum_of_three(first, a, second, b, third, c):
     return total
 
 
-@compiled_inline
+@compiled
 def place(r, c):
     """Where the entry r, c of a symmetric matrix stands in its upper half, column below column."""
     return c * (c + 1) // 2 + r if r <= c else r * (r + 1) // 2 + c

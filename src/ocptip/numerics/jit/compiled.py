@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property, update_wrapper
+from hashlib import sha256
 from pathlib import Path
 from types import FunctionType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -24,36 +25,52 @@ class Kernel:
     the function again. Machine code does not hold the interpreter's lock: several threads may run it.
     """
 
-    def __init__(
-        self, function: FunctionType, inline: Literal["never", "always"], any_order: bool = False
-    ) -> None:
+    def __init__(self, function: FunctionType, any_order: bool = False) -> None:
         update_wrapper(self, function)
-        self._function, self._inline, self._any_order = function, inline, any_order
+        self._function, self._any_order = function, any_order
 
     def __call__(self, *arguments: Any) -> Any:
         return self._function(*arguments) if _interpreting else self.machine_code(*arguments)
 
     @cached_property
     def machine_code(self) -> Any:
-        """Numba's dispatcher of the function, in which the kernels that it calls are theirs."""
+        """Numba's dispatcher of the function, with machine code on disk."""
+        try:
+            made = self._compiler(cache=True)
+            if self._moved(made):
+                made = self._compiler(cache=True)
+        except RuntimeError:
+            return self._compiler()
+        _watch(made, self._files())
+        return made
+
+    @cached_property
+    def _inside(self) -> Any:
+        """The same for kernels that call this one: it is compiled and kept as a part of them.
+
+        What only Python needs to call it is left out, which is a tenth of the time of compilation.
+        """
+        return self._compiler(no_cpython_wrapper=True)
+
+    def _compiler(self, **options: Any) -> Any:
         import numba
 
-        own, code = self._function.__globals__, self._function.__code__
-        callees = {
-            name: own[name].machine_code for name in code.co_names if isinstance(own.get(name), Kernel)
-        }
-        function = FunctionType(code, {**own, **callees}, code.co_name)
-        options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "inline": self._inline}
+        callees = {name: kernel._inside for name, kernel in self._callees().items()}
+        code = self._function.__code__
+        function = FunctionType(code, {**self._function.__globals__, **callees}, code.co_name)
         if self._any_order:
             options["fastmath"] = {"reassoc", "nsz", "contract"}
-        try:
-            made = numba.njit(cache=True, **options)(function)
-            if self._moved(made):
-                made = numba.njit(cache=True, **options)(function)
-        except RuntimeError:
-            return numba.njit(**options)(function)
-        _watch(made, callees.values())
-        return made
+        # Nothing takes the address of a kernel, so that no function for C is made of it.
+        return numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+
+    def _callees(self) -> dict[str, Kernel]:
+        known, names = self._function.__globals__, self._function.__code__.co_names
+        return {name: known[name] for name in names if isinstance(known.get(name), Kernel)}
+
+    def _files(self) -> set[str]:
+        """The files of this function and of all that it calls."""
+        called = (kernel._files() for kernel in self._callees().values())
+        return {self._function.__code__.co_filename}.union(*called)
 
     def _moved(self, made: Any) -> bool:
         """Whether Numba keeps machine code where others could put theirs; then it gets a private folder."""
@@ -74,15 +91,13 @@ class Kernel:
 
 
 def compiled(function: Callable) -> Kernel:
-    """Decorate a function for inner loops: plain Python and NumPy without keyword arguments and closures."""
-    assert isinstance(function, FunctionType)
-    return Kernel(function, "never")
+    """Decorate a function for inner loops: plain Python and NumPy without keyword arguments and closures.
 
-
-def compiled_inline(function: Callable) -> Kernel:
-    """As `compiled`, put into its callers: for the smallest loops, whose calls cost as much as they do."""
+    Loops over elements compile several times faster than operations on whole arrays: for `a[:] = b` Numba
+    also compiles the message about shapes that do not match.
+    """
     assert isinstance(function, FunctionType)
-    return Kernel(function, "always")
+    return Kernel(function)
 
 
 def compiled_in_any_order(function: Callable) -> Kernel:
@@ -91,7 +106,7 @@ def compiled_in_any_order(function: Callable) -> Kernel:
     Loops that add up then use the vector units; the last bits of the results depend on the processor.
     """
     assert isinstance(function, FunctionType)
-    return Kernel(function, "never", any_order=True)
+    return Kernel(function, any_order=True)
 
 
 @contextmanager
@@ -109,16 +124,12 @@ def interpreted() -> Iterator[None]:
         _interpreting = before
 
 
-def _watch(made: Any, callees: Iterable[Any]) -> None:
+def _watch(made: Any, files: Iterable[str]) -> None:
     """Make kept machine code stale where a file has changed whose functions it contains.
 
-    Numba only compares the time and size of the file that defines the function. (A version of Numba that
-    keeps them elsewhere does so as before.)
+    Numba only compares the file that defines the function. (A version of Numba that keeps the code elsewhere
+    does so as before.)
     """
-    own, stamps = getattr(made, "_cache", None), [_stamp(one) for one in callees]
-    if own is not None and stamps:
-        own._cache_file._source_stamp = tuple(dict.fromkeys([_stamp(made), *stamps]))
-
-
-def _stamp(made: Any) -> Any:
-    return getattr(getattr(getattr(made, "_cache", None), "_cache_file", None), "_source_stamp", None)
+    kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
+    if kept is not None:
+        kept._source_stamp = tuple(sha256(Path(file).read_bytes()).digest() for file in sorted(files))

@@ -139,14 +139,17 @@ def _run_block(code, constants, inputs, outputs, work, start, n):
     for k in range(len(code)):
         operation = code[k, 0]
         if operation == _Op.OUTPUT:
-            outputs[code[k, 3], start : start + n] = work[code[k, 1], :n]
+            for i in range(n):
+                outputs[code[k, 3], start + i] = work[code[k, 1], i]
             continue
         z = work[code[k, 3]]
         if operation == _Op.INPUT:
-            z[:n] = inputs[code[k, 1], start : start + n]
+            for i in range(n):
+                z[i] = inputs[code[k, 1], start + i]
             continue
         if operation == _Op.CONST:
-            z[:n] = constants[k]
+            for i in range(n):
+                z[i] = constants[k]
             continue
         x, y = work[code[k, 1]], work[code[k, 2]]
         if operation == _Op.MUL:
