@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from ocptip.api.plan import Plan
 from ocptip.basics import errors
 from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.write import MARK
-from ocptip.cli import motion_summary
+from ocptip.cli import motion_summary, terminal
 from ocptip.cli.main import main
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress
@@ -116,6 +117,32 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
 def test_a_missing_package_has_its_install_command(monkeypatch):
     monkeypatch.setattr(motion_summary, "find_spec", lambda name: None)
     assert "pip install 'ocptip[view]' for ocptip view {0}" in motion_summary._following()
+
+
+def test_requirements_decide_the_exit_code_and_quiet_shows_what_is_not_met(planner, capsys, tmp_path):
+    report = tmp_path / "report.xml"
+    asked = "C", "--no-figures", "--junit", report, "--require", "duration <= 9 s, tipping margin >= 900 N m"
+    code, out, _ = run(capsys, *asked, "-q")
+    head, unmet = out.splitlines()
+    assert (code, head) == (1, "C   PROVED for the nominal model only (no uncertainty)")
+    assert unmet.startswith("tipping margin >= 900 N m: ")
+    assert unmet.endswith("NOT MET")
+    suite = ElementTree.parse(report).getroot()
+    assert (suite.get("tests"), suite.get("failures")) == ("3", "1")
+    code, out, _ = run(capsys, *asked)
+    assert code == 1
+    assert "Require duration <= 9 s: 2.13 s   met" in out
+    code, _, err = run(capsys, "A", "B", "--require", "duration <= 9 s")
+    assert (code, err) == (2, "ocptip: --require: is for one task, got 2\n")
+
+
+def test_a_junit_report_names_the_broken_limits(planner, capsys, tmp_path):
+    planner.result = stand_in_plan("B")
+    report = tmp_path / "report.xml"
+    assert run(capsys, "B", "--no-figures", "--junit", report)[0] == 1
+    (failure,) = ElementTree.parse(report).getroot().iter("failure")
+    assert failure.get("message").startswith("LIMITS BROKEN; GN is 0.99")
+    terminal.latest.quiet = False
 
 
 def test_stages_after_the_search_are_shown(planner):

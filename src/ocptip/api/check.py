@@ -11,8 +11,9 @@ from typing import Any, cast
 import numpy as np
 
 from ocptip.api.given import MotionLike, given_motion
+from ocptip.api.motion_requirements import motion_outcomes
 from ocptip.api.plan import sensitivities_of, silent
-from ocptip.api.requirements import Outcome, Requirement, read_requirements
+from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.write import versions
@@ -20,14 +21,6 @@ from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import CycleTask, Task
-from ocptip.motion.margins import (
-    CLEARANCE,
-    FOOT_FORCE,
-    FRICTION,
-    TIPPING,
-    TORQUE,
-    ZERO_MOMENT_POINT,
-)
 from ocptip.motion.objective import TIME
 from ocptip.motion.output import csv_blocks, joint_trajectory
 from ocptip.motion.plan_files import samples_joined, task_samples
@@ -48,23 +41,6 @@ from ocptip.trajectories.trajectory import Trajectory
 
 SAME = {"deg": 0.01, "m": 1e-4}
 """Offsets of start and goal up to this are not worth a note."""
-_DEVIATIONS = {
-    "tilt": "tilt",
-    "payload": "extra_mass",
-    "push": "push",
-    "friction loss": "friction",
-    "overspeed": "faster",
-    "delay": "delay",
-}
-_MARGINS = {
-    "tipping margin": (TIPPING, 1.0),
-    "friction used": (FRICTION, 100.0),
-    "foot force": (FOOT_FORCE, 1.0),
-    "zmp to edge": (ZERO_MOMENT_POINT, 1e3),
-    "torque used": (TORQUE, 100.0),
-    "clearance": (CLEARANCE, 1e3),
-}
-"""Margin by required quantity, and the unit of the requirement per unit of the margin."""
 _RETIMED_NODES = 100  # of the timing that a motion is told about: within 1 % of the duration
 _WITHIN_NODES = 40  # the same within a tolerance, which takes long
 _SCALE = 1e6  # factors of time up to this and down to its inverse
@@ -121,29 +97,7 @@ class Check(CheckedMotion):
         Raises:
             InputError: one of them cannot be understood, or is not of a motion.
         """
-        return tuple(map(self._outcome, read_requirements(text)))
-
-    def _outcome(self, wanted: Requirement) -> Outcome:
-        if wanted.name in ("duration", "energy"):
-            return wanted.compared(getattr(self.check, wanted.name))
-        if wanted.name in _MARGINS:
-            name, scale = _MARGINS[wanted.name]
-            margin = next((one for one in self.margins if one.name == name), None)
-            value = margin and (margin.worst_case or margin.nominal)
-            if value is None:
-                return wanted.compared(None)
-            note = "worst case" if margin and margin.worst_case else "nominal"
-            time = "" if value.time is None else f", {max(value.time, 0.0):.3f} s"
-            return wanted.compared(scale * value.value, note=note + time)
-        if wanted.name not in _DEVIATIONS:
-            raise InputError(f"require: {wanted.name}: not of a motion")
-        deviations = {one.quantity: one for one in self.robustness}
-        one = deviations.get(_DEVIATIONS[wanted.name])
-        if one is None:
-            return wanted.compared(None)
-        value = 100 * (1 - one.value) if wanted.name == "friction loss" else one.value
-        note = "" if one.at_most else f"{one.how}, {one.time:.3f} s".removeprefix(", ")
-        return wanted.compared(value, at_least=one.at_most, note=note)
+        return motion_outcomes(self, text)
 
     def save_bag(self, path: str | os.PathLike[str]) -> None:
         """Write trajectory, joint states and the columns of `motion.csv` over time as a bag of ROS 2 (MCAP).

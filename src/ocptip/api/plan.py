@@ -11,6 +11,8 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
+from ocptip.api.motion_requirements import motion_outcomes
+from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.outputs import remove_figures
@@ -138,6 +140,10 @@ class Plan(CheckedMotion):
         """Everything is planned, and what is run keeps all limits, stops included where asked for."""
         run = all(one.verified for one in self.executions)
         return self.planned.complete and run and super().verified
+
+    def require(self, text: str) -> tuple[Outcome, ...]:
+        """Return which requirements the plan meets; see `ocptip.api.check.Check.require`."""
+        return motion_outcomes(self, text)
 
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,12 @@ import numpy as np
 
 from ocptip.api.check import SAME, Check, check
 from ocptip.api.given import task_of_motion
-from ocptip.api.requirements import Outcome, junit, outcomes_to_dict, read_requirements
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import quantity, ratio, table
-from ocptip.basics.write import write_text
-from ocptip.cli.command import Report
+from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import check_rows, gear_rows, masses
-from ocptip.cli.motion_summary import motion_text, rise_rows, wrapped
+from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import given_columns, given_limits, naming_options, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
@@ -56,8 +54,7 @@ def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
     if Path(options.motion).suffix == ".toml":
         raise InputError("is a task or a path, no motion", "", options.motion)
-    if options.require is not None:
-        read_requirements(options.require)  # before anything is computed
+    read_gate(options)
     if options.bag:
         with naming("--bag"):
             require_new(options.bag)
@@ -84,41 +81,34 @@ def run(options: Namespace) -> CheckReport:
             if options.bag:
                 progress.stage("writing the bag ...")
                 found.save_bag(options.bag)
-    outcomes = () if options.require is None else found.require(options.require)
-    return CheckReport(found, options.bag, outcomes, options.junit)
+    return CheckReport(found, options.bag, **gate_of(options, found))
 
 
 @dataclass
-class CheckReport(Report):
+class CheckReport(GatedReport):
     """The report of `ocptip check` on a motion.
 
     Attributes:
         check: of the motion.
         bag: folder that it was written to; None: not asked for.
-        outcomes: of the requirements.
-        junit: file of the report for pipelines; None: not asked for.
     """
 
     check: Check
     bag: str | None = None
-    outcomes: tuple[Outcome, ...] = ()
-    junit: str | None = None
 
     @property
-    def good(self) -> bool:
+    def kept(self) -> bool:
         """True if the motion as it is keeps all limits, stops included where they are asked for."""
-        return self.check.verified and all(one.met for one in self.outcomes)
+        return self.check.verified
 
-    def write(self) -> Iterator[Path]:
-        """Write the report for pipelines, if one is wanted."""
-        if self.junit is not None:
-            verified = self.check.verified
-            write_text(self.junit, junit(self.check.name, self._verdict, verified, self.outcomes))
-            yield Path(self.junit)
+    @property
+    def broken(self) -> Sequence[str]:
+        """The broken limits, stops included."""
+        return self.check.broken
 
     def to_dict(self) -> dict[str, Any]:
         """The check as data."""
-        return {**self.check.to_dict(), **outcomes_to_dict(self.outcomes)}
+        return {**self.check.to_dict(), **self.gate_to_dict()}
 
     def to_text(self) -> str:
         """Verdict, margins, robustness; with -v all quantities."""
@@ -135,17 +125,17 @@ class CheckReport(Report):
                 details.append(("masses", masses(found.task.robot)))
             tables = [table(worst_rows(checked), left=(0, 4, 5))]
             tables += [_scale_table(found.time_scale)] if found.time_scale else []
-        head = [f"{found.name} on {found.task.name}   {self._verdict}", motion_line(checked)]
+        head = [self.headline, motion_line(checked)]
         more = {"scaled": found.time_scale, "more": self._notes(), "assumed": found.assumed}
-        text = motion_text(found, head, **more, details=details, tables=tables)
-        required = wrapped("Require", map(str, self.outcomes))
-        return "\n".join([text, *(["", *required] if required else [])])
+        required = required_lines(self.outcomes)
+        return motion_text(found, head, **more, details=details, tables=tables, required=required)
 
     @property
-    def _verdict(self) -> str:
-        """In capital letters, and what it is about."""
-        verdict, motion = self.check.headline, self.check.motion
-        noisy = motion.fit is not None and motion.fit.noisy.any()
+    def headline(self) -> str:
+        """Names of motion and task; the verdict in capital letters, and what it is about."""
+        found = self.check
+        verdict = f"{found.name} on {found.task.name}   {found.headline}"
+        noisy = found.motion.fit is not None and found.motion.fit.noisy.any()
         return f"{verdict} ({_NOISY}, see note)" if noisy else verdict
 
     def _notes(self) -> list[str]:

@@ -60,6 +60,11 @@ class Report(ABC):
         """Whether the answer is yes: it stands, it is verified. Commands that only make something say yes."""
         return True
 
+    @property
+    def unmet(self) -> list[str]:
+        """Lines that follow the verdict with --quiet: the requirements that are not met."""
+        return []
+
     @abstractmethod
     def to_text(self) -> str:
         """The answer for people. ASCII only, but for names."""
@@ -162,7 +167,7 @@ class Command:
         for add in self.arguments:
             add(parser)
         parser.usage = f"ocptip {self.name} [options] {_positionals(parser)}"
-        if self.files:
+        if self.files and "--overwrite" not in parser._option_string_actions:
             named = f"replace {' and '.join(f'--{name}' for name in self.files)}, written by ocptip or not"
             parser.add_argument("--overwrite", action="store_true", help=named)
         output = parser.add_argument_group("output").add_mutually_exclusive_group()
@@ -189,7 +194,8 @@ class Command:
                 _print(answer)
             failure = written(report)
             text = report.to_json() if options.json else report.to_text()
-            text = text.split("\n", 1)[0] if options.quiet else text
+            if options.quiet and not options.json:
+                text = "\n".join([text.split("\n", 1)[0], *report.unmet])
             if rest := text.removeprefix(answer).removeprefix("\n"):
                 _print(rest)
             return report.exit_code if failure is None else say(*explained(failure))

@@ -170,9 +170,11 @@ COMMANDS = (
                 ),
                 time_scale("also check the plan with all times multiplied by F (0.95: faster)"),
             ),
+            GATE,
             OUT,
         ),
         preload=_FOR_PLANS,
+        files=("junit",),
     ),
     Command(
         "retime",
@@ -221,8 +223,10 @@ COMMANDS = (
             ),
             LIMITS,
             group("format of the path", UNIT, COLUMNS, TOPIC),
+            GATE,
             OUT,
         ),
+        files=("junit",),
     ),
     Command(
         "stand",

@@ -162,7 +162,9 @@ def files_lines(written: Sequence[Path], following: str = "") -> list[str]:
     if not written:
         return []
     folder = written[0].parent
-    names = [*dict.fromkeys(path.relative_to(folder).parts[0] for path in written)]
+    inside = [path for path in written if path.is_relative_to(folder)]
+    names = [*dict.fromkeys(path.relative_to(folder).parts[0] for path in inside)]
     others = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     lines = ["", f"Files   {folder}{os.sep}: {', '.join(names[:_NAMED])}{others}"]
+    lines += [f"        {path}" for path in written if path not in inside]
     return lines + ([f"Next    {following.format(folder)}"] if following else [])

@@ -26,7 +26,19 @@ from ocptip.cli.options import in_folder
 from ocptip.motion.source import TaskSource
 from ocptip.numerics.workers import worker_pool
 
-_OF_THE_CALL = ("command", "task", "many", "out", "overwrite", "no_figures", "json", "jobs", "scheduler")
+_OF_THE_CALL = (
+    "command",
+    "task",
+    "many",
+    "out",
+    "overwrite",
+    "no_figures",
+    "json",
+    "jobs",
+    "scheduler",
+    "require",
+    "junit",
+)
 """Options that do not change an answer."""
 
 

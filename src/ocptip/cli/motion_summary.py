@@ -52,6 +52,12 @@ def notes(checked: MotionCheck) -> list[str]:
     return found
 
 
+def required_lines(outcomes: Iterable[object]) -> list[str]:
+    """The requirements and whether they are met, below an empty line; nothing without any."""
+    lines = wrapped("Require", map(str, outcomes))
+    return ["", *lines] if lines else []
+
+
 def wrapped(name: str, texts: Iterable[str], wide: int = 8) -> list[str]:
     """Texts with a name before the first, in so wide a column, broken at 80 columns."""
     lines, below = [], " " * wide
@@ -74,6 +80,7 @@ def motion_text(
     details: Sequence[tuple[str, str]] = (),
     tables: Sequence[Sequence[str]] = (),
     cancels: Mapping[str, SafeDecelerations] | None = None,
+    required: Sequence[str] = (),
     written: Sequence[Path] = (),
 ) -> str:
     """The summary of a motion, or a cycle: the answer of `plan`, `retime`, `check` and `cell`.
@@ -87,6 +94,7 @@ def motion_text(
         details: names and texts, of `-v`.
         tables: the same, each of some lines.
         cancels: safe decelerations of a cancelled controller by the name of the segment.
+        required: lines of requirements.
         written: files; an answer that is printed before they are written has none and is the beginning.
     """
     checked, robot = found.check, found.task.robot
@@ -111,7 +119,7 @@ def motion_text(
         [line for name, text in details for line in wrapped(name, [text], widest)],
     ]
     text = "\n\n".join("\n".join(part) for part in parts if part)
-    return "\n".join([text, *files_lines(written, _following())])
+    return "\n".join([text, *required, *files_lines(written, _following())])
 
 
 def _following() -> str:

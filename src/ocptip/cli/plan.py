@@ -9,8 +9,9 @@ from concurrent.futures import Executor
 from ocptip.api.plan import NoPlanError
 from ocptip.api.plan import plan as plan_task
 from ocptip.api.tasks import load_task
-from ocptip.basics.errors import positive_number
+from ocptip.basics.errors import InputError, positive_number
 from ocptip.cli.command import Answer, Report
+from ocptip.cli.gate import gate_of, read_gate
 from ocptip.cli.layout import masses, summary
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
 from ocptip.cli.options import (
@@ -33,7 +34,10 @@ def run(options: Namespace) -> Report:
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
     step_of(options)
+    read_gate(options)
     if len(options.task) > 1:
+        for name in typed(options, "require", "junit"):
+            raise InputError(f"--{name}: is for one task, got {len(options.task)}")
         return answer_many(options, _asked, planned)
     one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
     say_if_compiling()
@@ -80,7 +84,8 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
             )
     except NoPlanError as error:
         return _no_plan(one.task, error)
-    return PlanReport(plan, one.directory, not options.no_figures, options.effort, one.digest)
+    gate = gate_of(options, plan)
+    return PlanReport(plan, one.directory, not options.no_figures, options.effort, one.digest, **gate)
 
 
 def _no_plan(task: Task, error: NoPlanError) -> Answer:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from ocptip.api.plan import Plan
-from ocptip.cli.command import Report
+from ocptip.cli.gate import GatedReport
 from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, under
-from ocptip.cli.motion_summary import motion_text, rise_rows
+from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.motion.cycles.task import CycleTask, freed_offset
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import LEFT_OUT
@@ -19,7 +19,7 @@ from ocptip.robots.inverse.pose_target import AXES
 
 
 @dataclass
-class PlanReport(Report):
+class PlanReport(GatedReport):
     """A plan.
 
     Attributes:
@@ -38,9 +38,19 @@ class PlanReport(Report):
     digest: str | None = ""
 
     @property
-    def good(self) -> bool:
+    def kept(self) -> bool:
         """True if what is written is verified, stops included where they are asked for."""
         return self.plan.verified
+
+    @property
+    def broken(self) -> Sequence[str]:
+        """The broken limits, stops included."""
+        return self.plan.broken
+
+    @property
+    def headline(self) -> str:
+        """Name of the task and verdict."""
+        return f"{self.plan.task.name}   {self.verdict}"
 
     def entries(self) -> dict[str, Any]:
         """The entries that the command adds to plan.json."""
@@ -49,12 +59,13 @@ class PlanReport(Report):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json and the list `written`."""
-        return {**self.plan.to_dict(), **self.entries(), "written": self.written}
+        return {**self.plan.to_dict(), **self.entries(), **self.gate_to_dict(), "written": self.written}
 
     def write(self) -> Iterator[Path]:
         """Write plan.json, tables and figures."""
         how = {"figures": self.figures, "effort": self.effort, "extra": self.entries()}
         yield from self.plan.write(self.directory, **how)
+        yield from super().write()
 
     def to_text(self) -> str:
         """Verdict, margins, robustness; with -v details of the search. ASCII only, but for names."""
@@ -71,7 +82,8 @@ class PlanReport(Report):
             )
         scaled = [(factor, own.whole) for factor, own in plan.time_scale]
         known = {"scaled": scaled, "more": more, "details": details, "cancels": plan.cancels}
-        return motion_text(plan, self.head(), **known, written=self.written)
+        required = required_lines(self.outcomes)
+        return motion_text(plan, self.head(), **known, required=required, written=self.written)
 
     def head(self) -> list[str]:
         """Name and verdict; duration, energy and rise of accelerations."""
@@ -79,7 +91,7 @@ class PlanReport(Report):
         reference = task.segments[0].task.reference
         motions = [part.motion for part in self.plan.planned.parts]
         energy = None if reference is None or task.is_cycle else task.robot.energy(reference)
-        return [f"{task.name}   {self.verdict}", motion_line(checked, motions, energy)]
+        return [self.headline, motion_line(checked, motions, energy)]
 
     @property
     def verdict(self) -> str:
@@ -87,7 +99,7 @@ class PlanReport(Report):
         plan, whole = self.plan.planned, self.plan.check
         if not plan.complete:
             return f"INCOMPLETE ({len(plan.parts)} of {len(plan.task.segments)} segments){whole.scope}"
-        if whole.verified and not self.good and not any(own.violations for own in self.plan.stops.values()):
+        if whole.verified and not self.kept and not any(own.violations for own in self.plan.stops.values()):
             return "LIMITS BROKEN in trajectory.json"
         return self.plan.headline
 

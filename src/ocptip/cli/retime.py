@@ -13,6 +13,7 @@ from ocptip.api.retime import RetimedPlan, Timing, retime
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity
 from ocptip.cli.command import Report
+from ocptip.cli.gate import gate_of, read_gate
 from ocptip.cli.options import given_columns, given_limits, naming_options, output_directory, typed
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
@@ -23,6 +24,7 @@ _WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
 
 def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and the message says where and why."""
+    read_gate(options)
     refuse_early(options.motion)  # the task may have to be compiled first
     with naming_options(*typed(options, "base", "controller", "rate", "jerk", "max_duration")):
         asked = options.case or options.task
@@ -47,7 +49,8 @@ def run(options: Namespace) -> Report:
                 stage=progress.stage,
             )
     digest = "" if task.is_cycle else None
-    return RetimeReport(plan, directory, not options.no_figures, options.effort, digest)
+    gate = gate_of(options, plan)
+    return RetimeReport(plan, directory, not options.no_figures, options.effort, digest, **gate)
 
 
 class RetimeReport(PlanReport):
@@ -65,7 +68,7 @@ class RetimeReport(PlanReport):
         given = f", as given {sum(before):.3f} s" if len(before) == len(timings) else ""
         kind = _WORDS[timings[0].task.objective.name]
         motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
-        return [f"{self.plan.task.name}   {self.verdict}", motion]
+        return [self.headline, motion]
 
     def found(self) -> list[tuple[str, str]]:
         """The path of each segment, what it was, and what decides its timing."""

@@ -11,12 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.api.requirements import Outcome, junit, outcomes_to_dict, read_requirements
 from ocptip.api.stand import Standing, stand
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import NOISE, percent, quantity, ratio, table, without_noise
-from ocptip.basics.write import write_text
-from ocptip.cli.command import Report
+from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import named, under
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
@@ -35,8 +33,7 @@ def run(options: Namespace) -> StandReport:
     """Solve the scene; evaluate its margins and its stability."""
     if options.plot is not None:
         check_plot_target(options.plot)
-    if options.require is not None:
-        read_requirements(options.require)  # before anything is computed
+    read_gate(options)
     if options.posture is None:
         what = read_scene(options.scene)
         support, tolerance = what.support, what.tolerance
@@ -63,50 +60,44 @@ def run(options: Namespace) -> StandReport:
             if error.path != "reference_moment":
                 raise
             raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
-    outcomes = () if options.require is None else found.require(options.require)
-    return StandReport(found, options.plot, outcomes, options.junit)
+    return StandReport(found, options.plot, **gate_of(options, found))
 
 
 @dataclass
-class StandReport(Report):
+class StandReport(GatedReport):
     """The report of `ocptip stand` on a scene.
 
     Attributes:
         found: what is known.
         plot: the file of its picture, None for none.
-        outcomes: of the requirements.
-        junit: file of the report for pipelines, None for none.
     """
 
     found: Standing
     plot: str | None = None
-    outcomes: tuple[Outcome, ...] = ()
-    junit: str | None = None
 
     @property
-    def good(self) -> bool:
-        """True if the base is stable, and meets all requirements."""
-        return self.found.stable and all(one.met for one in self.outcomes)
+    def kept(self) -> bool:
+        """True if the base is stable."""
+        return self.found.stable
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
-        return {**self.found.to_dict(), **outcomes_to_dict(self.outcomes)}
+        return {**self.found.to_dict(), **self.gate_to_dict()}
 
     def write(self) -> Iterator[Path]:
         """Draw the picture and write the report for pipelines, if they are wanted."""
         if self.plot is not None:
             yield self.found.save(self.plot)
-        if self.junit is not None:
-            text = junit(self.found.scene.name, self._headline(), self.found.stable, self.outcomes)
-            write_text(self.junit, text)
-            yield Path(self.junit)
+        yield from super().write()
 
     def to_text(self) -> str:
         """Verdict, margins, contacts; with -v the indices and the evidence."""
-        head = [self._headline(), *named([*self._margins(), *under("Required", self.outcomes)])]
+        head = [self.headline, *named([*self._margins(), *under("Required", self.outcomes)])]
         return "\n".join([*head, "", *self._contact_table(), "", *named(self._summary())]).rstrip()
 
-    def _headline(self) -> str:
+    @property
+    def headline(self) -> str:
+        """Name of the scene and verdict."""
         found = self.found
         lost = found.nominally_stable and not found.stable
         about = f" WITHIN {found.within.scope.upper()}" if found.within and not lost else ""
