@@ -12,6 +12,7 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.task import refusals
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
+from ocptip.task_files import example
 from ocptip.task_files.example import example_base
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.reference import json_schema
@@ -86,6 +87,18 @@ def test_the_example_motion_is_free_of_collisions_where_zero_is_not(tmp_path):
         assert not collides(urdf, task.start + share * (task.goal - task.start))
     assert np.abs(task.goal - task.start).min() > np.deg2rad(10)
     assert "mm clear of arm and ground" in template.sources[1]
+
+
+def test_where_large_steps_collide_the_example_is_small(tmp_path, monkeypatch):
+    """Two walls beside the base leave no way for steps from limit to limit."""
+    monkeypatch.setattr(example, "_SHARES", ((30.0,), (0.1,)))
+    walls = "".join(box("0.02 2 0.2", f"{x} 0 0.3") for x in (-0.35, 0.35))
+    urdf = written(tmp_path, link("base", solid=walls), *folded_arm())
+    template, task = unmarked(tmp_path, urdf)
+    assert "mm clear of arm and ground" in template.sources[1]
+    np.testing.assert_allclose(np.abs(task.goal - task.start), np.deg2rad(3), atol=1e-4)
+    for share in np.linspace(0, 1, 21):
+        assert not collides(urdf, task.start + share * (task.goal - task.start))
 
 
 def test_where_no_posture_is_free_zero_stays_and_the_file_says_so(tmp_path):

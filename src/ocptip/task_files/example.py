@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -149,6 +150,9 @@ _INSIDE = 0.4
 _INSET = 2e-5
 """rad or m, from the limits of joints: the file has six digits."""
 
+_SHARES = ((1.0, 0.5), (0.25, 0.1))
+"""Shares of these steps; the smaller ones are for arms whose links overlap almost everywhere."""
+
 _POSTURES, _STARTS, _STEPS = 300, 50, 16
 
 
@@ -191,16 +195,15 @@ def example_motion(arm: ArmModel, geometry: ArmGeometry | None, base: ExampleBas
     collisions = Collisions(arm.n) if geometry is None else ShapeCollisions(mounted, [floor(0.0)])
     starts = _starts(arm, zero)
     gaps, held = collisions.least(starts), _held(mounted, base, starts)
-    for must_hold in (True, False):
-        for clearance in _CLEARANCES:
-            for start in starts[(gaps >= clearance) & (held | (not must_hold))][:_STARTS]:
-                goals = np.array(list(_goals(arm, start)))
-                for goal in goals[collisions.least(goals) >= clearance]:
-                    line = start + np.linspace(0.0, 1.0, 21)[:, None] * (goal - start)
-                    gap = float(collisions.least(line).min())
-                    if gap >= clearance and not (must_hold and not _held(mounted, base, line).all()):
-                        return ExampleMotion(start, goal, None if geometry is None else gap)
-    return ExampleMotion(zero, next(_goals(arm, zero)), -1.0)
+    for shares, must_hold, clearance in product(_SHARES, (True, False), _CLEARANCES):
+        for start in starts[(gaps >= clearance) & (held | (not must_hold))][:_STARTS]:
+            goals = np.array(list(_goals(arm, start, shares)))
+            for goal in goals[collisions.least(goals) >= clearance]:
+                line = start + np.linspace(0.0, 1.0, 21)[:, None] * (goal - start)
+                gap = float(collisions.least(line).min())
+                if gap >= clearance and not (must_hold and not _held(mounted, base, line).all()):
+                    return ExampleMotion(start, goal, None if geometry is None else gap)
+    return ExampleMotion(zero, next(_goals(arm, zero, _SHARES[0])), -1.0)
 
 
 def _held(arm: ArmModel, base: ExampleBase, q: np.ndarray) -> np.ndarray:
@@ -236,13 +239,15 @@ def _limits(arm: ArmModel) -> tuple[np.ndarray, np.ndarray]:
     return low + inset, high - inset
 
 
-def _goals(arm: ArmModel, start: np.ndarray) -> Iterator[np.ndarray]:
-    """Goals near a start: all joints upwards within limits, then other directions and smaller steps."""
+def _goals(arm: ArmModel, start: np.ndarray, shares: Sequence[float]) -> Iterator[np.ndarray]:
+    """Goals near a start, at shares of the full steps: all joints upwards within limits, then other
+    directions.
+    """
     low, high = _limits(arm)
     full = np.where(arm.prismatic, SLIDE, TURN)
     rng = np.random.default_rng(0)
     signs = [np.ones(arm.n), *rng.choice([-1.0, 1.0], (_STEPS, arm.n))]
-    for share in (1.0, 0.5):
+    for share in shares:
         for sign in signs:
             step = share * sign * full
             there = start + step
