@@ -182,7 +182,7 @@ class MotionCheck:
         least = found["least"]
         gap = f"{1e3 * least['distance_m']:.1f} mm between {' and '.join(least['between'])}"
         unseen = [" and ".join(pair) for pair in found["unseen"]]
-        more = f"; not seen, for their solids never part: {some(unseen, 3)}" if unseen else ""
+        more = f"; not seen, for their solids mostly overlap: {some(unseen, 3)}" if unseen else ""
         return f"{found['pairs']} pairs ({found['source']}), minimum {gap}; {floor_text(found)}{more}"
 
     def to_dict(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ocptip.robots.collision.gaps import POSTURES, UNSEEN, random_postures
+from ocptip.robots.collision.gaps import MEETING, POSTURES, UNSEEN, random_postures
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape, Box
 from ocptip.robots.collision.urdf import geometry_from_urdf
@@ -95,3 +95,30 @@ def test_what_turns_within_a_housing_is_judged_on_the_meshes(tmp_path, width, re
     assert arm.geometry.on_meshes[pair] == ((x + y).max(axis=1) > 0.15).sum()  # corners beyond the walls
     with_floor = ShapeCollisions(arm, [floor(-3.0)])
     assert with_floor.to_dict()["unseen"] == ([["l0", "l2"]] if reason == UNSEEN else [])
+
+
+@pytest.mark.filterwarnings("ignore::ocptip.basics.errors.InputWarning")
+@pytest.mark.parametrize(
+    ("second_joint", "bar", "left_out"),
+    [("0 0 0", 0.19, True), ("0.02 0 0", 0.17, False), ("0 0 0", 0.3, False)],
+    ids=["shoulder", "axes that pass", "apart"],
+)
+def test_links_over_two_joints_whose_axes_meet_may_overlap(tmp_path, second_joint, bar, left_out):
+    """A ball beside the first axis, and a bar that begins within it in most postures, but not in all."""
+    ball = '<origin xyz="-0.02 0 0"/><geometry><sphere radius="0.045"/></geometry>'
+    solid = f'<origin xyz="{bar} 0 0"/><geometry><box size="0.3 0.02 0.02"/></geometry>'
+    arm = read(
+        tmp_path,
+        f'<link name="l0">{INERTIAL}<collision>{ball}</collision></link>',
+        f'<link name="l1">{INERTIAL}</link>',
+        f'<link name="l2">{INERTIAL}<collision>{solid}</collision></link>',
+        joint(1, "revolute", "0 0 1", (-2, 2)),
+        joint(2, "revolute", "0 1 0", (-2, 2), second_joint),
+    )
+    collisions, pair = ShapeCollisions(arm), frozenset(("l0", "l2"))
+    assert (pair in collisions.apart) == left_out
+    if left_out:
+        count = int(collisions.apart[pair].split("touching in ")[1].split()[0])
+        assert POSTURES / 2 < count < POSTURES
+        assert collisions.apart[pair].startswith(MEETING)
+        assert ShapeCollisions(arm, [floor(-3.0)]).to_dict()["unseen"] == [["l0", "l2"]]

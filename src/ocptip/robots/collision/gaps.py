@@ -21,6 +21,9 @@ NEVER = "never part"
 UNSEEN = "never part as convex solids, their meshes do"
 """Begins the reason where a collision of the meshes may go unseen."""
 
+MEETING = "neighbours over two joints whose axes meet, convex solids mostly overlap"
+"""Begins the reason of such pairs; a collision of them may go unseen."""
+
 TOUCHING = 1e-3
 """Solids nearer than this, m, in all of these postures never part."""
 
@@ -172,7 +175,9 @@ class Collisions:
         data["floor"] = [
             {"name": name, "normal": normal.tolist(), "level_m": level} for name, normal, level in self.floors
         ]
-        data["unseen"] = [sorted(pair) for pair, why in self.apart.items() if why.startswith(UNSEEN)]
+        data["unseen"] = [
+            sorted(pair) for pair, why in self.apart.items() if why.startswith((UNSEEN, MEETING))
+        ]
         data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
         if q is not None:
             found = self.nearest(q[None])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from itertools import combinations, product
 from operator import itemgetter
@@ -13,6 +13,7 @@ import numpy as np
 
 from ocptip.robots.collision.distances import RESTING, Distances
 from ocptip.robots.collision.gaps import (
+    MEETING,
     NEVER,
     POSTURES,
     TOUCHING,
@@ -41,6 +42,8 @@ _BY_HAND = "excluded"
 _PARALLEL = 1e-6
 _ENDLESS = 1e3  # m: lever behind a joint that slides without end
 _NEIGHBOURS = "neighbours"
+_TELESCOPE = "telescope: all joints between them slide along one line"
+_MEETING = 1e-4  # m: axes that pass each other nearer than this meet
 
 
 class ShapeCollisions(Collisions):
@@ -118,8 +121,8 @@ class ShapeCollisions(Collisions):
     def _parting(
         self, pairs: list[tuple[int, int]], on_meshes: Mapping[frozenset[str], int]
     ) -> list[tuple[int, int]]:
-        """The pairs but for those that never part, and for tubes of a telescope."""
-        pairs = self._without_telescopes(pairs)
+        """The pairs but for those that never part, tubes of a telescope, and neighbours over two joints."""
+        pairs = self._without(pairs, self._in_line, 0, _TELESCOPE)
         touching = set(always_touching(self.arm, self.distances.of(pairs)).tolist())
         kept = [pair for k, pair in enumerate(pairs) if k not in touching]
         names = {self._names(pair) for pair in kept}
@@ -131,14 +134,20 @@ class ShapeCollisions(Collisions):
                 self.apart[pair] = f"{some}{NEVER} as convex solids, their meshes never touch"
             else:
                 self.apart[pair] = f"{UNSEEN} (touching in {count} of {POSTURES} postures)"
-        return kept
+        return self._without(kept, self._axes_meet, POSTURES // 2, MEETING)
 
     def _names(self, pair: tuple[int, int]) -> frozenset[str]:
         return frozenset(self.solids[s][0] for s in pair)
 
-    def _without_telescopes(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """The pairs but for those of links that slide in one line and touch in some posture."""
-        own = [k for k, pair in enumerate(pairs) if max(pair) < self.of_links and self._in_line(*pair)]
+    def _without(
+        self,
+        pairs: list[tuple[int, int]],
+        related: Callable[[int, int], bool],
+        postures: int,
+        reason: str,
+    ) -> list[tuple[int, int]]:
+        """The pairs but for those of links that are related and touch in more postures than that."""
+        own = [k for k, pair in enumerate(pairs) if max(pair) < self.of_links and related(*pair)]
         if not own:
             return pairs
         found = self.distances.of([pairs[k] for k in own]).gaps(random_postures(self.arm, POSTURES), TOUCHING)
@@ -146,11 +155,10 @@ class ShapeCollisions(Collisions):
         for k, touch in zip(own, (found < TOUCHING).T, strict=True):
             names = self._names(pairs[k])
             touches[names] = touches.get(names, np.zeros(len(touch), dtype=bool)) | touch
-        for names, touch in touches.items():
-            if touch.any():
-                count = f"touching in {touch.sum()} of {POSTURES} postures"
-                self.apart[names] = f"telescope: all joints between them slide along one line ({count})"
-        return [pair for k, pair in enumerate(pairs) if k not in own or self._names(pair) not in self.apart]
+        counts = {names: int(touch.sum()) for names, touch in touches.items() if touch.sum() > postures}
+        for names, count in counts.items():
+            self.apart[names] = f"{reason} (touching in {count} of {POSTURES} postures)"
+        return [pair for k, pair in enumerate(pairs) if k not in own or self._names(pair) not in counts]
 
     def _in_line(self, first: int, second: int) -> bool:
         """Whether all joints between two solids, at least two, slide along parallel axes."""
@@ -162,6 +170,16 @@ class ShapeCollisions(Collisions):
             turn = turn @ self.arm.rotations[joint]
             axes.append(turn[:, 2])
         return all(abs(axis @ axes[0]) > 1 - _PARALLEL for axis in axes)
+
+    def _axes_meet(self, first: int, second: int) -> bool:
+        """Whether just two turning joints, whose axes meet, are between two solids, as in shoulders."""
+        low, high = sorted((self.solids[first][1], self.solids[second][1]))
+        if high - low != 2 or self.arm.slides[low + 1 : high + 1].any():
+            return False
+        axis, across = self.arm.rotations[high][:, 2], np.array([0.0, 0.0, 1.0])
+        normal = np.cross(across, axis)
+        size = np.linalg.norm(normal)
+        return bool(size > _PARALLEL and abs(normal @ self.arm.offsets[high - 1]) < _MEETING * size)
 
     def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.n)
