@@ -6,11 +6,11 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
 
+from studies.words.code import module
 from tests.places import ROOT
 
 SOURCE = ROOT / "src"
@@ -50,14 +50,9 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
-@cache
-def _tree(name: str) -> ast.Module:
-    return ast.parse(MODULES[name].read_text(encoding="utf-8"))
-
-
 def _imports(name: str) -> Iterator[str]:
     """Modules of ocptip that a module imports, anywhere in it."""
-    for node in ast.walk(_tree(name)):
+    for node in module(MODULES[name]).imports:
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name}: relative import"
             if str(node.module).startswith("ocptip."):
@@ -65,7 +60,7 @@ def _imports(name: str) -> Iterator[str]:
             for alias in node.names:
                 full = f"{node.module}.{alias.name}"
                 yield from (m for m in (full if full in MODULES else node.module,) if m in MODULES)
-        elif isinstance(node, ast.Import):
+        else:
             yield from (alias.name for alias in node.names if alias.name in MODULES)
 
 
@@ -120,9 +115,9 @@ def test_what_judges_certificates_takes_numpy_and_itself_alone(arrows):
     own = "ocptip.certificate.trusted"
     for name in (name for name in MODULES if name.startswith(f"{own}.")):
         assert all(other.startswith(own) for other in arrows[name]), name
-        for node in ast.walk(_tree(name)):
-            taken = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            taken += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+        for node in module(MODULES[name]).imports:
+            names = [alias.name for alias in node.names]
+            taken = names if isinstance(node, ast.Import) else [str(node.module)]
             for other in taken:
                 first = other.split(".")[0]
                 assert first in {"numpy", "ocptip", *sys.stdlib_module_names}, f"{name} imports {other}"
@@ -137,28 +132,24 @@ def test_nothing_that_is_judged_computes_with_what_judges(arrows):
 
 
 def test_core_prints_nothing():
-    for name in MODULES:
-        calls = ast.walk(_tree(name))
-        names = {c.func.id for c in calls if isinstance(c, ast.Call) and isinstance(c.func, ast.Name)}
-        assert "print" not in names or name.startswith("ocptip.cli."), name
+    for name, path in MODULES.items():
+        assert "print" not in module(path).calls or name.startswith("ocptip.cli."), name
 
 
 def test_imports_inside_functions_are_few():
     """Each keeps the start of a command short, or is of a package that need not be there."""
     inside = set()
-    for module in MODULES:
-        for function in ast.walk(_tree(module)):
-            if isinstance(function, ast.FunctionDef):
-                found = (n for n in ast.walk(function) if isinstance(n, ast.Import | ast.ImportFrom))
-                inside |= {(module, one.lineno) for one in found}
+    for name, path in MODULES.items():
+        for line in (one.lineno for one in module(path).imports):
+            if any(first <= line <= last for first, last in module(path).functions):
+                inside.add((name, line))
     assert len(inside) <= 68, sorted(inside)
 
 
 def test_a_class_name_stands_for_one_class():
     named: dict[str, list[str]] = {}
-    for module in MODULES:
-        for node in ast.walk(_tree(module)):
-            if isinstance(node, ast.ClassDef):
-                named.setdefault(node.name, []).append(module)
+    for name, path in MODULES.items():
+        for one in module(path).classes:
+            named.setdefault(one, []).append(name)
     twice = {name: modules for name, modules in named.items() if len(modules) > 1}
     assert set(twice) == {"Limits"}, twice  # the trusted checker of certificates has names of its own

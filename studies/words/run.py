@@ -7,7 +7,6 @@ Paragraphs and list items do. Table cells are measured by themselves. `tests/tes
 from __future__ import annotations
 
 import argparse
-import ast
 import json
 import re
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from functools import cached_property
 from pathlib import Path
 
 from studies.common import table
+from studies.words.code import module, words_of
 
 ROOT = Path(__file__).resolve().parents[2]
 WORDS, MEAN, LONGEST, CELL, EASE = 1500, 18.0, 40, 15, 50.0
@@ -162,36 +162,22 @@ def banned(text: str) -> Iterator[str]:
 def texts_of_code() -> Iterator[tuple[str, str, str]]:
     """Kind ("docstring" or "message"), place and text of all that people read in the modules of ocptip."""
     for path in sorted((ROOT / "src").rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        nodes = list(ast.walk(tree))
-        strings = [n for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)]
-        docstrings = {id(n.value) for n in nodes if isinstance(n, ast.Expr)}
-        for node in strings:
-            kind = "docstring" if id(node) in docstrings else "message"
-            if kind == "docstring" or " " in str(node.value).strip():
-                plain = re.sub(r"`+[^`]+`+", "X", str(node.value))
-                if kind == "docstring":  # names of arguments and attributes are code, as examples are
+        for is_docstring, line, text in module(path).texts:
+            if is_docstring or " " in text.strip():
+                plain = re.sub(r"`+[^`]+`+", "X", text)
+                if is_docstring:  # names of arguments and attributes are code, as examples are
                     plain = re.sub(r"^( *).*::\n\n(?:\1 +.*\n|\n)+", "", plain, flags=re.MULTILINE)
                     plain = re.sub(r"^ +[\w, ]+:(?= )", "", plain, flags=re.MULTILINE)
-                yield kind, f"{path.relative_to(ROOT)}:{node.lineno}", re.sub(r"\s+", " ", plain)
+                kind = "docstring" if is_docstring else "message"
+                yield kind, f"{path.relative_to(ROOT)}:{line}", re.sub(r"\s+", " ", plain)
 
 
 def vague_names() -> Iterator[str]:
     """Place and name of functions, classes, arguments and variables of ocptip with a word of `VAGUE`."""
     for path in sorted((ROOT / "src").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            name = ""
-            if isinstance(node, ast.FunctionDef | ast.ClassDef):
-                name = node.name
-            elif isinstance(node, ast.arg):
-                name = node.arg
-            elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                name = node.id
-            elif isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "self":
-                name = node.attr
-            words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name)}
-            if words & VAGUE:
-                yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}: {name}"
+        for name, line in module(path).names.items():
+            if not VAGUE.isdisjoint(words_of(name)):
+                yield f"{path.relative_to(ROOT)}:{line}: {name}"
 
 
 def _length(text: str) -> int:
