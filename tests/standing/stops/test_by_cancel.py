@@ -202,7 +202,7 @@ def test_slip_is_searched_only_where_it_can_exceed_what_is_enough(ur5, monkeypat
     assert not solved
     assert list(worst_of_cancels(cases.up_to(0.9 * slip.value), motion, cancel, times)) == [tip, slip]
     assert solved
-    monkeypatch.setattr("ocptip.standing.within.cancelled._CLOSER", 10**9)
+    monkeypatch.setattr("ocptip.standing.within.cancelled.CLOSER", 10**9)
     assert list(worst_of_cancels(cases, motion, cancel, times)) == [tip, slip]
 
 

@@ -209,8 +209,9 @@ def test_the_check_looks_at_what_certificates_are_about(close_jumps, delay):
     found, most = jump_states(motion, tolerance), 0
     for t in np.unique(found.times):
         own = found.some(np.flatnonzero(found.times == t))
+        inside, steps, smooth = (part[0] for part in late._changes(np.array([t]), np.array([t + 1e-7])))
         for j in range(n):
-            branches = late._branches(j, t, t + 1e-7)
+            branches = late._branches(j, t, t + 1e-7, inside, steps[:, j], smooth[j])
             most = max(most, len(branches))
             forms = [form.c for form in late._states(branches)]
             proved = [np.array([c[0] + side * c[K] + c[K + 2] for c in forms]).T for side in (-1, 1)]

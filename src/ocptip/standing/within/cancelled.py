@@ -14,12 +14,11 @@ import numpy as np
 
 from ocptip.standing.stops.by_cancel import Cancel, StopStates, stop_states
 from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
-from ocptip.standing.within.late_joints import DelayedStates, worst_options
+from ocptip.standing.within.late_joints import CLOSER, DelayedStates, worst_options
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import Trajectory
 
 _STEP = 1e-9  # s
-_CLOSER = 4 * EXACT  # steps at which the worst delayed joints are searched
 
 
 def worst_of_cancels(
@@ -60,7 +59,7 @@ def _states(
     if not (late or more):
         return found
     options, when, stop = _options(start, at, rate, late, more)
-    number, values, _ = worst_options(options, cases, process[stop], functions=functions, most=_CLOSER)
+    number, values, _ = worst_options(options, cases, process[stop], functions=functions, most=CLOSER)
     for k in range(values.shape[1]):
         rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
         chosen = options[rows[:, None], np.arange(options.shape[1]), number[rows, k]]

@@ -31,6 +31,7 @@ from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 MOST = 5000  # combinations of what joints do at one instant; of more, all alike, or all but one
 MOST_OF_ALL = 20_000  # combinations in a motion; of more, those that are worst by slopes
+CLOSER = 200  # instants, for each moment and for friction, at which the worst are searched
 _CHOICES = 2  # how often they are chosen, by the slopes at what was chosen before
 _WORST = 16  # instants, of each moment and of the slip reserve, at which other ways are tried joint by joint
 _EXCHANGES = 8  # times, at most
@@ -129,10 +130,11 @@ class _Events:
 
     def options(self, t: float, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
         """The possible delayed states of one joint at t, from its states (3,) at t and one delay before."""
-        inside = (self.times >= t - self.delay - INSIDE) & (self.times <= t + INSIDE)
+        first = int(np.searchsorted(self.times, t - self.delay - INSIDE))
+        inside = slice(first, int(np.searchsorted(self.times, t + INSIDE, side="right")))
         if self.smooth[joint]:
             return self._smooth_options(inside, joint, own, then)
-        jumps = np.flatnonzero(inside & self.jumps[:, joint])
+        jumps = first + np.flatnonzero(self.jumps[inside, joint])
         found: dict[_Way, None] = {}
         until = self.before[jumps[0], joint] if len(jumps) else own[2]
         if self.delay and abs(then[2] - until) > self.small[joint]:  # it changes without a jump, too
@@ -149,16 +151,14 @@ class _Events:
             found[way] = None
         return list(found)
 
-    def _smooth_options(
-        self, inside: np.ndarray, joint: int, own: np.ndarray, then: np.ndarray
-    ) -> list[_Way]:
+    def _smooth_options(self, inside: slice, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
         """Options of a joint without acceleration step: on time, delayed, and the extremes in between."""
         between = self.after[inside, joint]
         low, high = sorted((own[2], then[2]))
         least, most = between.min(initial=low), between.max(initial=high)
         if most - least <= self.small[joint]:
             return [(*own, self.delay, "on time")]
-        places = np.flatnonzero(inside)[(between < low) | (between > high)]
+        places = inside.start + np.flatnonzero((between < low) | (between > high))
         beyond = [part[places, joint] for part in (self.q, self.qd, self.after)]
         return [
             (*own, 0.0, "on time"),
@@ -266,7 +266,7 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> list[Delayed
         for j, own in enumerate(instant.options):
             options[i, j, : len(own)] = [way[:4] for way in own]
     acting = np.array([instant.acting for instant in every])
-    number, values, _ = worst_options(options, cases, acting)
+    number, values, _ = worst_options(options, cases, acting, most=CLOSER)
     number = _exchanged(options, cases, acting, number, values)
     return [
         instant.combined(
