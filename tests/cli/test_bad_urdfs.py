@@ -267,7 +267,7 @@ def test_what_is_given_is_not_guessed(here, capfd):
             'urdf = "lift.urdf"\nlocked_m = { lift = 0.1 }',
             "motion.start_m: unknown key",
         ),
-        ("start_m = [0.1]", "start_m = [0.9]", "joint 1 at 0.9000 m is outside its limits 0.0000 to 0.4000"),
+        ("start_m = [0.1]", "start_m = [0.9]", "lift at 0.9000 m is outside its limits 0.0000 to 0.4000"),
         ("mount_position", "mount_positon", "arm.mount_positon: unknown key; did you mean 'mount_position'"),
     ):
         task.write_text(SHORT.replace(old, new), encoding="utf-8")

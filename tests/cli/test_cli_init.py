@@ -9,7 +9,9 @@ import pytest
 
 from ocptip.basics.errors import InputError, InputWarning
 from ocptip.cli.main import main
+from ocptip.cli.motion_summary import brief_notes
 from ocptip.task_files.motion import load_task
+from ocptip.task_files.reference import json_schema
 from ocptip.task_files.template import MARK, task_template
 from tests.places import UR5
 from tests.robots.collision.collision_urdf import with_collision
@@ -65,6 +67,23 @@ def test_file_is_complete_but_for_its_marks(here, capsys):
     ]
     code = [line for line in filled(text, VALUES).splitlines() if line.strip() and line[0] != "#"]
     assert len(code) <= 25
+
+
+def test_the_schema_that_the_file_names_lies_beside_it(here):
+    assert main(["init", "robots/lift.urdf"]) == 0
+    first, *lines = (here / "lift.toml").read_text(encoding="utf-8").splitlines()
+    assert first == "#:schema ./task.schema.json"
+    assert json.loads((here / "task.schema.json").read_text(encoding="utf-8")) == json_schema()
+    assert any(line.startswith("# Replace them by yours: joint values") for line in lines)
+
+
+def test_long_lists_of_names_are_cut_to_a_number():
+    names = [f"finger_{k}_joint" for k in range(38)]
+    note = f"locked, not in the chain to the tool: {', '.join(names)} at 0 (rad, sliding joints m)"
+    (brief,) = brief_notes([note], verbose=False)
+    assert brief == f"locked, not in the chain to the tool: {', '.join(names[:3])} and 35 more (-v lists all)"
+    assert brief_notes([note], verbose=True) == [note]
+    assert brief_notes(["short"], verbose=False) == ["short"]
 
 
 def test_limits_and_other_ends_stand_in_comments(here):

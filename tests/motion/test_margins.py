@@ -16,7 +16,7 @@ from ocptip.motion.margins import (
     critical,
     motion_margins,
 )
-from ocptip.motion.summary import margin_table
+from ocptip.motion.summary import margin_rows, margin_table
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
@@ -91,3 +91,13 @@ def test_foot_forces_that_can_be_shared_differently_have_no_limit(task, checked,
     )
     assert row.split()[3:5] == [f"{pulls:.3g}", "N"]
     assert row.endswith("-")
+
+
+def test_a_broken_limit_without_a_margin_has_a_row():
+    task = experiment_task("A")
+    checked = check_motion(task.robot, task.reference.time_scaled(0.7), task.limits)
+    rows = {row[0]: row[1:] for row in margin_rows(task.robot, checked)}
+    ratio = checked.worst["acceleration_ratio"].value
+    assert ratio > 1
+    assert rows["Acceleration"] == [f"{100 * ratio:.3g} %", "<= 100", "BROKEN"]
+    assert "Angle margin" not in rows

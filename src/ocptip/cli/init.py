@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from argparse import Namespace
 from collections.abc import Iterator
@@ -15,9 +16,11 @@ from ocptip.basics.toml import MARK
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named
+from ocptip.cli.motion_summary import brief_notes
 from ocptip.cli.options import naming_options
 from ocptip.robots.conversion import converted
-from ocptip.task_files.template import TaskTemplate, task_template
+from ocptip.task_files.reference import json_schema
+from ocptip.task_files.template import SCHEMA, TaskTemplate, task_template
 
 
 @dataclass
@@ -35,8 +38,12 @@ class InitReport(Report):
     converted: tuple[Path, ...] = ()
 
     def write(self) -> Iterator[Path]:
-        """Write the file."""
+        """Write the file, and the schema that it names for editors, if none is there."""
         yield from self.converted
+        schema = self.path.parent / SCHEMA
+        if not os.path.lexists(schema):
+            write_text(schema, json.dumps(json_schema(), indent=1) + "\n")
+            yield schema
         write_text(self.path, self.template.text)
         yield self.path
 
@@ -70,7 +77,7 @@ class InitReport(Report):
         arm = template.arm
         lines = [
             ("arm", f"{template.base_link} to {template.tool_frame}: {', '.join(arm.joint_names)}"),
-            *(("assumed", note) for note in arm.notes),
+            *(("assumed", note) for note in brief_notes(arm.notes, self.verbose)),
             *(("examples", source) for source in template.sources),
             *self._geometry(),
             ("fill in", f"the lines that begin with {MARK}: {', '.join(template.to_fill)}"),

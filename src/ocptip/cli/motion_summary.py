@@ -19,6 +19,7 @@ from ocptip.motion.summary import WIDTH, CheckedMotion, margin_table, rises, rob
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
+_LONG_NOTE = 100  # characters
 _FIXED = "\xa0"  # a space at which no line ends
 _UNIT = re.compile(r"(?<=\d) (?=%|[a-zA-Z])")  # between a number and its unit
 
@@ -49,6 +50,18 @@ def notes(checked: MotionCheck) -> list[str]:
         found.append("compliant feet are checked in the nominal model only")
     if checked.within and "GN_gears" in checked.worst:
         found.append("vibration of elastic joints is checked in the nominal model only")
+    return found
+
+
+def brief_notes(notes: Iterable[str], verbose: bool) -> list[str]:
+    """Notes with long lists of names cut to the first ones and a number, unless all is asked for."""
+    found = []
+    for note in notes:
+        end = note.rfind(", ", 0, _LONG_NOTE)
+        cut = not verbose and len(note) > _LONG_NOTE + 40 and end > 0
+        rest = note[end:].split(" (")[0]
+        more = rest.count(", ") + rest.count("; ")
+        found.append(f"{note[:end]} and {more} more (-v lists all)" if cut else note)
     return found
 
 
@@ -112,7 +125,11 @@ def motion_text(
             *wrapped("Note", [*notes(checked), *more]),
             *wrapped(
                 "Assumed",
-                [*robot.notes, *assumed, *(text for s in found.stops.values() for text in s.assumed)],
+                [
+                    *brief_notes(robot.notes, bool(details)),
+                    *assumed,
+                    *(text for s in found.stops.values() for text in s.assumed),
+                ],
             ),
         ],
         *tables,

@@ -65,6 +65,14 @@ RESULT_TITLES = {
 }
 """Titles of worst values by their names in `MotionCheck.worst`."""
 _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s", "point_speed_m_s": "m/s"}
+_IF_BROKEN = {
+    "speed_ratio": ("Joint speed", "%", 100.0),
+    "acceleration_ratio": ("Acceleration", "%", 100.0),
+    "angle_margin_deg": ("Angle margin", "deg", 1.0),
+    "position_margin_m": ("Position margin", "mm", 1e3),
+    "duration_s": ("Duration", "s", 1.0),
+}
+"""Titles and units of limits that have a row only where they are broken."""
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 
@@ -177,6 +185,12 @@ def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str
             "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive and row.used > _NEAR else ""
         )
         rows.append([TITLES[row.name], *(at_text(row, value) for value in values), _limit(row, within), mark])
+    for name, (title, unit, scale) in _IF_BROKEN.items():
+        if (worst := checked.worst.get(name)) is not None and worst.violation:
+            digits = 3 if f"{worst.value:.3g}" != f"{worst.limit:.3g}" else 6
+            value = quantity(scale * worst.value, unit, digits)
+            limit = f"{'>=' if worst.least else '<='} {scale * worst.limit:.3g}"
+            rows.append([title, value, *(["-"] if within else []), limit, "BROKEN"])
     return rows
 
 

@@ -70,8 +70,12 @@ class _Program:
         self.nodes = np.zeros(len(grid.places), dtype=int)  # of the places
         self.nodes[grid.left], self.nodes[grid.right] = np.arange(self.count), np.arange(1, self.count + 1)
         if grid.path.bends.size:
-            step = grid.path.breakpoints[grid.path.bends[0]]
-            raise InputError(f"jerk: the path's curvature has a step at s = {step:.4f}, also accelerations")
+            step, end = grid.path.breakpoints[[grid.path.bends[0], -1]]
+            raise InputError(
+                f"jerk: the path's curvature has a step at s = {step:.4f} of {end:.4f}, "
+                "and so would accelerations. Retime points or samples of the motion instead "
+                "(trajectory.json, motion.csv): --path-tolerance 0.1 smooths them; or leave out --jerk"
+            )
 
     def start(self) -> np.ndarray:
         """Slower than the given timing everywhere, with d2s/dt2 as means of neighbours."""

@@ -189,6 +189,10 @@ class Robot(StandingMechanism):
         """The payload of the gripper; None without one."""
         return self.arm.payload
 
+    def joint_label(self, joint: int) -> str:
+        """Name of a joint, counted from 0."""
+        return self.names[joint]
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joints."""

@@ -150,6 +150,10 @@ class StandingMechanism(MadeOf, Footing, ABC):
     def payload(self) -> Payload | None:
         """The payload, which is part of `mass` and of all loads; None without one."""
 
+    def joint_label(self, joint: int) -> str:
+        """Name of a driven joint, counted from 0, in messages."""
+        return f"joint {joint + 1}"
+
     @property
     @abstractmethod
     def names(self) -> tuple[str, ...]:

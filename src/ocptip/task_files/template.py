@@ -28,6 +28,8 @@ from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, 
 from ocptip.task_files.motors import MOTORS
 from ocptip.task_files.task_scene import ROBOT_BASE, SEGMENT_LIMITS
 
+SCHEMA = "task.schema.json"
+"""File beside a task, from which editors know the keys."""
 _OF_URDF = ARM.known_variants["urdf"].keys
 _WIDTH = 44  # columns before a comment
 
@@ -108,7 +110,7 @@ def task_template(
     sections = (*of_base, of_arm, _limits(arm), _motion(arm, example), _near(example))
     body = "\n\n".join(filter(None, ("\n".join(lines) for lines in sections))) + "\n"
     head = [
-        "#:schema ./task.schema.json",
+        f"#:schema ./{SCHEMA}",
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
         *(f"# {group}: {', '.join(items)}." for group, items in _groups(arm, foot, marked(body)).items()),
         "# SI units; keys in degrees say so. All keys: `ocptip schema --page`.",
@@ -262,6 +264,8 @@ def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
 def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
     places = {"start": arm.in_degrees(example.start), "goal": arm.in_degrees(example.goal)}
     yield f"[motion]  # {example.source}"
+    yield "# Replace them by yours: joint values of the robot's display, or of ROS's /joint_states"
+    yield "# (radians there), in the order behind each line; or a gripper pose, see below."
     for slides, key in ((False, "deg"), (True, "m")):
         own = np.flatnonzero(arm.prismatic == slides)
         if own.size:

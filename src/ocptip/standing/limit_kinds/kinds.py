@@ -48,13 +48,13 @@ class TorqueLimit(QuantityLimit, AskedLimit):
         return np.max(np.abs(at.torques) / self.units, axis=1)[:, None]
 
     def detail(self, instant_at: InstantAt, time: float) -> str:
-        return f"joint {int(np.argmax(np.abs(instant_at(time).torques[0]) / self.units)) + 1}"
+        return self.robot.joint_label(int(np.argmax(np.abs(instant_at(time).torques[0]) / self.units)))
 
     def refusals(self, at: Instants) -> list[str]:
         robot, torques, allowed = self.robot, np.abs(at.torques[0]), self.number * self.units
         return [
-            f"joint {j + 1} needs {torques[j]:.4g} {robot.motor_units[j]} to hold the {robot.kind}, must be "
-            f"<= {allowed[j]:.4g}"
+            f"{robot.joint_label(int(j))} needs {torques[j]:.4g} {robot.motor_units[j]} to hold the "
+            f"{robot.kind}, must be <= {allowed[j]:.4g}"
             for j in np.flatnonzero(torques > allowed)
         ]
 
@@ -86,7 +86,7 @@ class PeakLimit(Limit):
         j = int(np.argmax(ratio))
         value = float(ratio[j])
         excess = value - 1 - motion.peak_rounding
-        return [Worst(f"{self.name}_ratio", value, np.nan, 1.0, f"joint {j + 1}", excess)]
+        return [Worst(f"{self.name}_ratio", value, np.nan, 1.0, self.robot.joint_label(j), excess)]
 
 
 class SpeedLimit(PeakLimit):
@@ -137,7 +137,8 @@ class AngleLimit(Limit):
             if (joints := np.flatnonzero(self._units == unit)).size:
                 j = joints[np.argmin(slack[joints])]
                 least, short = float(scale * self._margin[j]), -float(scale * slack[j])
-                found.append(Worst(name, least - short, np.nan, least, f"joint {j + 1}", short, least=True))
+                where = self.robot.joint_label(int(j))
+                found.append(Worst(name, least - short, np.nan, least, where, short, least=True))
         return found
 
     def refusals(self, at: Instants) -> list[str]:
@@ -148,7 +149,10 @@ class AngleLimit(Limit):
                 values, unit, digits = np.rad2deg(values), "degrees", 2
             here, least, greatest = (f"{value:.{digits}f}" for value in values)
             less = " less angle_margin" if self._margin[j] > 0 else ""
-            found.append(f"joint {j + 1} at {here} {unit} is outside its limits{less} {least} to {greatest}")
+            found.append(
+                f"{self.robot.joint_label(int(j))} at {here} {unit} is outside its limits{less} "
+                f"{least} to {greatest}"
+            )
         return found
 
     def near(self, at: Instants, share: float) -> np.ndarray:

@@ -162,7 +162,7 @@ class WorstTorqueLimit(WithinLimit):
 
     def within(self, found: WithinTolerance) -> list[Worst]:
         worst = found.torque
-        return [self.found(worst.value, worst.time, f"joint {worst.joint}")]
+        return [self.found(worst.value, worst.time, self.robot.joint_label(worst.joint - 1))]
 
     def inner(self, asked: Limits) -> Limits:
         return asked
