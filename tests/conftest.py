@@ -44,11 +44,38 @@ def pytest_collection_modifyitems(items):
     There are tests that compile little: meanwhile the first worker compiles what both need, and keeps it on
     disk. Otherwise both would compile everything.
     """
-    folders = {places.ROOT / "tests" / name for name in COMPILE_LITTLE}
-    light = [item for item in items if not folders.isdisjoint(item.path.parents)]
-    others = [item for item in items if folders.isdisjoint(item.path.parents)]
+    light = [item for item in items if item.nodeid.split("/")[1] in COMPILE_LITTLE]
+    others = [item for item in items if item.nodeid.split("/")[1] not in COMPILE_LITTLE]
     middle = len(items) // 2
     items[:] = [*others[:middle], *light, *others[middle:]]
+
+
+LONG = 5.0
+"""CPU seconds of a test above which it is to be marked slow, or made shorter."""
+
+long_tests: list[tuple[float, str]] = []
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Note the CPU time of the test and of processes that it ended."""
+    before = sum(os.times()[:4])
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(("CPU seconds", sum(os.times()[:4]) - before))
+
+
+def pytest_runtest_logreport(report):
+    seconds = dict(report.user_properties).get("CPU seconds", 0.0)
+    if report.when == "call" and seconds > LONG and "slow" not in report.keywords:
+        long_tests.append((seconds, report.nodeid))
+
+
+def pytest_terminal_summary(terminalreporter):
+    """List the tests that are too long for a quick run; where kernels were compiled first, run it again."""
+    for seconds, name in sorted(long_tests, reverse=True):
+        terminalreporter.write_line(f"LONG {name}: {seconds:.1f} s of CPU, mark it slow or shorten it")
 
 
 def pytest_collection_finish():

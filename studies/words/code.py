@@ -32,7 +32,7 @@ class Module:
 def module(path: Path) -> Module:
     """What the module of a file holds; of names the first line of each."""
     made, docstrings = Module(), set[int]()
-    for node in _nodes(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         name = ""
         if isinstance(node, ast.Name):
             name = node.id if isinstance(node.ctx, ast.Store) else ""
@@ -60,9 +60,9 @@ def module(path: Path) -> Module:
     return made
 
 
-def _nodes(tree: ast.AST) -> list[ast.AST]:
-    """All nodes, parents first: as `ast.walk`, in a fifth of its time."""
-    nodes = [tree]
+def nodes_of(path: Path) -> list[ast.AST]:
+    """All nodes of the tree of a file, parents first: as `ast.walk`, in a fifth of its time."""
+    nodes: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
     for node in nodes:  # which grows meanwhile
         for value in vars(node).values():
             if isinstance(value, ast.AST):
