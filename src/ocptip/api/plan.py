@@ -6,11 +6,13 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
+from ocptip.api.methods import Method, in_time, searched
 from ocptip.api.motion_requirements import motion_outcomes
 from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import TaskLike, load_task
@@ -38,6 +40,7 @@ from ocptip.motion.stops import (
 from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
+from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.cycle import seen_plan
 from ocptip.pictures.plan import draw_plan
 from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
@@ -47,6 +50,8 @@ from ocptip.trajectories.velocity_profiles import checked_rise_times
 
 RISE_TIME = 0.02
 """s, for controllers that need one and where none is asked for."""
+ALONG_PATH = 1.004
+"""Factor of the times of a timed path that is tried first; cubics between points then keep the limits."""
 SPACING = 0.01
 """s, between the instants of sensitivities."""
 
@@ -91,6 +96,7 @@ class Plan(CheckedMotion):
         price: Mapping[str, Any] | None = None,
         sensitivities: bool = False,
         stage: Callable[[str], None] | None = None,
+        budget: TimeBudget | None = None,
     ) -> Plan:
         """Run, prove and check what was planned; arguments are those of :func:`plan`."""
         task, say = planned.finished, stage or silent
@@ -102,11 +108,15 @@ class Plan(CheckedMotion):
             if task.is_cycle and controller == "quintic":  # segments are planned as ramps
                 least = rise_time or RISE_TIME  # jerk limits may ask for more
                 motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
-            if controller == "ramps":
+            along_path = motion.timing is not None  # no drive runs that as it is
+            if controller == "ramps" and not along_path:
                 run = Execution.of_drives(robot, motion, limits, part.check)
             else:
-                run = execute(robot, motion, limits, cast(Controller, controller), step=step)
-            executions.append(replace(run, check=certified(robot, run.motion, run.check, limits)))
+                runner = cast(Controller, "cubic" if controller == "ramps" else controller)
+                first = ALONG_PATH if along_path else 1.0
+                run = execute(robot, motion, limits, runner, step=step, first=first)
+            prove = partial(certified, robot, run.motion, run.check, limits)
+            executions.append(replace(run, check=in_time(prove, run.check, budget or TimeBudget(None))))
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
         pairs = zip(executions, checked.segments, strict=True)
@@ -264,6 +274,8 @@ def plan(
     stops: Ask | None = None,
     sensitivities: bool = False,
     largest_uncertainty: bool = False,
+    method: Method | None = None,
+    seconds: float | None = None,
     progress: Progress | None = None,
     stage: Callable[[str], None] | None = None,
 ) -> Plan:
@@ -291,6 +303,10 @@ def plan(
             controller, or all; "given": both where brake torques are given.
         sensitivities: say what changes of masses and contacts would do.
         largest_uncertainty: where there is no plan, search the largest uncertainty that has one.
+        method: "direct" searches velocity profiles from start to goal, "path" times a path among obstacles
+            (needs OMPL); None: what suits the task.
+        seconds: of wall time, after which the best verified motion so far is the plan; a proof that is not
+            finished is left out.
         progress: called as progress(done, steps, minimum cost of a verified plan so far or None).
         stage: called with what is done after the search.
 
@@ -298,17 +314,26 @@ def plan(
         InputError: the task cannot be planned (with all reasons), or an argument cannot be used.
         NoPlanError: no start gave a verified plan.
     """
-    for name, numbers in (("time_scale", time_scale), ("rate", [] if rate is None else [rate])):
+    single = {"rate": rate, "seconds": seconds}
+    given = {name: [value] for name, value in single.items() if value is not None}
+    for name, numbers in {"time_scale": time_scale, **given}.items():
         for number in numbers:
             positive_number(name, number)
     task = _prepared(load_task(task), controller, rise_time, stops)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
+    budget = TimeBudget(seconds)
+    if controller == "quintic":
+        if method == "path":
+            raise InputError(
+                "method: motions along a path have acceleration steps, which quintics cannot run"
+            )
+        method = "direct"
     try:
-        planned = plan_motion(task, progress=progress, prove=certified, **how)
+        planned = searched(task, method, budget, how, progress)
     except PlanningError as error:
-        other = None if task.is_cycle else _without_stops(task, how)
+        other = None if task.is_cycle else _without_stops(task, how, budget)
         refusal = NoPlanError(f"{error}", task, other)
         if isinstance(error, ToleranceError) and largest_uncertainty:
             refusal.largest = _largest(cast(MotionTask, task), error, how, progress)
@@ -325,9 +350,11 @@ def plan(
     except KeyboardInterrupt:
         what = "a segment had" if task.is_cycle else "there was"
         raise KeyboardInterrupt(f"before {what} a verified plan") from None
-    price = price_of_stops(planned, _without_stops(task, how))
+    along_path = planned.options.get("method") == "path"
+    price = {} if along_path else price_of_stops(planned, _without_stops(task, how, budget))
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
-    return Plan.of(planned, **known, price=price, sensitivities=sensitivities, stage=stage)
+    how_run = {"price": price, "sensitivities": sensitivities, "stage": stage, "budget": budget}
+    return Plan.of(planned, **known, **how_run)
 
 
 def silent(text: str) -> None:
@@ -353,13 +380,13 @@ def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: As
     return task
 
 
-def _without_stops(task: Task, how: Mapping[str, Any]) -> MotionPlan | None:
-    """The plan that need not be stopped, of as many starts; None: that was not asked, or there is none."""
+def _without_stops(task: Task, how: Mapping[str, Any], budget: TimeBudget) -> MotionPlan | None:
+    """The plan that need not be stopped, of as many starts; None: not asked for, no time, or none."""
     if not any(segment.task.limits.stoppable for segment in task.segments):
         return None
     try:
         plain_task = task.each(lambda own: replace(own, limits=own.limits.without_stops))
-        return plan_motion(plain_task, **how)
+        return in_time(partial(plan_motion, plain_task, **how), None, budget)
     except PlanningError:
         return None
 

@@ -154,6 +154,19 @@ COMMANDS = (
             LIMITS,
             group(
                 "search",
+                argument(
+                    "--method",
+                    None,
+                    "direct: velocity profiles from start to goal; path: a path among obstacles, then its "
+                    "timing (needs: pip install 'ocptip[paths]'; default: what suits the task)",
+                    choices=("direct", "path"),
+                ),
+                argument(
+                    "--seconds",
+                    "S",
+                    "time after which the best verified motion so far is the plan, s",
+                    type=float,
+                ),
                 argument("--starts", "N", "random initial motions (default: 8)", type=int, default=8),
                 SEED,
                 JOBS,

@@ -33,6 +33,8 @@ def run(options: Namespace) -> Report:
     require_least(options, starts=1, seed=0, jobs=1)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
+    if options.seconds is not None:
+        positive_number("--seconds", options.seconds)
     step_of(options)
     read_gate(options)
     if len(options.task) > 1:
@@ -79,6 +81,8 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
                 stops=options.stop_safe,
                 sensitivities=options.sensitivities,
                 largest_uncertainty=options.largest_tolerance,
+                method=options.method,
+                seconds=options.seconds,
                 progress=progress,
                 stage=progress.stage,
             )

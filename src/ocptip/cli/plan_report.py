@@ -71,6 +71,7 @@ class PlanReport(GatedReport):
         """Verdict, margins, robustness; with -v details of the search. ASCII only, but for names."""
         plan, motion = self.plan, self.plan.planned
         more = [self._interrupted()] if motion.interrupted else []
+        more += [self._path()] if "path" in motion.options else []
         more += [] if plan.executions[0].controller == "ramps" else [self._controller()]
         pairs = zip(plan.task.segments, plan.executions, strict=False)
         more += [f"{run.trajectory_text}{_of(s.name)}" for s, run in pairs if run.trajectory_text]
@@ -106,7 +107,7 @@ class PlanReport(GatedReport):
     def found(self) -> list[tuple[str, str]]:
         """Details of the search for the motions."""
         plan = self.plan.planned
-        lines = [("starts", self._starts())]
+        lines = [("starts", self._starts())] if plan.starts else []
         lines += [("", f"start {one.number} {one.status}") for one in plan.lost]
         if not plan.task.is_cycle:
             lines += rise_rows(plan.parts[0].motion, plan.parts[0].check)
@@ -120,6 +121,10 @@ class PlanReport(GatedReport):
             return "interrupted: this is the best of the starts that had finished"
         left = ", ".join(s.name for s in plan.task.segments[len(plan.parts) :])
         return f"interrupted, without a plan: {left}; no trajectory.json"
+
+    def _path(self) -> str:
+        path = self.plan.planned.options["path"]
+        return f"method: path around the obstacles ({path['made_of']}), then its timing"
 
     def _controller(self) -> str:
         runs = self.plan.executions

@@ -112,6 +112,7 @@ def execute(
     *,
     step: float | None = None,
     slowest: float = SLOWEST,
+    first: float = 1.0,
 ) -> Execution:
     """Points for a controller whose motion keeps all limits, slower than the plan if need be.
 
@@ -124,6 +125,7 @@ def execute(
         robot, motion, limits: as for `check_motion`.
         controller, step: see `ocptip.trajectories.controllers.controller_points`.
         slowest: factor, up to 1.25.
+        first: factor that is tried first; above 1 it spares the search for a smaller one.
     """
 
     step = usual_step(controller) if step is None else step
@@ -134,7 +136,7 @@ def execute(
         assert run.points is not None
         return Execution(controller, run, run.points, checked, factor, step, motion.rise_times)
 
-    factor, plain = 1.0, replace(limits, tolerance=NONE)
+    factor, plain = first, replace(limits, tolerance=NONE)
     found: Execution | None = None
     for kept in (plain, limits) if limits.tolerance.given else (limits,):  # the quick check goes before
         found = _least(partial(tried, limits=kept), factor, slowest)

@@ -29,6 +29,7 @@ from ocptip.robots.collision.gaps import (
 )
 from ocptip.robots.collision.shapes import Ball, BodyShape, Capsule, HalfSpace, Shape
 from ocptip.robots.collision.spheres import NOTHING, SphereGaps
+from ocptip.robots.collision.steepest import steepest_slopes
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
 
@@ -276,7 +277,19 @@ class CollisionModel(Collisions):
             self.apart[pair] = f"some of their solids {NEVER}" if pair in left else NEVER
         return kept
 
-    def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
+    @cached_property
+    def steepest(self) -> np.ndarray:
+        sets, pairs = self.model.sphere_sets, np.array(self._pairs, dtype=int).reshape(-1, 3)[:, :2]
+        bodies = np.repeat([own.link - 1 for own in sets], [len(own.radii) for own in sets])
+        centres = np.concatenate([own.centres for own in sets])
+        radii = np.concatenate([own.radii for own in sets])
+        reach = [np.linalg.norm(own, axis=1) + radii for own in (centres[:, :2], centres)]
+        resting = len(radii)  # stands for every obstacle
+        pairs = np.where(pairs == NOTHING, resting, pairs)
+        extents = (np.append(own, extra) for own, extra in zip((bodies, *reach), (-1, 0.0, 0.0), strict=True))
+        return steepest_slopes(self.model, pairs, *extents)
+
+    def gaps(self, q: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.model.n)
         result = self._batch(states)[0] if self._batch else np.empty((len(states), 0))
         return result[0] if single else result

@@ -161,18 +161,34 @@ def blended_lines(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> Fi
     """
     given, kept = _checked(points, tolerance)
     points = given[kept]
-    legs = _line_legs(points, np.broadcast_to(tolerance, points.shape[1]))
+    bends = np.diff(_directions(points), axis=0)
+    legs = _line_legs(points, [blend_reach(np.abs(bend), tolerance) for bend in bends])
     how = f"straight lines between {len(points)} points"
     if np.any(np.asarray(tolerance) > 0):
         how += ", corners blended"
     return _with_left_out(joined(legs, how), given, kept)
 
 
-def _line_legs(points: np.ndarray, tolerance: np.ndarray) -> list[Leg]:
-    """Lines and blends between corners that stay."""
+def rounded_lines(points: np.ndarray, reaches: Sequence[float]) -> FittedPath:
+    """Straight lines between N points (N, n), rad or m, with a blend of given half length at each corner.
+
+    Args:
+        points: the ends of the lines, all different.
+        reaches: (N - 2,), rad or m, at most half of the shorter line; see `blend_rows`.
+    """
+    how = f"straight lines between {len(points)} points, corners blended"
+    return joined(_line_legs(points, reaches), how)
+
+
+def _directions(points: np.ndarray) -> np.ndarray:
+    """Unit vectors (N - 1, n) of the lines between points."""
+    return np.diff(points, axis=0) / np.diff(polygon_lengths(points))[:, None]
+
+
+def _line_legs(points: np.ndarray, reaches: Sequence[float]) -> list[Leg]:
+    """Lines and blends, of these half lengths or as long as fits, between corners that stay."""
     lengths = polygon_lengths(points)
-    directions = np.diff(points, axis=0) / np.diff(lengths)[:, None]
-    halves = 0.5 * np.diff(lengths)
+    directions, halves = _directions(points), 0.5 * np.diff(lengths)
     legs, knots, rows, first = [], [0.0], [], 0
     for k in range(1, len(points)):
         knots.append(lengths[k])
@@ -180,7 +196,7 @@ def _line_legs(points: np.ndarray, tolerance: np.ndarray) -> list[Leg]:
         if k == len(points) - 1:
             continue
         bend = directions[k] - directions[k - 1]
-        reach = min(blend_reach(np.abs(bend), tolerance), halves[k - 1], halves[k])
+        reach = min(reaches[k - 1], halves[k - 1], halves[k])
         if not np.any(np.abs(bend) > LEAST):
             continue  # straight on
         if reach > 0 and np.linalg.norm(directions[k] + directions[k - 1]) >= BACK:

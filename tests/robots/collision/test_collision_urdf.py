@@ -237,7 +237,6 @@ def test_no_pair_comes_nearer_than_moved_joints_can_bring_it(arm, slides):
         assert np.all((nearer <= bound + 1e-6) | ~apart)
         worst = max(worst, np.max(np.where(apart, nearer / bound, 0.0)))
     assert worst > 0.5
-    assert np.all(np.isinf(CollisionModel(model).approach(moved)))
 
 
 def test_spheres_as_solids_have_the_distances_of_the_formulas(arm):

@@ -70,17 +70,20 @@ class Distances:
         other.pairs = tuple(pairs)
         return other
 
-    def gaps(self, y: np.ndarray, below: float = np.inf) -> np.ndarray:
-        """Signed distances (N, m), m, at y (N, ny); those above `below` (m) may be lower bounds above it."""
+    def gaps(self, y: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
+        """Signed distances (N, m), m, at y (N, ny).
+
+        Those above `below` (m; one for all, or (m,)) may be lower bounds above it.
+        """
         return self.smallest(y, np.arange(len(self.pairs)), below)
 
-    def smallest(self, y: np.ndarray, groups: np.ndarray, below: float = np.inf) -> np.ndarray:
+    def smallest(self, y: np.ndarray, groups: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
         """Smallest signed distances (N, g), m, of groups of pairs, at y (N, ny).
 
         Args:
             y: states.
             groups: (m,) numbers 0 to g - 1, the group of each pair.
-            below: m; above it, the answer may be a lower bound that also is above it.
+            below: m, one for all or (m,) by pair; above it, the answer may be a lower bound that also is.
         """
         order = np.argsort(groups, kind="stable")
         own = groups[order]
@@ -89,7 +92,7 @@ class Distances:
         for begin in range(0, len(y), _AT_ONCE):
             axes, origins = self._poses(y[begin : begin + _AT_ONCE])
             gaps = self._bounds(axes, origins, self.pairs)[:, order]
-            near = gaps < below
+            near = gaps < np.broadcast_to(below, len(order))[order]
             first = gaps == np.minimum.reduceat(gaps, begins, axis=1)[:, own]
             most = np.inf
             for rows in (near & first, near & ~first):  # then what may be nearer still

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -80,15 +81,28 @@ class Collisions:
     def __init__(self, n: int) -> None:
         self.n, self.apart = n, {}
 
-    def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
+    @cached_property
+    def steepest(self) -> np.ndarray:
+        """Upper bounds (m, n), m/rad, of the slopes of the signed distances in any posture."""
+        return np.zeros((0, self.n))
+
+    def gaps(self, q: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
         """Signed distances (N, m) or (m,), m, at q (N, n) or (n,), rad, in the order of `labels`.
 
-        Those above `below` (m) may be replaced by lower bounds above it.
+        Those above `below` (m; one for all, or (m,)) may be replaced by lower bounds above it.
 
         Raises:
             InputError: wrong shape or not finite.
         """
         return np.empty((*np.shape(q)[:-1], 0))
+
+    def proved(self, q: np.ndarray, least: float, needed: np.ndarray) -> np.ndarray | None:
+        """Which states q (N, n) keep the distances `needed` (m,), m: (N,) booleans.
+
+        None as soon as one distance of any state is below `least`, m.
+        """
+        gaps = self.gaps(q, needed)
+        return None if np.any(gaps < least) else np.all(gaps >= needed, axis=1)
 
     def slopes(
         self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, *, once: bool = False
@@ -124,11 +138,8 @@ class Collisions:
         return float(found.distances[state]), self.labels[found.pairs[state]], state
 
     def approach(self, moved: np.ndarray) -> np.ndarray:
-        """(N, m), m: how much nearer each pair can come while joints move by up to moved (N, n), rad or m.
-
-        Infinite where that is not known.
-        """
-        return np.full((len(moved), len(self.labels)), np.inf)
+        """(N, m), m: how much nearer each pair can come while joints move by up to moved (N, n), rad or m."""
+        return np.abs(moved) @ self.steepest.T
 
     def on_meshes(self, q: np.ndarray, label: GapLabel) -> float | None:
         """Distance, m, of the surfaces of the meshes that solids of these names enclose, at q (n,), rad.

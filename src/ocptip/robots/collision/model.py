@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from itertools import combinations, product
-from operator import itemgetter
 from typing import Any
 
 import casadi as cs
@@ -23,6 +22,7 @@ from ocptip.robots.collision.gaps import (
     GapLabel,
     random_postures,
 )
+from ocptip.robots.collision.screened import ScreenedDistances
 from ocptip.robots.collision.shapes import (
     ArmGeometry,
     Ball,
@@ -30,8 +30,8 @@ from ocptip.robots.collision.shapes import (
     Hull,
     MeshFile,
     Shape,
-    enclosing_capsule,
 )
+from ocptip.robots.collision.steepest import steepest_slopes
 from ocptip.robots.geometry import FLOOR, CollisionModel, Floor, Obstacle, floors_among, in_closed_form
 from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, joint_states
@@ -40,7 +40,6 @@ from ocptip.robots.urdf_parser import load_mesh
 
 _BY_HAND = "excluded"
 _PARALLEL = 1e-6
-_ENDLESS = 1e3  # m: lever behind a joint that slides without end
 _NEIGHBOURS = "neighbours"
 _TELESCOPE = "telescope: all joints between them slide along one line"
 _MEETING = 1e-4  # m: axes that pass each other nearer than this meet
@@ -181,38 +180,37 @@ class ShapeCollisions(Collisions):
         size = np.linalg.norm(normal)
         return bool(size > _PARALLEL and abs(normal @ self.arm.offsets[high - 1]) < _MEETING * size)
 
-    def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
+    @cached_property
+    def steepest(self) -> np.ndarray:
+        pairs, (bodies, across, about) = np.array(self.pairs, dtype=int).reshape(-1, 2), self._extents()
+        return steepest_slopes(self.arm, pairs, bodies, across, about)
+
+    def _extents(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bodies of the solids, and how far these reach from z and from the origin, m; 0 of those at rest."""
+        bodies, reach = np.array([body for _, body, _ in self.solids]), np.zeros((2, len(self.solids)))
+        for k, (_, body, shape) in enumerate(self.solids):
+            if body != RESTING:
+                corners = shape.outline()
+                reach[:, k] = [np.linalg.norm(own, axis=1).max() for own in (corners[:, :2], corners)]
+                reach[:, k] += shape.thickness
+        return bodies, reach[0], reach[1]
+
+    def gaps(self, q: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.n)
         result = self.distances.gaps(states, below)
         return result[0] if single else result
 
-    def nearest(self, q: np.ndarray) -> Contact:
-        return self.distances.least(np.atleast_2d(q))
-
-    def approach(self, moved: np.ndarray) -> np.ndarray:
-        return np.abs(moved) @ self._reaches.T
+    def proved(self, q: np.ndarray, least: float, needed: np.ndarray) -> np.ndarray | None:
+        return self._screened.proved(q, least, needed)
 
     @cached_property
-    def _reaches(self) -> np.ndarray:
-        """(pairs, n), m per rad or m: by how much at most each joint moves the one solid beside the other."""
-        arm, coupling = self.arm, self.arm.coupling
-        leaders = np.arange(arm.n) if coupling is None else coupling.leaders
-        ratios = np.ones(arm.n) if coupling is None else np.abs(coupling.ratios)
-        shifts = np.zeros(arm.n) if coupling is None else np.abs(coupling.offsets)
-        most = np.maximum(np.abs(arm.limits.angle_min), np.abs(arm.limits.angle_max))[leaders]
-        slide = np.where(arm.slides, ratios * most + shifts, 0.0)
-        lengths = np.linalg.norm(arm.offsets, axis=1) + np.append(slide[1:], 0.0)
-        found = np.zeros((len(self.pairs), arm.n))
-        for row, pair in zip(found, self.pairs, strict=True):
-            (low, _), (high, shape) = sorted((self.solids[s][1:] for s in pair), key=itemgetter(0))
-            if low == high:
-                continue
-            ends, radius = enclosing_capsule(shape)
-            own = float(np.max(np.linalg.norm(ends, axis=1))) + radius
-            for link in range(low + 1, high + 1):
-                lever = 1.0 if arm.slides[link] else own + float(np.sum(lengths[link:high]))
-                row[leaders[link]] += ratios[link] * min(lever, _ENDLESS)
-        return found
+    def _screened(self) -> ScreenedDistances:
+        return ScreenedDistances(
+            link_frames_function(self.arm), [(body, shape) for _, body, shape in self.solids], self.pairs
+        )
+
+    def nearest(self, q: np.ndarray) -> Contact:
+        return self.distances.least(np.atleast_2d(q))
 
     def on_meshes(self, q: np.ndarray, label: GapLabel) -> float | None:
         geometry = self.arm.geometry

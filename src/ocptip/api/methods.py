@@ -1,0 +1,114 @@
+"""How a motion is searched: directly, or along a path among obstacles; which method suits a task."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from typing import Any, Literal, TypeVar, cast
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, InputWarning, PlanningError
+from ocptip.certificate.checks import certified
+from ocptip.motion.cycles.task import Task
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.multi_start import ToleranceError
+from ocptip.motion.plan import plan_motion
+from ocptip.motion.task import MotionTask
+from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
+from ocptip.retiming.among import plan_along_path
+
+T = TypeVar("T")
+Method = Literal["direct", "path"]
+
+NEARLY = 0.02
+"""m: overlap on the straight line in joint space up to which the direct search is tried first."""
+
+_STATES = 60  # of the straight line
+
+
+def searched(
+    task: Task, method: Method | None, budget: TimeBudget, how: Mapping[str, Any], progress: Any
+) -> MotionPlan:
+    """The plan of the first method that gives a verified motion.
+
+    Args:
+        task: of a motion or a cycle.
+        method: the only one that is tried; None: those that suit the task, see `methods_for`.
+        budget: of time.
+        how: starts, seed, jobs and executor of the direct search.
+        progress: see `ocptip.motion.plan.plan_motion`.
+
+    Raises:
+        InputError: the task cannot be planned, or not by this method.
+        PlanningError: no method gave a verified motion.
+    """
+    if method == "path":
+        _require_path(task)
+    methods = methods_for(task) if method is None else (method,)
+    failed: PlanningError | InputError | None = None
+    for name in methods:
+        try:
+            return _by(name, task, budget, how, progress)
+        except TimeIsUpError:
+            failed = PlanningError(f"no verified motion in the given time ({name} method)")
+            break
+        except ToleranceError:
+            raise
+        except PlanningError as error:
+            failed = error if failed is None else PlanningError(f"{failed}; {name} method: {error}")
+    assert failed is not None
+    raise failed
+
+
+def _by(name: str, task: Task, budget: TimeBudget, how: Mapping[str, Any], progress: Any) -> MotionPlan:
+    with interrupted_after(budget.left):
+        if name == "path":
+            end = time.perf_counter() + budget.left
+            return plan_along_path(cast(MotionTask, task), seed=how["seed"], deadline=end)
+        return plan_motion(task, progress=progress, prove=certified, **how)
+
+
+def methods_for(task: Task) -> tuple[Method, ...]:
+    """The methods that suit a task, the more promising one first.
+
+    Among obstacles the direct search succeeds only near the straight line. A warning says where a path is
+    needed and OMPL is missing.
+    """
+    if task.is_cycle or not task.robot.collision.labels:
+        return ("direct",)
+    overlap = _overlap(cast(MotionTask, task))
+    if overlap <= 0:
+        return ("direct",)
+    if find_spec("ompl") is not None:
+        return ("direct", "path") if overlap <= NEARLY else ("path", "direct")
+    text = "obstacles are between start and goal; a path around them needs OMPL (pip install 'ocptip[paths]')"
+    warnings.warn(InputWarning(f"{task.name}: {text}"), stacklevel=3)
+    return ("direct",)
+
+
+def _overlap(task: MotionTask) -> float:
+    """Largest overlap, m, on the straight line from a start to a goal; of several lines the smallest one."""
+    shares = np.linspace(0, 1, _STATES)[:, None]
+    return min(
+        -float(np.min(task.robot.collision.gaps(start + shares * (goal - start), 0.0), initial=0.0))
+        for start, goal in task.choices or [(task.start, task.goal)]
+    )
+
+
+def _require_path(task: Task) -> None:
+    if task.is_cycle:
+        raise InputError("method: path is for single motions, not for cycles")
+    if not task.robot.collision.labels:
+        raise InputError("method: path needs collision geometry; there is none")
+
+
+def in_time(compute: Callable[[], T], otherwise: T, budget: TimeBudget) -> T:
+    """The result of a computation, or something else if the time is up before."""
+    try:
+        with interrupted_after(budget.left):
+            return compute()
+    except TimeIsUpError:
+        return otherwise

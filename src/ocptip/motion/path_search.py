@@ -1,0 +1,258 @@
+"""A path among obstacles: straight lines in joint space from a start to a goal, searched by OMPL.
+
+RRT-Connect grows one tree from every start and every goal; each new line is proved to be clear before it
+joins a tree. Of the path that results, shortcuts replace detours. The clearance comes from this library's
+collision model, as in all checks. The same seed gives the same path: the search ends after a number of
+tested states, not after some time, unless a deadline is given.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.motion.task import MotionTask, end_refusals
+from ocptip.robots.collision.straight_lines import StraightLines
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit_kinds.clearance import ClearanceLimit
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.trajectories.path_fit import FittedPath, blend_rows, rounded_lines
+from ocptip.trajectories.path_legs import polygon_lengths
+
+MOST_STATES = 400_000
+"""States of a search whose distances are computed, at most."""
+
+AT_REST = 0.2
+"""rad (sliding joints: m): spacing of the postures on a line in which the robot has to stand at rest."""
+
+_EXTRA = 0.004  # m beyond the clearance, where ends allow it: motions within an uncertainty need some
+_SAG = 5e-4  # rad or m: distance of chords, which are tested, from the blend between them
+_HALVINGS = 6  # of a blend at most; a corner that none rounds stays, and the motion stops there
+_RANGE = 1.0  # rad or m: longest line that a tree grows by at once
+_SHORTCUTS = 60  # tried in a row without success, and rounds of them
+_TURN = 2 * np.pi  # rad: how far beyond start and goal a joint without limits may go
+
+
+def library_ompl() -> tuple[Any, Any, Any]:
+    """The modules base, geometric and util of OMPL; InputError says how to get it."""
+    try:
+        base, geometric, util = (import_module(f"ompl.{name}") for name in ("base", "geometric", "util"))
+    except ImportError:
+        raise InputError("paths among obstacles need OMPL (pip install 'ocptip[paths]')") from None
+    return base, geometric, util
+
+
+class _AllowedLines:
+    """Straight lines between postures that a task allows: clear, and at rest within all limits.
+
+    Args:
+        task: of the motion.
+        extra: m, beyond the clearance of the task.
+
+    Attributes:
+        at_rest: whether the limits at rest count, which take longer than the clearance.
+    """
+
+    at_rest = False
+
+    def __init__(self, task: MotionTask, extra: float) -> None:
+        self._lines = StraightLines(task.robot.collision, task.limits.clearance + extra)
+        self._robot = task.robot.resting(0)
+        kinds = limits_of(self._robot, task.limits)
+        self._limits = [limit for limit in kinds if not isinstance(limit, ClearanceLimit)]
+
+    @property
+    def tested(self) -> int:
+        """Number of states whose distances were computed."""
+        return self._lines.tested
+
+    def free(self, q: np.ndarray) -> bool:
+        """Whether the posture q (n,) is allowed."""
+        return self._lines.free(q) and not (self.at_rest and self._broken(q[None]))
+
+    def clear(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Whether the straight line between two postures, (n,) each, is allowed."""
+        return self._lines.clear(begin, end) and not (self.at_rest and self.broken(np.array([begin, end])))
+
+    def all_clear(self, points: np.ndarray) -> bool:
+        """Whether all lines between points (N, n) are allowed."""
+        return all(self.clear(begin, end) for begin, end in pairwise(points))
+
+    def broken(self, corners: np.ndarray) -> bool:
+        """Whether a posture on the lines between corners (N, n) breaks a limit at rest."""
+        parts = []
+        for begin, end in pairwise(corners):
+            count = int(np.ceil(np.max(np.abs(end - begin)) / AT_REST)) + 1
+            parts.append(begin + np.linspace(0, 1, max(2, count))[:, None] * (end - begin))
+        return self._broken(np.vstack(parts))
+
+    def _broken(self, q: np.ndarray) -> bool:
+        at = Instants.at_rest(self._robot, q)
+        return any(limit.path_excess(at) > 0 for limit in self._limits)
+
+
+def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) -> FittedPath:
+    """A path from a start to a goal of a task that keeps the clearance: straight lines with rounded corners.
+
+    Args:
+        task: of which all pairs of start and goal postures count.
+        seed: of the random search.
+        deadline: of `time.perf_counter`, s, after which the search ends.
+
+    Raises:
+        InputError: OMPL is not installed.
+        PlanningError: start or goal is not allowed, or there is no path.
+    """
+    library_ompl()
+    starts, goals = _ends(task)
+    gaps = [task.robot.collision.least(np.array(own)) for own in (starts, goals)]
+    extra = float(np.clip(0.5 * (min(map(np.max, gaps)) - task.limits.clearance), 0.0, _EXTRA))
+    tested = 0
+    for more in sorted({extra, 0.0}, reverse=True):
+        lines = _AllowedLines(task, more)
+        ends = [[q for q in own if lines.free(q)] for own in (starts, goals)]
+        if not all(ends):
+            continue
+        found = _connected(task, lines, *ends, seed=seed, deadline=deadline)
+        if found is not None and lines.broken(found):
+            lines.at_rest = True
+            found = _connected(task, lines, *ends, seed=seed, deadline=deadline)
+        if found is not None:
+            return _rounded(found, lines)
+        tested += lines.tested
+    raise PlanningError(f"no path among the obstacles after {tested} tested states; {_HINT}")
+
+
+def _rounded(corners: np.ndarray, lines: _AllowedLines) -> FittedPath:
+    """The path through corners (N, n), each with the longest blend that is clear."""
+    lengths, reaches = polygon_lengths(corners), []
+    directions = np.diff(corners, axis=0) / np.diff(lengths)[:, None]
+    for k, (before, after) in enumerate(pairwise(directions)):
+        reach = 0.5 * float(min(np.diff(lengths)[k : k + 2]))
+        for _ in range(_HALVINGS):
+            if lines.all_clear(_blend(corners[k + 1] - reach * before, before, after - before, reach)):
+                break
+            reach *= 0.5
+        else:
+            reach = 0.0
+        reaches.append(reach)
+    return rounded_lines(corners, reaches)
+
+
+def _blend(begin: np.ndarray, way: np.ndarray, bend: np.ndarray, reach: float) -> np.ndarray:
+    """Points (N, n) on a blend, close enough that chords between them stand for it."""
+    rows = blend_rows(begin, way, bend, reach)
+    count = int(np.ceil(np.sqrt(3 * reach * float(np.max(np.abs(bend))) / (8 * _SAG)))) + 1
+    places = np.linspace(0, 2 * reach, count + 1)
+    return np.stack([np.polyval(rows[:, j], places) for j in range(len(begin))], axis=1)
+
+
+_HINT = "another seed, more --seconds or a smaller clearance in [limits] may help"
+
+
+def _ends(task: MotionTask) -> list[list[np.ndarray]]:
+    """Starts and goals in which the robot may rest, those of the task first."""
+    pairs = [(task.start, task.goal), *task.choices]
+    found = []
+    for share, name in ((0, "start"), (1, "goal")):
+        every = list({pair[share].tobytes(): pair[share] for pair in pairs}.values())
+        reasons = [end_refusals(task, share, q) for q in every]
+        allowed = [q for q, why in zip(every, reasons, strict=True) if not why]
+        if not allowed:
+            raise PlanningError(f"{name}: {'; '.join(reasons[0])}")
+        found.append(allowed)
+    return found
+
+
+def _connected(
+    task: MotionTask,
+    lines: _AllowedLines,
+    starts: Sequence[np.ndarray],
+    goals: Sequence[np.ndarray],
+    *,
+    seed: int,
+    deadline: float,
+) -> np.ndarray | None:
+    base, geometric, util = library_ompl()
+    n = task.robot.n
+
+    def over() -> bool:
+        return lines.tested > MOST_STATES or time.perf_counter() > deadline
+
+    def values(state: Any) -> np.ndarray:
+        return np.array([state[j] for j in range(n)])
+
+    class Validity(base.StateValidityChecker):
+        def isValid(self, state: Any) -> bool:
+            return lines.free(values(state))
+
+    class Motions(base.MotionValidator):
+        def checkMotion(self, begin: Any, end: Any, *_: Any) -> bool:
+            return not over() and lines.clear(values(begin), values(end))
+
+    with _silent(util):
+        util.RNG.setSeed(seed + 1)
+        space = base.RealVectorStateSpace(n)
+        bounds = base.RealVectorBounds(n)
+        for j, (low, high) in enumerate(_bounds(task, [*starts, *goals])):
+            bounds.setLow(j, low)
+            bounds.setHigh(j, high)
+        space.setBounds(bounds)
+
+        def state(q: np.ndarray) -> Any:
+            made = space.allocState()
+            for j, value in enumerate(q.tolist()):
+                made[j] = value
+            return made
+
+        information = base.SpaceInformation(space)
+        validity, motions = Validity(information), Motions(information)
+        information.setStateValidityChecker(validity)
+        information.setMotionValidator(motions)
+        information.setup()
+        problem, ends = base.ProblemDefinition(information), base.GoalStates(information)
+        for q in starts:
+            problem.addStartState(state(q))
+        for q in goals:
+            ends.addState(state(q))
+        problem.setGoal(ends)
+        planner = geometric.RRTConnect(information)
+        planner.setRange(_RANGE)
+        planner.setProblemDefinition(problem)
+        planner.setup()
+        planner.solve(base.PlannerTerminationCondition(over))
+        if not problem.hasExactSolution():
+            return None
+        path = problem.getSolutionPath()
+        shorter = geometric.PathSimplifier(information)
+        shorter.reduceVertices(path, _SHORTCUTS, _SHORTCUTS)
+        shorter.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
+        shorter.reduceVertices(path, _SHORTCUTS, _SHORTCUTS)
+        corners = np.array([values(path.getState(k)) for k in range(path.getStateCount())])
+    return corners
+
+
+def _bounds(task: MotionTask, ends: Sequence[np.ndarray]) -> Iterator[tuple[float, float]]:
+    """Limits of each joint within the margin that is asked for; of endless joints a turn beyond the ends."""
+    limits, turns = task.robot.limits, np.array(task.robot.units) == "rad"
+    margin = np.where(turns, task.limits.angle_margin, 0.0)
+    low = np.maximum(limits.angle_min + margin, np.min(ends, axis=0) - _TURN)
+    high = np.minimum(limits.angle_max - margin, np.max(ends, axis=0) + _TURN)
+    return zip(low.tolist(), high.tolist(), strict=True)
+
+
+@contextmanager
+def _silent(util: Any) -> Iterator[None]:
+    """OMPL prints nothing meanwhile."""
+    util.noOutputHandler()
+    try:
+        yield
+    finally:
+        util.restorePreviousOutputHandler()

@@ -1,0 +1,59 @@
+"""Ends a computation after some time as Ctrl-C does: what is finished by then is kept."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ocptip.basics.errors import InputError
+
+
+class TimeIsUpError(KeyboardInterrupt):
+    """An interrupt by a time limit, not by a user."""
+
+
+@contextmanager
+def interrupted_after(seconds: float) -> Iterator[None]:
+    """Raise `TimeIsUpError` in this thread, the main one, after some time, s; infinite: never.
+
+    Raises:
+        InputError: this is not the main thread, or the system has no timers.
+    """
+    if seconds == float("inf"):
+        yield
+        return
+    if seconds <= 0:
+        raise TimeIsUpError
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        raise InputError("seconds: a time limit needs the main thread of a process, and not Windows")
+
+    def stop(*_: Any) -> None:
+        raise TimeIsUpError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+class TimeBudget:
+    """A time limit that begins now.
+
+    Args:
+        seconds: of wall time; None: no limit.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        self._end = float("inf") if seconds is None else time.perf_counter() + seconds
+
+    @property
+    def left(self) -> float:
+        """s; infinite without a limit."""
+        return max(self._end - time.perf_counter(), 0.0)

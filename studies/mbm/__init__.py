@@ -1,0 +1,1 @@
+"""MotionBenchMaker problems as tasks of ocptip."""

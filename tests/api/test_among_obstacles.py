@@ -1,0 +1,64 @@
+"""`ocptip.plan` among obstacles: which method, what it gives, and the end of the time."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+import pytest
+
+import ocptip
+from ocptip.api.methods import methods_for
+from ocptip.basics.errors import InputError, InputWarning
+from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
+from ocptip.task_files.motion import load_task
+from tests.motion.among_boxes import WALL, task_among, task_file
+
+pytest.importorskip("ompl")
+BESIDE = WALL.replace("0.75, 0.0", "0.75, -0.9")
+
+
+def test_a_motion_around_a_wall_is_proved(tmp_path):
+    plan = ocptip.plan(task_file(tmp_path), seed=1)
+    assert plan.planned.options["method"] == "path"
+    assert plan.verified
+    assert plan.check.certified
+    motion, robot = plan.motion, plan.task.robot
+    q = motion(np.arange(0, motion.end, 1e-3))
+    assert robot.collision.gaps(q).min() >= plan.task.limits.clearance
+    assert plan.executions[0].controller == "cubic"
+
+
+def test_the_method_follows_from_the_straight_line(tmp_path, monkeypatch):
+    assert methods_for(task_among(tmp_path)) == ("path", "direct")
+    assert methods_for(task_among(tmp_path, BESIDE)) == ("direct",)
+    touched = WALL.replace("0.75, 0.0", "1.05, 0.0")
+    assert methods_for(task_among(tmp_path, touched)) == ("direct", "path")
+    monkeypatch.setattr("ocptip.api.methods.find_spec", lambda name: None)
+    assert methods_for(task_among(tmp_path, BESIDE)) == ("direct",)
+    with pytest.warns(InputWarning, match=r"needs OMPL \(pip install 'ocptip\[paths\]'\)"):
+        assert methods_for(task_among(tmp_path)) == ("direct",)
+
+
+def test_a_path_is_not_for_cycles_nor_without_geometry(tmp_path):
+    file = task_file(tmp_path)
+    text = file.read_text().split("[[obstacle]]")[0]
+    file.write_text(text.replace("[arm]", "[arm]\ncollision = false"))
+    with pytest.raises(InputError, match="method: path needs collision geometry"):
+        ocptip.plan(load_task(file), method="path")
+
+
+def test_when_the_time_is_up_there_is_a_plan_or_the_reason(tmp_path):
+    with pytest.raises(ocptip.NoPlanError, match="no verified motion in the given time"):
+        ocptip.plan(task_file(tmp_path), seconds=1e-3)
+
+
+def test_a_time_limit_interrupts_and_leaves_no_trace():
+    before = signal.getsignal(signal.SIGALRM)
+    with pytest.raises(TimeIsUpError), interrupted_after(0.01):
+        time.sleep(5)
+    with interrupted_after(30.0):
+        pass
+    assert signal.getsignal(signal.SIGALRM) == before
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
