@@ -198,6 +198,8 @@ def identify_links(
         SolverError: the cone program has no answer.
     """
     robot = predictor.robot
+    if robot.arm.has_springs:
+        raise InputError("arm.springs: links are identified without springs of joints only")
     bare, sensor, n, gravity = robot.arm.with_payload(None), robot.sensor, robot.n, robot.support.gravity
     torques, wrench = recording.of(TORQUE), recording.of(WRENCH)
     if not torques:

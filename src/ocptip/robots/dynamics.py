@@ -126,6 +126,10 @@ def newton_euler(
         F, M = relative[index] @ F, relative[index] @ M
     driven = needed if model.coupling is None else model.coupling.gathered(needed)
     torque = [driven[i] + model.armature[i] * qdd[i] for i in range(model.n)]  # (2.44)
+    if model.has_springs:  # they act on the links beside them, so that the wrench is as without them
+        torque = [
+            torque[i] - model.spring_torque[i] + model.spring_stiffness[i] * q[i] for i in range(model.n)
+        ]
     arm = cs.SX(model.mount_position) + levers[0] - about
     return cs.vertcat(*torque), cs.vertcat(-F, -M - cs.cross(arm, F))
 

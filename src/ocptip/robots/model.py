@@ -129,6 +129,9 @@ class ArmModel:
         armature: (n,), kg m^2: rotor inertia times gear ratio squared. Adds armature * qdd to the joint
             torque and nothing to the base wrench, as in Pinocchio; zero for arms whose link inertias hold the
             rotors. Sliding joints: kg.
+        spring_torque, spring_stiffness: (n,), N m and N m/rad (sliding joints: N, N/m): a spring beside the
+            drive exerts spring_torque - spring_stiffness * q on the link, and the opposite on the link before
+            it. The drive needs that much less; the base feels nothing of it. Zero by default.
         prismatic: (n,) True for sliding joints; by default none slides.
         notes: what was assumed when the arm was made, one sentence each, for reports.
         sphere_sets: collision spheres.
@@ -160,6 +163,8 @@ class ArmModel:
     mount_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     mount_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     armature: np.ndarray = None  # pyright: ignore[reportAssignmentType] # zeros
+    spring_torque: np.ndarray = None  # pyright: ignore[reportAssignmentType] # zeros
+    spring_stiffness: np.ndarray = None  # pyright: ignore[reportAssignmentType] # zeros
     prismatic: np.ndarray = None  # pyright: ignore[reportAssignmentType] # none slides
     notes: tuple[str, ...] = ()
     sphere_sets: tuple[SphereSet, ...] = ()
@@ -181,8 +186,9 @@ class ArmModel:
         n = len(self.joint_names)
         if n == 0:
             raise InputError("joint_names: an arm needs at least one joint")
-        if self.armature is None:
-            settle(self, armature=np.zeros(n))
+        for name in ("armature", "spring_torque", "spring_stiffness"):
+            if getattr(self, name) is None:
+                settle(self, **{name: np.zeros(n)})
         kinds = np.zeros(n, dtype=bool) if self.prismatic is None else np.array(self.prismatic)
         if kinds.shape != (n,) or kinds.dtype != bool:
             raise InputError(f"prismatic: expected {n} times true or false, got {self.prismatic!r}")
@@ -198,6 +204,8 @@ class ArmModel:
             "mount_position": (3,),
             "mount_rotation": (3, 3),
             "armature": (n,),
+            "spring_torque": (n,),
+            "spring_stiffness": (n,),
         }
         for name, shape in shapes.items():
             settle(self, **{name: finite_array(name, getattr(self, name), shape)})
@@ -207,7 +215,7 @@ class ArmModel:
             rotation_matrix(f"rotations[{index}]", matrix)
         rotation_matrix("tool_rotation", self.tool_rotation)
         rotation_matrix("mount_rotation", self.mount_rotation)
-        for name in ("masses", "armature"):
+        for name in ("masses", "armature", "spring_stiffness"):
             if (getattr(self, name) < 0).any():
                 raise InputError(f"{name}: must be >= 0, got {getattr(self, name)}")
         skew = np.abs(self.inertias - self.inertias.transpose(0, 2, 1)).max(axis=(1, 2))
@@ -241,6 +249,11 @@ class ArmModel:
     def n(self) -> int:
         """Number of joints, without those that follow others."""
         return len(self.joint_names)
+
+    @property
+    def has_springs(self) -> bool:
+        """Whether springs beside the drives hold some joints."""
+        return bool(self.spring_torque.any() or self.spring_stiffness.any())
 
     @property
     def links(self) -> int:

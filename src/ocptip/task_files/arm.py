@@ -87,6 +87,14 @@ LINK = Keys(
         "added": schema.tables(_PART, "Parts besides the link, such as cables and tools."),
     },
 )
+_SPRING = Keys(
+    "spring",
+    "A spring beside the drive: `torque - stiffness * value` of the joint, on the link behind it.",
+    {
+        "torque": schema.number("Torque at value 0; sliding joints: force, N.", "N m", default=0.0),
+        "stiffness": schema.number("Stiffness; sliding joints: N/m.", "N m/rad", bound=">= 0", default=0.0),
+    },
+)
 _JOINT = Keys(
     "joint of a table",
     "A row of Denavit-Hartenberg parameters and the link behind the joint.",
@@ -128,6 +136,10 @@ ARM = Keys(
         "limits": schema.table(ARM_LIMITS, default=None),
         "links": schema.table(
             Keys("links", "Masses of links by the joint before them.", others=schema.table(LINK)),
+            default=None,
+        ),
+        "springs": schema.table(
+            Keys("springs", "Springs that counterbalance joints, by joint.", others=schema.table(_SPRING)),
             default=None,
         ),
     },
@@ -228,7 +240,7 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
             raise gripper.error("only joints of a URDF can be locked", given[0])
         with table.at(arm="name"):
             arm = load_arm(name)
-    arm = _with_links(arm, table.table("links"))
+    arm = _with_springs(_with_links(arm, table.table("links")), table.table("springs"))
     with table.at():
         return _with_limits(arm, table.table("limits")).mounted(position, rotation)
 
@@ -262,6 +274,22 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
         own.close()
     table.close()
     return replace(arm, masses=masses, centres=centres, inertias=inertias, armature=armature)
+
+
+def _with_springs(arm: ArmModel, table: Table) -> ArmModel:
+    """The arm with the springs of `[arm.springs."JOINT"]`."""
+    torque, stiffness = arm.spring_torque.copy(), arm.spring_stiffness.copy()
+    for name in table:
+        if name not in arm.joint_names:
+            known = ", ".join(arm.joint_names)
+            raise table.error(
+                f"no joint {name!r}; there are {known}{did_you_mean(name, arm.joint_names)}", name
+            )
+        j, own = arm.joint_names.index(name), table.table(name)
+        torque[j], stiffness[j] = own["torque"], own["stiffness"]
+        own.close()
+    table.close()
+    return replace(arm, spring_torque=torque, spring_stiffness=stiffness)
 
 
 def _part(table: Table) -> RigidBody:

@@ -34,12 +34,14 @@ def lean_arm(model: ArmModel) -> cs.Function:
         model: its payload is part of its last link.
 
     Raises:
-        InputError: joints that follow others, or a process load.
+        InputError: joints that follow others, springs of joints, or a process load.
     """
     if model.coupling is not None:
         raise InputError(f"{model.name}: joints follow others; lean code knows independent joints only")
     if model.process is not None:
         raise InputError(f"{model.name}: lean code knows no process load")
+    if model.has_springs:
+        raise InputError(f"{model.name}: lean code knows no springs of joints")
     q, qd, qdd = (cs.SX.sym(which, model.n) for which in ("q", "qd", "qdd"))
     gravity = cs.SX.sym("gravity", 3)
     chain = _chain(model, cs.vertsplit(q))

@@ -39,6 +39,7 @@ FOOT = 0.03  # mass of a compliant foot over that of the base, from which it is 
 _KEYS = 0.02  # s between keyframes
 _SERVO = 2 * np.pi * 20.0  # rad/s: natural frequency of the actuators
 _POINT = 1e-9  # kg m^2: moments of a point mass
+_CONSTANT = 1e-9  # 1/rad, 1/m: relative stiffness of a spring of almost constant torque
 RIGID = {"solref": [5 * STEP, 1.0], "solimp": [0.9, 0.9, 1e-3, 0.5, 2.0]}
 """Contact of a stiff foot: 0.5 ms, critically damped. Much stiffer contacts chatter, softer ones swing."""
 
@@ -269,7 +270,11 @@ def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> None:
                 _rotor(parent, arm.chain_names[k], rotor.mass, rotor.axial, rotor.transverse, at, rotor.ratio)
         parent = add(parent, "body", name=_link(arm, k), **at)
         kind = "slide" if arm.slides[k] else "hinge"
-        add(parent, "joint", name=arm.chain_names[k], type=kind, axis="0 0 1", armature=text(armatures[k]))
+        joint = add(
+            parent, "joint", name=arm.chain_names[k], type=kind, axis="0 0 1", armature=text(armatures[k])
+        )
+        if k in leads and arm.has_springs:
+            _spring(joint, *(own[list(leads).index(k)] for own in (arm.spring_torque, arm.spring_stiffness)))
         _inertial(parent, link)
         place = arm.offsets[k]
     _stick(parent, np.zeros(3), place)
@@ -279,6 +284,14 @@ def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> None:
         body = held_body(arm, arm.payload)
         _inertial(held, body)
         add(held, "geom", type="sphere", size="0.03", pos=text(body[1]), rgba="0.8 0.4 0.2 1")
+
+
+def _spring(joint: ET.Element, torque: float, stiffness: float) -> None:
+    """A spring beside the drive; a constant torque is one of a stiffness that is negligible."""
+    stiffness = max(stiffness, _CONSTANT * abs(torque))
+    if stiffness:
+        joint.set("stiffness", text(stiffness))
+        joint.set("springref", text(torque / stiffness))
 
 
 def held_body(arm: ArmModel, payload: Payload) -> RigidBody:

@@ -89,6 +89,8 @@ def _lost(robot: Robot) -> list[str]:
     found = [f"not in this file: friction of the feet ({friction}), the motion, the ground"]
     if robot.support.elastic is not None:
         found.append("not in this file: springs and dampers of the feet")
+    if robot.arm.has_springs:
+        found.append("not in this file: springs beside the drives of joints")
     armature = robot.arm.armature
     if armature is not None and np.any(armature):
         values = ", ".join(f"{value:.6g}" for value in armature)
