@@ -1,5 +1,7 @@
 """Torques and wrenches of random arms over random intervals, in ball arithmetic and in numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -31,6 +33,8 @@ def _random_arm(rng):
         "inertias": 0.01 * (half @ half.transpose(0, 2, 1)),
         "slides": rng.random(links) < 0.25,
         "armature": rng.uniform(0, 0.1, coordinates),
+        "spring_torque": rng.uniform(-30, 30, coordinates),
+        "spring_stiffness": rng.uniform(0, 50, coordinates),
         "ratios": ratios,
         "shift": np.where(np.arange(links) < coordinates, 0.0, 0.3),
         "mount_position": rng.uniform(-0.5, 0.5, 3),
@@ -58,7 +62,7 @@ def _check_random_arms(arms, intervals, seed):
         c = [q, v * h, a * h**2 / 2, j * h**3 / 6]
         forms = Form.of(*c), Form.of(v, a * h, j * h**2 / 2), Form.of(a, j * h)
         arm = Arm(data, GRAVITY, ABOUT)
-        torques, wrench = arm.loads(arm.turns(forms[0]), *forms[1:], np.zeros((2, intervals)))
+        torques, wrench = arm.loads(forms[0], arm.turns(forms[0]), *forms[1:], np.zeros((2, intervals)))
         assert np.max(wrench.r) < 1e-2 * np.max(wrench.size)
         for number in range(intervals):
             for s in (-1.0, float(rng.uniform(-1, 1)), 1.0):
@@ -89,14 +93,19 @@ def test_a_thousand_intervals_against_ball_arithmetic():
     _check_random_arms(arms=50, intervals=20, seed=2)
 
 
-def test_frames_and_loads_are_those_of_the_library():
+@pytest.mark.parametrize("springs", [False, True])
+def test_frames_and_loads_are_those_of_the_library(springs):
     robot = experiment_task("B").robot
+    if springs:
+        robot = robot.varied(
+            arm=replace(robot.arm, spring_torque=np.arange(6.0), spring_stiffness=np.ones(6))
+        )
     model = model_data(robot)
     arm = Arm(model["arm"], robot.support.gravity, robot.support.center_of_mass)
     rng = np.random.default_rng(0)
     q, qd, qdd = (rng.uniform(-k, k, (20, robot.n)) for k in (3, 2, 10))
     turns = arm.turns(Form.of(q.T))
-    torques, wrench = arm.loads(turns, Form.of(qd.T), Form.of(qdd.T), np.zeros((2, 20)))
+    torques, wrench = arm.loads(Form.of(q.T), turns, Form.of(qd.T), Form.of(qdd.T), np.zeros((2, 20)))
     expected = robot.loads(q, qd, qdd)
     np.testing.assert_allclose(torques.c[0].T, expected[0], atol=1e-10)
     np.testing.assert_allclose(wrench.c[0].T + robot.support.weight, expected[1], atol=1e-10)

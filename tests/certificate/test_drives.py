@@ -44,6 +44,8 @@ def _check_random_arms(arms, intervals, seed):
     for _ in range(arms):
         model, tolerance = _random_model(rng), _random_tolerance(rng)
         n, h = len(model["arm"]["armature"]), rng.uniform(1e-4, 0.01, intervals)
+        model["arm"]["spring_torque"] = rng.uniform(-30, 30, n).tolist()
+        model["arm"]["spring_stiffness"] = rng.uniform(0, 50, n).tolist()
         q, v, a, j = (rng.uniform(-k, k, (n, intervals)) for k in (3, 3, 20, 300))
         forms = [
             Form.of(q, v * h, a * h**2 / 2, j * h**3 / 6),
@@ -73,9 +75,11 @@ def test_a_thousand_worlds():
     assert _check_random_arms(arms=70, intervals=5, seed=1) > 0.97
 
 
-@pytest.mark.parametrize("case", ["B", "G"])
-def test_nothing_uncertain_is_the_world_as_described(case):
+@pytest.mark.parametrize(("case", "spring"), [("B", 0.0), ("G", 0.0), ("B", 7.0)])
+def test_nothing_uncertain_is_the_world_as_described(case, spring):
     robot = experiment_task(case).robot
+    springs = {"spring_torque": np.full(robot.n, spring), "spring_stiffness": np.full(robot.n, spring)}
+    robot = robot.varied(arm=replace(robot.arm, **springs))
     rng = np.random.default_rng(2)
     states = [rng.uniform(-k, k, (20, robot.n)) for k in (3, 2, 10)]
     drives = Drives(model_data(robot), tolerance_data(NONE, robot.support))

@@ -99,6 +99,12 @@ def loads(data, q, qd, qdd, gravity, about):
         dot(column, needed) + armature * x
         for column, armature, x in zip(columns, m["armature"], qdd, strict=True)
     ]
+    none = [0.0] * len(torques)
+    springs = zip(q, data.get("spring_torque", none), data.get("spring_stiffness", none), strict=True)
+    torques = [
+        x - (arb(float(at_zero)) - arb(float(stiffness)) * y)
+        for x, (y, at_zero, stiffness) in zip(torques, springs, strict=True)
+    ]
     force = plus(push, times(arb(-1), plus(*forces)))
     levers = [plus(c, times(arb(-1), numbers(about))) for c in centres]
     moment = times(arb(-1), plus(*moments, *(cross(r, f) for r, f in zip(levers, forces, strict=True))))

@@ -170,7 +170,8 @@ def loads(model, world, state):
         data = {key: np.array(value, dtype=float) for key, value in arm.items()}
         data["rotations"][0] = data["mount_rotation"] @ data["rotations"][0]  # rounded once, as it is read
         data["mount_rotation"] = np.eye(3)
-        data["armature"] = np.zeros(len(data["armature"]))
+        for key in ("armature", "spring_torque", "spring_stiffness"):  # counted once, below
+            data[key] = np.zeros(len(data["armature"]))
         data |= process if mass is None else dict.fromkeys(process, np.zeros(6))
         for key, value in (("masses", mass or 0.0), ("centres", centre), ("inertias", inertia)):
             data[key] = np.zeros(data[key].shape)
@@ -190,6 +191,10 @@ def loads(model, world, state):
     found += [(float(world.extra), at_tool), (1.0, own(n - 1, None, np.zeros(3), np.zeros((3, 3))))]
     torques = [sum((w * part[0][k] for w, part in found), arb(0)) for k in range(len(qd))]
     torques = [x + arb(float(a)) * y for x, a, y in zip(torques, arm["armature"], qdd, strict=True)]
+    none = [0.0] * len(torques)
+    springs = zip(q, arm.get("spring_torque", none), arm.get("spring_stiffness", none), strict=True)
+    held = [arb(float(at_zero)) - arb(float(stiffness)) * y for y, at_zero, stiffness in springs]
+    torques = [x - y for x, y in zip(torques, held, strict=True)]
     wrench = [sum((w * part[1][k] for w, part in found), arb(0)) for k in range(6)]
     weight = [arb(float(base["mass"])) * arb(float(world.base)) * arb(float(g)) for g in world.gravity]
     lever = [arb(float(x)) for x in world.centre]

@@ -10,7 +10,7 @@ import casadi as cs
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ocptip.certificate.trusted.arm import PROCESS, TIMES
+from ocptip.certificate.trusted.arm import PROCESS, SPRINGS, TIMES
 from ocptip.contact.support import Support
 from ocptip.numerics.jit.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
@@ -164,6 +164,8 @@ def _arm_data(robot: Robot, end: float | None) -> dict[str, Any]:
         "ratios": (np.eye(arm.n) if coupling is None else coupling.matrix).tolist(),
         "shift": (np.zeros(arm.n) if coupling is None else coupling.offsets).tolist(),
     }
+    if arm.has_springs:
+        data.update({key: getattr(arm, key).tolist() for key in SPRINGS})
     if (varying := robot.varying) is None:
         parts = process_parts(arm)
     else:

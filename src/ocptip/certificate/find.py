@@ -125,8 +125,6 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
         return f"motions of a {robot.kind} without closed forms cannot be proved"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
-    if isinstance(robot, Robot) and robot.arm.has_springs:
-        return "springs of joints are not part of proofs"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
     return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
 

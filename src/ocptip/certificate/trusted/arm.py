@@ -21,6 +21,9 @@ Motion = tuple[Form, Form, Form]
 PROCESS = "process_in_base", "process_on_link"
 """Keys of what acts on the gripper, about it, (6,) each: in base axes, and in those of the last link."""
 
+SPRINGS = "spring_torque", "spring_stiffness"
+"""Keys of springs beside the drives, (m,) each: torque at 0, and what it falls by per rad or m."""
+
 TIMES = "process_times"
 """Key of times (K,), s, if it varies: then it is (K, 6) each; straight between them, constant outside."""
 
@@ -100,6 +103,7 @@ class Arm:
         self.slides = number["slides"].astype(bool)
         self.ratios, self.shift = number["ratios"], number["shift"]
         self.process = [number.get(key, np.zeros(6)) for key in PROCESS]
+        self._springs = [number.get(key, np.zeros(len(self.armature))) for key in SPRINGS]
         self._knots = number.get(TIMES)
         self.mount, self.mount_rotation = number["mount_position"], number["mount_rotation"]
         self.gravity, self.about = gravity, about
@@ -110,10 +114,19 @@ class Arm:
         values = linear(self.ratios, q) + self.shift[:, None]
         return [(values[i], None if self.slides[i] else cos_sin(values[i])) for i in range(self.n)]
 
-    def loads(self, turns: Turns, qd: Form, qdd: Form, ends: np.ndarray) -> tuple[Form, Form]:
-        """Torques (n, N) and the wrench (6, N) on the base about its centre of mass, without its weight.
+    def against_springs(self, q: Form) -> Form:
+        """Torques (m, N) of drives that springs beside them ask for, at coordinates q (m, N).
 
-        ends (2, N), s: from when to when.
+        Both ends of a spring act on links beside its joint, or on the base, so that the wrench on the base is
+        as without it.
+        """
+        at_zero, stiffness = (own[:, None] for own in self._springs)
+        return q * stiffness + -at_zero
+
+    def loads(self, q: Form, turns: Turns, qd: Form, qdd: Form, ends: np.ndarray) -> tuple[Form, Form]:
+        """Torques (m, N) and the wrench (6, N) on the base about its centre of mass, without its weight.
+
+        q (m, N) are coordinates, turns of them; ends (2, N), s: from when to when.
         """
         moved = self.accelerations(turns, qd, qdd, self.gravity)
         own = zip(self.masses, self.centres, self.inertias, moved, strict=True)
@@ -135,7 +148,8 @@ class Arm:
         M = M + linear(skew(self.mount - self.about), F)
         if self.slides[0]:
             M = M + linear(skew(self.rotations[0][:, 2]), F) * turns[0][0]
-        return linear(self.ratios.T, stack(*needed)) + qdd * self.armature[:, None], -joined(F, M)
+        torques = linear(self.ratios.T, stack(*needed)) + qdd * self.armature[:, None]
+        return torques + self.against_springs(q), -joined(F, M)
 
     def process_load(self, turns: Turns, ends: np.ndarray) -> tuple[Form, Form]:
         """Force and moment (3, N) of the process on the last link, about its frame's origin, in its axes.

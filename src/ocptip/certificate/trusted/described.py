@@ -115,7 +115,7 @@ class Checker:
         frames, further = [], None
         if self.arm is not None:
             turns = self.arm.turns(at.q)
-            torques, wrench = self.arm.loads(turns, at.qd, at.qdd, at.ends)
+            torques, wrench = self.arm.loads(at.q, turns, at.qd, at.qdd, at.ends)
             if len(self.pairs):
                 frames = self.arm.frames(turns)
         else:

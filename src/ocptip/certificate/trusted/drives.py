@@ -61,7 +61,8 @@ class Drives:
         own = [self._coordinates(form) for form in (pace, *pulls, *pushes, process)]
         own.append(qdd * arm.armature[:, None])
         weights = np.array([(body.low, body.high) for body in found]).T[:, :, None]
-        found = self._greatest(weights, own[0], own[1:4], own[4:7], own[7], own[8])
+        steady = own[7] + arm.against_springs(q)
+        found = self._greatest(weights, own[0], own[1:4], own[4:7], steady, own[8])
         return found + self._paces[1] * (np.abs(arm.ratios.T) @ np.broadcast_to(loose, pace.r[:, 0].shape))
 
     def _coordinates(self, form: Form) -> Form:
@@ -96,7 +97,8 @@ class Drives:
             pace: (n, bodies, N), proportional to the square of the speed factor.
             pulls: three of these, by the components of gravity.
             pushes: three (n, N), by those of a push at the gripper.
-            process, rotor: (n, N), constant, and proportional to the square of the speed factor for rotors.
+            process, rotor: (n, N), constant, springs included, and proportional to the square of the speed
+                factor for rotors.
         """
         g, tilt, push = self._gravity, float(self._own["tilt"]), float(self._own["push"])
         mean, half = 0.5 * (weights[0] + weights[1]), 0.5 * (weights[1] - weights[0])

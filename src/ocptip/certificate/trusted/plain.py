@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import PROCESS, TIMES
+from ocptip.certificate.trusted.arm import PROCESS, SPRINGS, TIMES
 
 LARGEST = 1e9  # SI units: no number may be larger, so that none overflows
 ROUNDED = 1e-12  # by so much may rotations and normals miss being orthonormal
@@ -81,6 +81,8 @@ def _require_arm(arm: Mapping[str, Any], held: Mapping[str, Any] | None, m: int)
     numbers("centres", arm["centres"], (n, 3))
     numbers("inertias", arm["inertias"], (n, 3, 3))
     numbers("armature", arm["armature"], (m,), 0.0)
+    for key in SPRINGS:  # those of before there were springs have none
+        numbers(key, arm.get(key, [0.0] * m), (m,))
     numbers("ratios", arm["ratios"], (n, m))
     _rotations("rotations", arm["rotations"], n)
     _rotations("mount_rotation", [arm["mount_rotation"]], 1)
