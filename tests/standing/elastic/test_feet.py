@@ -13,7 +13,7 @@ from ocptip.standing.elastic import springs as on_springs
 from ocptip.standing.elastic.feet import on_its_feet, softest_feet
 from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.feet import FootForceLimit, JumpFootForceLimit
+from ocptip.standing.limit_kinds.feet import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import overshoot_of
@@ -161,6 +161,19 @@ def test_stiffer_feet_lift_less_but_jumps_still_lift_them():
     lifts = [on_its_feet(softened(robot, k), motion).lift for k in (1e6, 1e7, 1e8)]
     assert lifts[0] / lifts[1] == pytest.approx(10, rel=0.1)
     assert lifts[1] / lifts[2] == pytest.approx(10, rel=0.1)
+
+
+@pytest.mark.parametrize("lift", [0.0, 3e-4, 0.02])
+@pytest.mark.parametrize("damping", [0.05, 1.0])
+def test_feet_of_a_motion_that_lifts_one_are_pressed_more(lift, damping):
+    """By the force that the lift takes of a spring, at instants and after acceleration steps alike."""
+    robot = softened(experiment_task("A").robot, 1e5)
+    asked = Limits(damping=damping)
+    more = FootLiftLimit(robot, asked, (0,)).tightened(asked, lift)
+    unit = robot.mass * 9.81 / 3
+    added = np.clip(1e5 * lift, 0.05 * unit, 0.2 * unit)
+    assert more.foot_force == pytest.approx(added, rel=1e-6)
+    assert more.jump_foot_force == pytest.approx(added if asked.overshoot > 0 else 0.0, rel=1e-6)
 
 
 def test_a_check_is_not_verified_where_a_foot_lifts():

@@ -22,7 +22,7 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 _TOUCH = 1e-6  # m: as what a foot counts that lets go and comes down at once
-_TIGHTER = 0.05  # of the weight per foot: by how much feet are kept down more where a motion lifts one
+_TIGHTER, _TIGHTEST = 0.05, 0.2  # of the weight per foot: by how much feet are kept down more at a time
 
 
 class FootForceLimit(WrenchLimit, AskedLimit):
@@ -136,5 +136,15 @@ class FootLiftLimit(WholeMotionLimit):
         return [Worst(self.result, found.lift, time, self.number, detail, excess)]
 
     def tightened(self, asked: Limits, excess: float) -> Limits:
-        kind = JumpFootForceLimit if asked.overshoot > 0 else FootForceLimit
-        return kind(self.robot, asked, tuple(self.joints)).tightened(asked, np.inf)
+        """Feet are pressed more, by about what a spring needs that long.
+
+        S-curves have no acceleration steps: the force after these alone would change nothing.
+        """
+        elastic = self.robot.support.elastic
+        assert elastic is not None  # a robot that swings
+        force = float(np.min(elastic.stiffness[:, 0])) * excess
+        for kind in (FootForceLimit, JumpFootForceLimit):
+            if kind.wanted(self.robot, asked):
+                limit = kind(self.robot, asked, tuple(self.joints))
+                asked = limit._raised(asked, float(np.clip(force / limit.unit, _TIGHTER, _TIGHTEST)))
+        return asked
