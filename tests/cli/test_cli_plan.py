@@ -21,12 +21,14 @@ from ocptip.api.plan import Plan
 from ocptip.basics import errors
 from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.write import MARK
+from ocptip.certificate.checks import certified
 from ocptip.cli import motion_summary, terminal
 from ocptip.cli.main import main
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress
 from ocptip.motion.objective import ENERGY, TIME, priced
 from ocptip.motion.output import plan_to_dict
+from ocptip.motion.stops import cancels_by_segment
 from ocptip.motion.tolerated import robustness
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
@@ -59,10 +61,24 @@ def robustness_of_c():
     return robustness(plan.task, plan.motion)
 
 
+@cache
+def proved_plan():
+    """Proved once, likewise."""
+    plan = stand_in_plan()
+    robot, limits = plan.task.robot, plan.task.limits
+    return replace(plan, check=certified(robot, plan.motion, plan.check, limits))
+
+
+@cache
+def cancels_of_c():
+    plan = stand_in_plan()
+    return cancels_by_segment(plan.task, plan.motion)
+
+
 @pytest.fixture
 def planner(monkeypatch, tmp_path):
     """Replaces the planner; `result` is what it returns or raises, `calls` are what it was given."""
-    state = SimpleNamespace(result=stand_in_plan(), calls=[])
+    state = SimpleNamespace(result=proved_plan(), calls=[])
 
     def plan_motion(task, **options):
         state.calls.append((task, options))
@@ -79,6 +95,7 @@ def planner(monkeypatch, tmp_path):
 
     monkeypatch.setattr(planning, "plan_motion", plan_motion)
     monkeypatch.setattr(planning, "robustness", lambda task, motion: robustness_of_c())
+    monkeypatch.setattr(planning, "cancels_by_segment", lambda task, motion: cancels_of_c())
     monkeypatch.chdir(tmp_path)
     return state
 
