@@ -106,6 +106,7 @@ def test_a_report_is_what_the_command_says(folder, tmp_path, capsys, few_tilts):
     assert repr(found).startswith(f"C: {found.checked.headline}")
 
 
+@pytest.mark.slow
 def test_a_path_is_timed_as_the_command_does(tmp_path, capsys):
     path, file = EXAMPLES / "paths" / "ur5_sweep.json", EXAMPLES / "tasks" / "ur5_cart.toml"
     task = ocptip.load_task(file, uncertainty="none")

@@ -391,7 +391,7 @@ _LEANING = [((0.35, 0.0), 0.0), ((-0.2, 0.3), 0.0), ((-0.2, -0.3), 0.0)]
 @pytest.mark.parametrize(
     ("places", "lean", "tolerance"),
     [
-        (_HEIGHTS, 0.0, NONE),
+        pytest.param(_HEIGHTS, 0.0, NONE, marks=pytest.mark.slow),
         pytest.param(_HEIGHTS, 0.0, _THREE_DEVIATIONS, marks=pytest.mark.slow),
         pytest.param(_LEANING, 0.5, NONE, marks=pytest.mark.slow),
         (_LEANING, 0.5, _THREE_DEVIATIONS),

@@ -99,6 +99,7 @@ def test_motions_that_begin_or_end_moving_are_refused(cart, tmp_path, capsys):
     assert "as one trajectory with what comes before and after" in said
 
 
+@pytest.mark.slow
 def test_the_trajectory_of_a_plan_has_the_rate_of_its_plan(cart, tmp_path, capsys):
     slow = write(tmp_path / "slow.json", [0, 4], CORNERS[[0, 2]], velocities=np.zeros((2, 6)))
     out = tmp_path / "out"

@@ -130,7 +130,8 @@ def test_timings_follow_what_varies_over_the_way():
     assert gently.motion.end + 5e-5 < early.motion.end < constant.motion.end + 1e-6
 
 
-@pytest.mark.parametrize("over", [pytest.param("share", marks=pytest.mark.slow), "time"])
+@pytest.mark.slow
+@pytest.mark.parametrize("over", ["share", "time"])
 def test_plans_within_a_tolerance_follow_what_varies(over):
     """Of a force that pulls in the middle a plan of its own; the check knows that of the whole time."""
     task, bare = case("A")

@@ -281,6 +281,7 @@ def of_a_lucky_start(task, most):
     raise AssertionError(f"none of six starts was verified below {most} J")
 
 
+@pytest.mark.slow
 def test_plans_that_may_be_stopped_by_brakes():
     """Case A on a base of 70 kg: stops of the cheapest plan slip, those of the plan for stops do not."""
     task = on_a_heavy_base(experiment_task("A", "effective"), 70.0)

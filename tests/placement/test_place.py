@@ -137,6 +137,7 @@ def test_progress_reports_every_start():
     assert seen[-1][2] == pytest.approx(0.02467811, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_limits_become_active():
     problem = drilling(limits=PlacementLimits(condition=1e6))
     free = place(problem, starts=3).best
@@ -348,7 +349,7 @@ def test_never_worse_than_a_million_evaluations(seed):
 
 def test_feet_with_different_normals_are_judged_with_all_forces_redistributed():
     problem = drilling(on_uneven_ground())
-    best = place(problem, starts=2).best
+    best = place(problem, starts=1).best
     evaluator = Evaluator(problem)
     fast, full = (
         evaluator.task(0, 0, best.parameters[None], best.angles[0][None], fast=fast).GT

@@ -18,6 +18,8 @@ from studies.certificates.new_motions import feet as ordinary
 from studies.certificates.new_motions import on_base, swing
 from tests.quick import some
 
+pytestmark = pytest.mark.slow
+
 PUSHED = Uncertainty(center_of_mass=(0.02, 0.02, 0.1), base_push=40.0, base_mass=0.05)
 
 
