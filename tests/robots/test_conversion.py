@@ -10,6 +10,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.robots.conversion import converted
+from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.task_files.motion import load_task
 from tests.task_files.test_examples_of_init import cart, folded_arm, written
 
@@ -48,7 +49,7 @@ def model_file(tmp_path):
 
 
 def test_a_mujoco_model_becomes_a_urdf_of_the_same_kinematics_and_dynamics(model_file):
-    files = converted(model_file, model_file.parent)
+    files = converted(model_file, model_file.parent).files
     for file, text in files.items():
         file.parent.mkdir(exist_ok=True)
         file.write_text(text)
@@ -106,6 +107,37 @@ def test_init_reads_wheels_and_masses_of_a_mujoco_model(model_file, monkeypatch,
     )
     assert main(["init", "cart.xml", "--out", "u.toml"]) == 2
     assert "cart.urdf: exists; move it away" in capsys.readouterr().err
+
+
+def test_rotors_come_along_and_what_is_left_out_is_named(model_file, monkeypatch, capsys):
+    """MuJoCo's own mass matrix has the rotors on its diagonal; tendons, equalities and springs are noted."""
+    monkeypatch.chdir(model_file.parent)
+    text = model_file.read_text().replace('name="turn"', 'name="turn" armature="0.5"')
+    text = text.replace('name="slide"', 'name="slide" armature="2" stiffness="30"')
+    belt = '<joint joint="turn" coef="1"/><joint joint="bend" coef="2"/>'
+    tendon = f'<tendon><fixed name="belt">{belt}</fixed></tendon>'
+    equality = '<equality><joint joint1="turn" joint2="bend"/></equality>'
+    model_file.write_text(text.replace("<actuator>", f"{tendon}{equality}<actuator>"))
+    assert main(["init", "cart.xml", "--out", "t.toml"]) == 0
+    said = capsys.readouterr().out
+    for words in ("tendons: belt", "equalities: equality_0", "springs of joints (see [arm.springs]): slide"):
+        assert words in " ".join(said.split())
+    Path("t.toml").write_text(Path("t.toml").read_text().replace("#> ", ""))
+    arm = load_task("t.toml").robot.arm
+    armature = dict(zip(arm.joint_names, arm.armature, strict=True))
+    assert armature == {"turn": 0.5, "slide": 2.0, "bend": 0.0}
+    model = mujoco.MjModel.from_xml_path(str(model_file))
+    data = mujoco.MjData(model)
+    for name, own in zip(arm.joint_names, range(arm.n), strict=True):
+        data.joint(name).qpos = 0.1 * own
+    mujoco.mj_forward(model, data)
+    whole = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    dofs = [model.joint(name).dofadr[0] for name in arm.joint_names]
+    q = 0.1 * np.arange(arm.n)
+    rest = evaluate_dynamics(arm, q, 0 * q, 0 * q).torque
+    ours = np.column_stack([evaluate_dynamics(arm, q, 0 * q, own).torque - rest for own in np.eye(arm.n)])
+    np.testing.assert_allclose(ours, whole[np.ix_(dofs, dofs)], rtol=1e-5, atol=1e-6)
 
 
 XACRO = """import sys

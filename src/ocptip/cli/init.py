@@ -18,7 +18,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import named
 from ocptip.cli.motion_summary import brief_notes
 from ocptip.cli.options import naming_options
-from ocptip.robots.conversion import converted
+from ocptip.robots.conversion import Converted, converted
 from ocptip.task_files.reference import json_schema
 from ocptip.task_files.template import SCHEMA, TaskTemplate, task_template
 
@@ -106,7 +106,8 @@ def run(options: Namespace) -> InitReport:
     given = ("base_link", "tool_frame", "joint_limits", "srdf")
     with naming_options(*given):
         named = {key: getattr(options, key) for key in given}
-        further = converted(Path(options.robot), path.parent, options.xacro) or {}
+        found = converted(Path(options.robot), path.parent, options.xacro) or Converted({})
+        further = found.files
         for file in further:
             if os.path.lexists(file):
                 raise InputError(f"{file}: exists; move it away, or give another folder by --out")
@@ -114,4 +115,5 @@ def run(options: Namespace) -> InitReport:
             file.parent.mkdir(exist_ok=True)
             write_text(file, text)
         robot = next(iter(further), Path(options.robot))
+        named |= {"armature": found.armature, "notes": found.notes}
         return InitReport(path, task_template(robot, path.parent, **named), tuple(further))

@@ -8,9 +8,10 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -26,8 +27,22 @@ _SECONDS = 120
 """Longest time of xacro."""
 
 
-def converted(path: Path, folder: Path, arguments: Sequence[str] = ()) -> dict[Path, str] | None:
-    """The URDF of a xacro file or a MuJoCo model, and meshes that it needs: texts by path; the URDF first.
+class Converted(NamedTuple):
+    """A URDF that was made of another file.
+
+    Attributes:
+        files: texts by path, the URDF first, then meshes that it needs.
+        armature: kg m^2 (sliding joints: kg) by joint: inertias of rotors, which no URDF has.
+        notes: what else the URDF lacks, one sentence each.
+    """
+
+    files: Mapping[Path, str]
+    armature: Mapping[str, float] = MappingProxyType({})
+    notes: tuple[str, ...] = ()
+
+
+def converted(path: Path, folder: Path, arguments: Sequence[str] = ()) -> Converted | None:
+    """The URDF of a xacro file or a MuJoCo model.
 
     Args:
         path: the file; of any other kind the answer is None.
@@ -46,7 +61,7 @@ def converted(path: Path, folder: Path, arguments: Sequence[str] = ()) -> dict[P
         for name in names:
             if (mesh := find_mesh(name, path, folders)) is not None:
                 found[name] = Path(os.path.relpath(mesh, folder.resolve())).as_posix()
-        return {target: with_files(text, found)}
+        return Converted({target: with_files(text, found)})
     if path.suffix == ".xml" and is_mjcf(read_xml_text(path)):
         return _of_mujoco(path, target)
     return None
@@ -72,7 +87,7 @@ def _expanded(path: Path, arguments: Sequence[str]) -> str:
     return done.stdout
 
 
-def _of_mujoco(path: Path, target: Path) -> dict[Path, str]:
+def _of_mujoco(path: Path, target: Path) -> Converted:
     """The URDF of a MuJoCo model, whose meshes become OBJ files in a folder beside it."""
     try:
         mujoco: Any = importlib.import_module("mujoco")
@@ -87,7 +102,27 @@ def _of_mujoco(path: Path, target: Path) -> dict[Path, str]:
     parts = list(_parts(mujoco, model, target, meshes, path))
     name = quoteattr(path.stem)
     text = "\n".join([f'<robot name={name} version="1.2">', *parts, "</robot>", ""])
-    return {target: text, **meshes}
+    moved = [j for j in range(model.njnt) if _KINDS.get(model.jnt_type[j]) in ("prismatic", "revolute")]
+    rotors = {_joint_name(model, j): float(model.dof_armature[model.jnt_dofadr[j]]) for j in moved}
+    armature = {name: value for name, value in rotors.items() if value > 0}
+    return Converted({target: text, **meshes}, armature, tuple(_left_out(model, moved)))
+
+
+def _left_out(model: Any, moved: Sequence[int]) -> Iterator[str]:
+    """What a URDF cannot have, with names."""
+    sprung = [_joint_name(model, j) for j in moved if np.any(model.jnt_stiffness[j])]
+    parts = {
+        "tendons": [model.tendon(k).name or f"tendon_{k}" for k in range(model.ntendon)],
+        "equalities": [model.equality(k).name or f"equality_{k}" for k in range(model.neq)],
+        "springs of joints (see [arm.springs])": sprung,
+    }
+    for kind, names in parts.items():
+        if names:
+            yield f"left out of the MuJoCo model: {kind}: {', '.join(names)}"
+
+
+def _joint_name(model: Any, j: int) -> str:
+    return model.joint(j).name or f"joint_{j}"
 
 
 def _parts(mujoco: Any, model: Any, target: Path, meshes: dict[Path, str], path: Path) -> Iterator[str]:
@@ -109,7 +144,7 @@ def _parts(mujoco: Any, model: Any, target: Path, meshes: dict[Path, str], path:
         joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
         for j in joints:
             kind = _KINDS.get(model.jnt_type[j])
-            joint = model.joint(j).name or f"joint_{j}"
+            joint = _joint_name(model, j)
             if kind is None:
                 raise InputError(f"joint {joint!r}: a ball joint, which a URDF cannot have", "", str(path))
             shift = _placed(model.jnt_pos[j] if kind != "floating" else np.zeros(3))

@@ -69,6 +69,8 @@ def task_template(
     tool_frame: str | None = None,
     joint_limits: str | os.PathLike[str] | None = None,
     srdf: str | os.PathLike[str] | None = None,
+    armature: Mapping[str, float] | None = None,
+    notes: Sequence[str] = (),
 ) -> TaskTemplate:
     """The file of a motion task for the arm of a URDF.
 
@@ -78,6 +80,8 @@ def task_template(
         base_link, tool_frame: see `arm_from_urdf`.
         joint_limits: `joint_limits.yaml` of MoveIt.
         srdf: of MoveIt, with pairs that may touch and named states.
+        armature: inertias of rotors, kg m^2 (sliding joints: kg), by joint, which the URDF lacks.
+        notes: what else it lacks, one sentence each.
 
     Raises:
         InputError: the URDF cannot be used; see `arm_from_urdf`.
@@ -92,7 +96,9 @@ def task_template(
         doubtful = error.links
         arm = arm_from_urdf(urdf, base_link=base, tool_frame=tool, accept_inertia=list(doubtful))
     arm = arm if joint_limits is None else with_joint_limits(arm, joint_limits)
-    arm = replace(arm, states={} if srdf is None else named_states(srdf))
+    arm = replace(arm, states={} if srdf is None else named_states(srdf)).with_notes(*notes)
+    rotors = np.array([(armature or {}).get(name, 0.0) for name in arm.joint_names])
+    arm = replace(arm, armature=np.where(rotors > 0, rotors, arm.armature))
     missing = missing_meshes(urdf)
     geometry, broken = None, ""
     try:
@@ -204,6 +210,8 @@ def _arm(
     yield _line(_OF_URDF, "tool_frame", toml_value(tool), f"others: {some(others)}" if others else "")
     height = f"[0.0, 0.0, {foot.height:.6g}]"
     yield _line(ARM.keys, "mount_position", height, mark=not foot.contacts_of_urdf)
+    if arm.armature.any():
+        yield _line(_OF_URDF, "armature", _list(arm.armature), ", ".join(arm.joint_names))
     yield from (f"# {note}" for note in arm.notes)
 
 
