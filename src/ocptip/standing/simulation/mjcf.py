@@ -274,7 +274,8 @@ def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> None:
             parent, "joint", name=arm.chain_names[k], type=kind, axis="0 0 1", armature=text(armatures[k])
         )
         if k in leads and arm.has_springs:
-            _spring(joint, *(own[list(leads).index(k)] for own in (arm.spring_torque, arm.spring_stiffness)))
+            lead = np.flatnonzero(leads == k)[0]
+            _spring(joint, float(arm.spring_torque[lead]), float(arm.spring_stiffness[lead]))
         _inertial(parent, link)
         place = arm.offsets[k]
     _stick(parent, np.zeros(3), place)
