@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 import subprocess
 import sys
 
 import pytest
+import yaml
 
 from ocptip.cli.main import main
 from tests.places import EXAMPLES, ROOT
@@ -151,3 +153,34 @@ def test_link_leads_somewhere(name, link):
 @pytest.mark.parametrize("name", FILES)
 def test_file_exists(name):
     assert (ROOT / name).exists()
+
+
+def test_the_goal_for_ros_2_has_the_numbers_of_the_file(tmp_path):
+    """The commands are read by the shell; the first one runs, the goal is read as `ros2` reads it."""
+    text = TEXTS["docs/how-to/controller-files.md"]
+    (block,) = re.findall(r"```bash\n(.*?send_goal.*?)```", text, flags=re.DOTALL)
+    subprocess.run(["bash", "-n"], input=block, text=True, check=True)
+    sent = shlex.split(block.split("\n", 1)[1].replace("\\\n", " "))
+    assert sent[:3] == ["ros2", "action", "send_goal"]
+    assert sent[-4:] == [
+        "/joint_trajectory_controller/follow_joint_trajectory",
+        "control_msgs/action/FollowJointTrajectory",
+        "<",
+        "goal.yaml",
+    ]
+    moments = [{"sec": 0, "nanosec": 0}, {"sec": 1, "nanosec": 500_000_000}]
+    places = [[0.0, 1.0], [1e-5, 2.0]]
+    points = {
+        "joint_names": ["joint_1", "joint_2"],
+        "points": [
+            {"positions": at, "velocities": [0.0, 0.0], "time_from_start": moment}
+            for at, moment in zip(places, moments, strict=True)
+        ],
+    }
+    (tmp_path / "plan").mkdir()
+    (tmp_path / "plan" / "trajectory.json").write_text(json.dumps(points), encoding="utf-8")
+    first = block.splitlines()[0].replace("python3", shlex.quote(sys.executable))
+    subprocess.run(["bash", "-c", first], cwd=tmp_path, check=True)
+    goal = yaml.safe_load((tmp_path / "goal.yaml").read_text(encoding="utf-8"))
+    assert goal == {"trajectory": points}
+    assert goal["trajectory"]["points"][1]["positions"][0] == 1e-5  # JSON read as YAML has text here
