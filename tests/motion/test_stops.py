@@ -1,6 +1,7 @@
 """Stops of motions: brakes against Pinocchio and all combinations of torques; verdicts, files, commands."""
 
 import json
+import re
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from itertools import product
@@ -243,6 +244,10 @@ def test_the_command_says_what_was_looked_at(capsys, motion_file):
     assert "GN in stops on the path" in text
     assert "category 0 (brakes) not checked" in " ".join(text.split())
     assert "largest safe share of the planned speed" in text
+    words = r"along the path \(category 1 and 2\): tipping margin >= ([\d.]+) N m, friction used <= \d+ %"
+    margin = re.search(words, " ".join(text.split()))
+    assert float(margin[1]) > 0
+    assert all(len(line) <= 80 for line in text.splitlines()[1:20])
     assert main(["check", str(motion_file), *PLAIN, "--stops", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["verified"]
@@ -381,7 +386,7 @@ def test_the_headline_keeps_what_is_proved_of_the_motion_beside_its_stops(task):
     assert both.headline == "LIMITS BROKEN"
     unproved = replace(kept, certificate=replace(proof, sampled=("GN_stop", "GT")))
     assert unproved.headline.startswith("CHECKED at samples")
-    stops = SimpleNamespace(verified=True, violations=())
+    stops = SimpleNamespace(verified=True, violations=(), kinds="path")
     whole = SimpleNamespace(whole=proved)
     motion = CheckedMotion(task=task, checked=whole, stops={"": stops})
     assert motion.headline == f"{word}; stops CHECKED at samples"

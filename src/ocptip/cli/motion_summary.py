@@ -149,7 +149,7 @@ def _following() -> str:
 def _stops(segment: str, stops: Stops) -> list[str]:
     """The worst of each category of stops, and the table of safe speeds."""
     title = f"Stops of segment {segment}" if segment else "Stops"
-    lines = [title, *(f"  {line}" for line in stops.found), *(f"  {line}" for line in stop_table(stops))]
+    lines = [title, *wrapped("", stops.found, 2), *(f"  {line}" for line in stop_table(stops))]
     return [*lines, *(cancel_lines(stops.decelerations, yaml=True) if stops.decelerations else [])]
 
 

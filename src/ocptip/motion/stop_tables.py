@@ -9,6 +9,7 @@ import numpy as np
 
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.path_stops import StoppedPath
+from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import WITHIN_OF, Limits
 from ocptip.standing.margins import Margins
@@ -38,7 +39,7 @@ class PathTable:
     ) -> None:
         path = StoppedPath(robot, motion, limits)
         safe = path.safe_speeds()
-        self._checked = checked
+        self._checked, self._reference = checked, robot.tip_over.reference_moment
         self.curve = np.array([path.places, safe])
         self.speeds = np.interp(times, path.places, safe)
         self.durations = np.array([path.stop(t).times[-1] for t in times])
@@ -51,6 +52,8 @@ class PathTable:
                 found[name] = worst.value
                 found[f"{name}_at_s"] = worst.time
                 found[f"{name}_detail"] = worst.detail
+        if "GN" in found:
+            found["tipping_margin_Nm"] = moment_at(found["GN"], self._reference)
         return found
 
     def violations(self) -> list[str]:
@@ -115,6 +118,7 @@ class JointTable(ABC):
         return {
             "GN": float(np.max(found.GN)),
             "GT": float(np.max(found.GT)),
+            "tipping_margin_Nm": moment_at(float(np.max(found.GN)), self._robot.tip_over.reference_moment),
             "begun_s": float(self._times[i]),
             "after_s": float(found.after[i]),
             **self._more(i),
@@ -135,7 +139,9 @@ class JointTable(ABC):
         rule, found, texts = self._rule, self._found, self._own_violations()
         over, joint = found.outside
         if over > CLOSE:
-            texts.append(f"joint {joint + 1} leaves its limits by {over:.3g} {self._robot.units[joint]}")
+            turns = self._robot.units[joint] == "rad"
+            off = f"{np.degrees(over):.3g} deg" if turns else f"{1e3 * over:.3g} mm"
+            texts.append(f"{self._robot.names[joint]} leaves its limits by {off}")
         if found.clearance < self._limits.clearance:
             gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
             texts.append(f"clearance is {gap:.1f} mm in a {self.words}, must be >= {asked:.1f} mm")

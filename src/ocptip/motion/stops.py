@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import percent, quantity
 from ocptip.motion.cancels import SafeDecelerations, safe_decelerations
 from ocptip.motion.check import OF_STOPS, MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
@@ -67,13 +68,12 @@ class Stops:
         if path := self.worst.get("path"):
             least = f", safe up to {np.min(self.speeds['path']):.2f} of the speed"
             longest = f"rests within {path['longest_stop_s']:.3f} s"
-            values = ", ".join(f"{name} at most {path[name]:.3f}" for name in ("GN", "GT") if name in path)
-            found.append(f"along the path (category 1 and 2): {values}, {longest}{least}")
+            found.append(f"along the path (category 1 and 2): {_contact_text(path)}, {longest}{least}")
         for kind, title in _BY_JOINT.items():
             if worst := self.worst.get(kind):
                 found.append(
-                    f"{title}: GN at most {worst['GN']:.3g}, GT {worst['GT']:.3g}, worst when stopped at "
-                    f"{worst['begun_s']:.3f} s (after {worst['after_s']:.3f} s)"
+                    f"{title}: {_contact_text(worst)}, worst when stopped at {worst['begun_s']:.3f} s (after "
+                    f"{worst['after_s']:.3f} s)"
                 )
         return found
 
@@ -212,6 +212,17 @@ def _by_segment(task: Task, key: str, found: Mapping[str, Stops | SafeDecelerati
         return {}
     rows = [{"segment": name, **own.to_dict()} for name, own in found.items()]
     return {key: rows if task.is_cycle else found[""].to_dict()}
+
+
+def _contact_text(worst: Mapping[str, Any]) -> str:
+    """The worst of the contacts, in N m and per cent; beyond 1, indices measure no margin."""
+    texts = []
+    if (GN := worst.get("GN")) is not None:
+        margin = quantity(worst["tipping_margin_Nm"], "N m", 3)
+        texts.append("the base tips" if GN >= 1 else f"tipping margin >= {margin}")
+    if (GT := worst.get("GT")) is not None:
+        texts.append("the base slips" if GT >= 1 else f"friction used <= {percent(GT)}")
+    return ", ".join(texts)
 
 
 def _assumed(

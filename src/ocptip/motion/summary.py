@@ -140,7 +140,8 @@ class CheckedMotion:
         if not self.stops or not self.check.verified:
             return own
         if self.verified:
-            return f"{own}; stops CHECKED at samples"
+            nominal = self.check.within and any(stops.kinds != "cancel" for stops in self.stops.values())
+            return f"{own}; stops CHECKED at samples{' in the nominal model' if nominal else ''}"
         return f"LIMITS BROKEN in stops; the motion itself is {own}"
 
     @property
