@@ -69,7 +69,8 @@ def identify(
         unit, columns, topics: see `ocptip.compare`.
         tared: the sensor was set to zero at the start.
         sigmas: standard errors that tolerances cover; default 3.
-        bandwidth: Hz, of a filter of the torques, infinite for none; default: identified. For "arm" only.
+        bandwidth: Hz, of a filter of the torques ("arm"), or of the sensor or the feet; infinite for none;
+            default: identified.
 
     Raises:
         InputError: a file or an argument cannot be used; one line.
@@ -93,7 +94,8 @@ def identify(
     sigmas = SIGMAS if sigmas is None else sigmas
     with naming(Path(recording).name):
         if what != "arm":
-            bodies = identify_bodies(measured, predictor, _BODIES[what], tared=tared)
+            names = _BODIES[what]
+            bodies = identify_bodies(measured, predictor, names, tared=tared, bandwidth=bandwidth)
             return Identification(what, tables(bodies, sigmas), bodies.to_dict(), bodies, sigmas)
         links = identify_links(measured, predictor, bandwidth=bandwidth)
         _doubt_plain(links, measured)

@@ -24,6 +24,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
 from ocptip.cli.options import given_columns, naming_options
 from ocptip.measured.bodies import IdentifiedBody
+from ocptip.measured.estimate import Estimate
 from ocptip.measured.links import Identified
 from ocptip.measured.power_maps import PowerMap
 from ocptip.measured.recording import FOOT, Recording
@@ -94,6 +95,7 @@ def _of_bodies(identified: Identification) -> Rows:
     late = 1e3 * found.estimate.delays[found.source]
     left = found.estimate.residuals[found.source]
     lines.append(("from", f"{what}, {late:.2g} ms after the joints; rms of what is left {left:.3g}"))
+    lines += _filters(found.estimate)
     return [*lines, ("tolerance", f"+-{identified.sigmas:g} standard errors on both sides")]
 
 
@@ -118,7 +120,6 @@ def _of_links(identified: Identification) -> Rows:
             if own.seen[k]
         ]
         friction.append(f"{name}: {', '.join(parts) or 'not seen'}")
-    low_passes = own.low_passes.items()
     masses = zip(found.arm.chain_names, found.arm.masses, robot.arm.masses, strict=True)
     lines = [
         ("base parameters", f"{int(own.seen[:p].sum())} of {p} identified (condition {found.condition:.0f})"),
@@ -128,7 +129,7 @@ def _of_links(identified: Identification) -> Rows:
         ("links", ", ".join(f"{name} {new:.4g} kg (described {old:.4g})" for name, new, old in masses)),
         ("", f"next to what was described; base parameters moved by {found.moved:.2g} standard errors"),
         *under("rms left", _left(found, recording)),
-        *(("filter", f"{kind}: {own}; compared up to {own.band:.3g} Hz") for kind, own in low_passes),
+        *_filters(own),
     ]  # fmt: skip
     text = "none: torques do not tell the wrench on the base"
     if "tolerance" in identified.tables:
@@ -136,6 +137,12 @@ def _of_links(identified: Identification) -> Rows:
         covers = "standard errors about every tipping axis, at all instants of this motion"
         text = f"masses of links +-{share:.3g} %: covers {identified.sigmas:g} {covers}"
     return [*lines, ("tolerance", text)]
+
+
+def _filters(found: Estimate) -> Rows:
+    """The low-pass filters that were identified."""
+    low_passes = found.low_passes.items()
+    return [("filter", f"{kind}: {own}; compared up to {own.band:.3g} Hz") for kind, own in low_passes]
 
 
 def _left(found: Identified, recording: Recording) -> list[str]:

@@ -69,7 +69,7 @@ MACHINE_COMMANDS = (
             argument(
                 "--bandwidth",
                 "HZ",
-                "arm: cutoff of the low-pass filter of the torques (inf: none; default: estimated)",
+                "cutoff of the low-pass filter of torques, sensor or feet (inf: none; default: estimated)",
                 type=float,
             ),
             argument("--sigmas", "K", "uncertainty in standard errors (default: 3)", type=float),

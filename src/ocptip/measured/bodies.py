@@ -107,12 +107,18 @@ class Bodies:
             "source": self.source,
             "residuals": dict(self.estimate.residuals),
             "delays_s": dict(self.estimate.delays),
+            "low_pass": {kind: vars(own) for kind, own in self.estimate.low_passes.items()},
         }
 
 
 @one_thread
 def identify_bodies(
-    recording: Recording, predictor: Predictor, names: Sequence[str] = (PAYLOAD,), *, tared: bool = False
+    recording: Recording,
+    predictor: Predictor,
+    names: Sequence[str] = (PAYLOAD,),
+    *,
+    tared: bool = False,
+    bandwidth: float | None = None,
 ) -> Bodies:
     """Find masses and centres of mass.
 
@@ -125,6 +131,8 @@ def identify_bodies(
         predictor: of the nominal robot and the motion that was run.
         names: "payload", "base" or both.
         tared: the zeros of the sensor or the feet are not known; the base cannot be identified then.
+        bandwidth: Hz, cutoff of the low-pass filter of sensor or feet as far as it is known; infinite: they
+            are not filtered; None: it is searched.
 
     Raises:
         InputError: nothing of the kind is recorded, or it cannot tell what is asked for.
@@ -170,7 +178,9 @@ def identify_bodies(
 
     ran = Ran(recording, predictor)
     start = np.concatenate([first[name] for name in names])
-    found = estimate(ran, {source: measured}, model, start, free_zeros=[source] if tared else [])
+    searched = {} if bandwidth == np.inf else {source: bandwidth}
+    zeros = [source] if tared else []
+    found = estimate(ran, {source: measured}, model, start, free_zeros=zeros, bandwidths=searched)
     offset, bodies = 0, []
     for name in names:
         centre = held.center_of_mass if name == PAYLOAD else np.asarray(rest.center_of_mass)

@@ -190,8 +190,8 @@ def identify_links(
     Args:
         recording: with torques, and with a force-torque sensor if there is one between base and arm.
         predictor: of the nominal robot and the motion that was run.
-        bandwidth: Hz, cutoff of the low-pass filter of the torques as far as it is known; infinite: they are
-            not filtered; None: it is searched.
+        bandwidth: Hz, cutoff of the low-pass filter of the torques as far as it is known; infinite: nothing
+            is filtered; None: it is searched. That of the sensor is always searched.
 
     Raises:
         InputError: no torques are recorded, or too few samples.
@@ -252,7 +252,7 @@ def identify_links(
         return own > np.maximum(_RESTS * own.max(), turns)
 
     first = np.concatenate([basis.combinations @ described, np.zeros(2 * n)])
-    searched = {} if bandwidth == np.inf else {TORQUE: bandwidth}
+    searched = {} if bandwidth == np.inf else {TORQUE: bandwidth, WRENCH: None}
     found = estimate(ran, measured, model, first, kept=kept, bandwidths=searched)
     friction = np.where(found.seen[p:], found.values[p:], np.nan)
     arm, moved = _existing(bare, basis, found)
