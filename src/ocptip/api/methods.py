@@ -30,7 +30,12 @@ _STATES = 60  # of the straight line
 
 
 def searched(
-    task: Task, method: Method | None, budget: TimeBudget, how: Mapping[str, Any], progress: Any
+    task: Task,
+    method: Method | None,
+    budget: TimeBudget,
+    how: Mapping[str, Any],
+    progress: Any,
+    say: Callable[[str], None],
 ) -> MotionPlan:
     """The plan of the first method that gives a verified motion.
 
@@ -40,6 +45,7 @@ def searched(
         budget: of time.
         how: starts, seed, jobs and executor of the direct search.
         progress: see `ocptip.motion.plan.plan_motion`.
+        say: called with what is done next.
 
     Raises:
         InputError: the task cannot be planned, or not by this method.
@@ -51,6 +57,8 @@ def searched(
     failed: PlanningError | InputError | None = None
     for name in methods:
         try:
+            if name == "path":
+                say("searching and timing a path ...")
             return _by(name, task, budget, how, progress)
         except TimeIsUpError:
             failed = PlanningError(f"no verified motion in the given time ({name} method)")

@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,8 @@ AT_REST = 0.2
 _EXTRA = 0.004  # m beyond the clearance, where ends allow it: motions within an uncertainty need some
 _SAG = 5e-4  # rad or m: distance of chords, which are tested, from the blend between them
 _HALVINGS = 6  # of a blend at most; a corner that none rounds stays, and the motion stops there
+_FIRST = 20_000  # states of the first search
+_FURTHER = 8_000  # states after which a path is taken as it is; before, others are searched
 _RANGE = 1.0  # rad or m: longest line that a tree grows by at once
 _SHORTCUTS = 60  # tried in a row without success, and rounds of them
 _TURN = 2 * np.pi  # rad: how far beyond start and goal a joint without limits may go
@@ -89,8 +91,8 @@ class _AllowedLines:
         """Whether a posture on the lines between corners (N, n) breaks a limit at rest."""
         parts = []
         for begin, end in pairwise(corners):
-            count = int(np.ceil(np.max(np.abs(end - begin)) / AT_REST)) + 1
-            parts.append(begin + np.linspace(0, 1, max(2, count))[:, None] * (end - begin))
+            number = int(np.ceil(np.max(np.abs(end - begin)) / AT_REST)) + 1
+            parts.append(begin + np.linspace(0, 1, max(2, number))[:, None] * (end - begin))
         return self._broken(np.vstack(parts))
 
     def _broken(self, q: np.ndarray) -> bool:
@@ -120,10 +122,10 @@ def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) ->
         ends = [[q for q in own if lines.free(q)] for own in (starts, goals)]
         if not all(ends):
             continue
-        found = _connected(task, lines, *ends, seed=seed, deadline=deadline)
+        found = _shortest(task, lines, *ends, seed=seed, deadline=deadline)
         if found is not None and lines.broken(found):
             lines.at_rest = True
-            found = _connected(task, lines, *ends, seed=seed, deadline=deadline)
+            found = _shortest(task, lines, *ends, seed=seed, deadline=deadline)
         if found is not None:
             return _rounded(found, lines)
         tested += lines.tested
@@ -149,8 +151,8 @@ def _rounded(corners: np.ndarray, lines: _AllowedLines) -> FittedPath:
 def _blend(begin: np.ndarray, way: np.ndarray, bend: np.ndarray, reach: float) -> np.ndarray:
     """Points (N, n) on a blend, close enough that chords between them stand for it."""
     rows = blend_rows(begin, way, bend, reach)
-    count = int(np.ceil(np.sqrt(3 * reach * float(np.max(np.abs(bend))) / (8 * _SAG)))) + 1
-    places = np.linspace(0, 2 * reach, count + 1)
+    number = int(np.ceil(np.sqrt(3 * reach * float(np.max(np.abs(bend))) / (8 * _SAG)))) + 1
+    places = np.linspace(0, 2 * reach, number + 1)
     return np.stack([np.polyval(rows[:, j], places) for j in range(len(begin))], axis=1)
 
 
@@ -171,7 +173,7 @@ def _ends(task: MotionTask) -> list[list[np.ndarray]]:
     return found
 
 
-def _connected(
+def _shortest(
     task: MotionTask,
     lines: _AllowedLines,
     starts: Sequence[np.ndarray],
@@ -180,11 +182,47 @@ def _connected(
     seed: int,
     deadline: float,
 ) -> np.ndarray | None:
+    """Corners (N, n) of the quickest of several paths; None: there is none.
+
+    The time that a random search takes varies by a factor of a hundred: one that takes long is begun again
+    with twice the number of states, and after a quick one there is time for others.
+    """
+    speed = np.where(np.isfinite(task.robot.limits.speed), task.robot.limits.speed, 1.0)
+    states, paths, end = _FIRST, list[np.ndarray](), lines.tested + MOST_STATES
+    for turn in count():
+        until = min(lines.tested + states, end)
+        own = np.random.SeedSequence([seed, turn]).generate_state(1)[0]
+        found = _connected(task, lines, starts, goals, seed=int(own) + 1, until=until, deadline=deadline)
+        if found is None:
+            states *= 2
+        else:
+            paths.append(found)
+        enough = bool(paths) and (lines.tested > end - MOST_STATES + _FURTHER or len(paths[-1]) == 2)
+        if enough or lines.tested >= end or time.perf_counter() > deadline:
+            break
+
+    def duration(corners: np.ndarray) -> float:
+        return float(np.sum(np.max(np.abs(np.diff(corners, axis=0)) / speed, axis=1)))
+
+    return min(paths, key=duration, default=None)
+
+
+def _connected(
+    task: MotionTask,
+    lines: _AllowedLines,
+    starts: Sequence[np.ndarray],
+    goals: Sequence[np.ndarray],
+    *,
+    seed: int,
+    until: int,
+    deadline: float,
+) -> np.ndarray | None:
+    """Corners (N, n) of a path, of at most `until` states that are tested in all; None: there is none."""
     base, geometric, util = library_ompl()
     n = task.robot.n
 
     def over() -> bool:
-        return lines.tested > MOST_STATES or time.perf_counter() > deadline
+        return lines.tested >= until or time.perf_counter() > deadline
 
     def values(state: Any) -> np.ndarray:
         return np.array([state[j] for j in range(n)])
@@ -198,7 +236,7 @@ def _connected(
             return not over() and lines.clear(values(begin), values(end))
 
     with _silent(util):
-        util.RNG.setSeed(seed + 1)
+        util.RNG.setSeed(seed)
         space = base.RealVectorStateSpace(n)
         bounds = base.RealVectorBounds(n)
         for j, (low, high) in enumerate(_bounds(task, [*starts, *goals])):

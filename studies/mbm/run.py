@@ -1,0 +1,209 @@
+"""Plans MotionBenchMaker problems along paths, and checks the motions on raw meshes; goes on.
+
+    python -m studies.mbm.run FOLDER --urdf panda.urdf --srdf panda.srdf --numbers 1-5 --out OUT
+
+FOLDER holds `problems/<family>_<robot>/`. One row per problem is appended to OUT/<robot>.jsonl.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ocptip.api.tasks import load_task
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.certificate.checks import certified
+from ocptip.motion.execution import execute
+from ocptip.motion.path_search import search_path
+from ocptip.motion.task import MotionTask
+from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
+from ocptip.retiming.among import NODES
+from ocptip.retiming.retime import retime
+from ocptip.trajectories.trajectory import Trajectory
+from studies.mbm.problems import DECK, FAMILIES, task_of
+
+CLEARANCE = 0.001
+"""m: the goals are grasps, whose fingers are millimetres from what they hold."""
+
+SEARCH, PROOF = 30.0, 45.0
+"""s of wall time."""
+
+ARMS: dict[str, dict[str, Any]] = {
+    "panda": {
+        "base_link": "panda_link0",
+        "tool_frame": "panda_hand_tcp",
+        "locked_m": {"panda_finger_joint*": 0.065},
+    },
+    "ur5": {"base_link": "base_link", "tool_frame": "tool0"},
+}
+
+
+def main() -> None:
+    """Run what is missing."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--robot", default="panda", choices=sorted(ARMS))
+    parser.add_argument("--urdf", type=Path, required=True)
+    parser.add_argument("--srdf", type=Path)
+    parser.add_argument("--numbers", default="1-5", help="first and last problem of each family")
+    parser.add_argument("--out", type=Path, default=Path("studies/results"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    file = options.out / f"mbm_{options.robot}.jsonl"
+    done = {(row["family"], row["number"]) for row in rows_of(file)}
+    first, last = map(int, options.numbers.split("-"))
+    arm = {**ARMS[options.robot], "urdf": str(options.urdf.resolve())}
+    if options.srdf:
+        arm["srdf"] = str(options.srdf.resolve())
+    for number in range(first, last + 1):
+        for family in FAMILIES:
+            if (family, number) in done:
+                continue
+            text = task_of(options.folder / "problems", family, options.robot, number, arm)
+            row = {"family": family, "number": number, **solved(text, options.urdf, options.srdf)}
+            with file.open("a") as out:
+                out.write(json.dumps(row) + "\n")
+            print(json.dumps(row), flush=True)
+
+
+def rows_of(file: Path) -> list[dict[str, Any]]:
+    """The rows of a file, if there is one."""
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+class Stages:
+    """CPU seconds of each stage, and of all before the proof."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def run(self, name: str, compute: Callable[[], Any]) -> Any:
+        """The result of a stage."""
+        began = time.process_time()
+        try:
+            return compute()
+        finally:
+            self.seconds[name] = round(time.process_time() - began, 3)
+
+
+def solved(text: str, urdf: Path, srdf: Path | None) -> dict[str, Any]:
+    """One problem: search alone, timing, what a controller runs, proof, checks by others."""
+    stages, row = Stages(), dict[str, Any]()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "task.toml"
+        file.write_text(f"{text}\n[limits]\nclearance = {CLEARANCE}\n")
+        task = stages.run("read", partial(load_task, file))
+    own = task.segments[0].task
+    robot, limits = own.robot, own.limits
+    row["cpu_s"] = stages.seconds
+    try:
+        end = time.perf_counter() + SEARCH
+        fit = stages.run("search", partial(search_path, own, deadline=end))
+    except (InputError, PlanningError) as error:
+        return row | {"outcome": "no path", "why": f"{error}"[:200]}
+    row["path_rad"] = float(np.sum(np.linalg.norm(np.diff(fit.samples, axis=0), axis=1)))
+    try:
+        timed = stages.run("timing", lambda: retime(robot, fit.path, limits, own.objective, nodes=NODES))
+        run = stages.run("execution", lambda: execute(robot, timed.motion, limits, "cubic", first=1.004))
+    except InputError as error:
+        return row | {"outcome": "no timing", "why": f"{error}"[:200]}
+    row |= {"duration_s": run.motion.end, "energy_J": run.check.energy}
+    row["clearance_mm"] = 1e3 * run.check.worst["clearance_m"].value
+    if not run.check.verified:
+        return row | {"outcome": "limits broken", "why": "; ".join(run.check.violations)[:200]}
+    try:
+        with interrupted_after(PROOF):
+            proved = stages.run("proof", lambda: certified(robot, run.motion, run.check, limits))
+        row["outcome"] = "proved" if proved.certified else "checked"
+    except TimeIsUpError:
+        row["outcome"] = "checked (proof out of time)"
+    row |= by_toppra(own, fit.path)
+    row["mesh_contacts_at_1_ms"] = on_raw_meshes(own, run.motion, urdf, srdf)
+    return row
+
+
+def by_toppra(task: MotionTask, path: Any) -> dict[str, Any]:
+    """Duration of toppra's timing of the same path, and whether a contact is lost."""
+    import toppra
+    from toppra import algorithm, constraint
+
+    toppra.setup_logging("ERROR")
+    s = np.linspace(0, 1, 200)
+    given = toppra.SplineInterpolator(s, path.at(s)[0])
+    own = task.robot.limits
+    limits = [
+        constraint.JointVelocityConstraint(np.column_stack([-own.speed, own.speed])),
+        constraint.JointAccelerationConstraint(np.column_stack([-own.acceleration, own.acceleration])),
+    ]
+    motion = algorithm.TOPPRA(limits, given, parametrizer="ParametrizeConstAccel").compute_trajectory()
+    if motion is None:
+        return {"toppra_s": None}
+    times = np.linspace(0, motion.duration, 400)
+    robot = task.robot.resting(0)
+    _, wrenches = robot.loads(motion(times), motion(times, 1), motion(times, 2))
+    lost = sum(not one.persistent for one in robot.contact_states(wrenches))
+    return {"toppra_s": float(motion.duration), "toppra_loses_contact": bool(lost)}
+
+
+def on_raw_meshes(task: MotionTask, motion: Trajectory, urdf: Path, srdf: Path | None) -> int:
+    """Instants, 1 ms apart, at which the meshes of the URDF touch obstacles or each other, by coal alone."""
+    model = pin.buildModelFromUrdf(str(urdf))
+    package = next(p for p in urdf.resolve().parents if p.name == "share")
+    folders = [str(package)]
+    geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders)
+    count = geometry.ngeoms
+    for number, solid in enumerate(task.robot.around):
+        shape = getattr(solid, "shape", None)
+        if shape is None or not hasattr(shape, "position") or not hasattr(shape, "solid"):
+            continue
+        pose = pin.SE3(shape.rotation, shape.position - [0.0, 0.0, DECK])
+        solid_of = exact(shape)
+        if solid_of is not None:
+            geometry.addGeometryObject(pin.GeometryObject(f"around{number}", 0, pose, solid_of))
+    geometry.addAllCollisionPairs()
+    if srdf is not None:
+        pin.removeCollisionPairs(model, geometry, str(srdf))
+    for pair in list(geometry.collisionPairs):
+        resting = [geometry.geometryObjects[k].parentJoint == 0 for k in (pair.first, pair.second)]
+        joints = [geometry.geometryObjects[k].parentJoint for k in (pair.first, pair.second)]
+        if all(resting) or (max(pair.first, pair.second) < count and neighbours(model, *joints)):
+            geometry.removeCollisionPair(pair)
+    data, placed = model.createData(), geometry.createData()
+    numbers = [model.joints[model.getJointId(name)].idx_q for name in task.robot.names]
+    q, hits = pin.neutral(model), 0
+    for joint, name in enumerate(model.names):
+        if "finger" in name:
+            q[model.joints[joint].idx_q] = 0.065
+    for state in motion(np.append(np.arange(0, motion.end, 1e-3), motion.end)):
+        q[numbers] = state
+        hits += pin.computeCollisions(model, data, geometry, placed, q, True)
+    return int(hits)
+
+
+def neighbours(model: pin.Model, one: int, other: int) -> bool:
+    """Whether two joints are the same, or one carries the other."""
+    return one == other or model.parents[one] == other or model.parents[other] == one
+
+
+def exact(shape: Any) -> Any:
+    """The geometry of coal itself: a true cylinder, not the prism of the library."""
+    kind = type(shape).__name__
+    if kind == "Box":
+        return coal.Box(*shape.size)
+    if kind == "Cylinder":
+        return coal.Cylinder(shape.radius, shape.length)
+    return coal.Sphere(shape.radius) if kind == "Ball" else None
+
+
+if __name__ == "__main__":
+    main()
