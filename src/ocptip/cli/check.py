@@ -30,6 +30,7 @@ from ocptip.trajectories.bags import require_new
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 
 _MARGINS = ("angle_margin_deg", "position_margin_m")
+_MARGINS_CANCELLED = ("angle_margin_deg_cancel", "position_margin_m_cancel")
 _AT_WORST = (TIP_WITHIN, SLIP_WITHIN)
 _UNITS = {
     "clearance_m": ("mm", 1e3),
@@ -41,11 +42,12 @@ _UNITS = {
     "tcp_speed_m_s": ("m/s", 1.0),
     "point_speed_m_s": ("m/s", 1.0),
     "position_margin_m": ("mm", 1e3),
+    **dict(zip(_MARGINS_CANCELLED, (("deg", 1.0), ("mm", 1e3)), strict=True)),
 }
 _LEAST = (
     *("clearance_m", f"{CLEARANCE_WITHIN}_m"),
     *("foot_force_N", "jump_foot_force_N"),
-    *(*_MARGINS, "singularity"),
+    *(*_MARGINS, *_MARGINS_CANCELLED, "singularity"),
 )
 _NOISY = "the calmest motion within the noise of the samples"
 

@@ -45,6 +45,8 @@ RESULT_TITLES = {
     "GT_cancel": "GT when cancelled",
     "GN_cancel_worst_case": "GN when cancelled, worst case",
     "GT_cancel_worst_case": "GT when cancelled, worst case",
+    "angle_margin_deg_cancel": "angle margin when cancelled",
+    "position_margin_m_cancel": "position margin when cancelled",
     "torque_ratio": "torque / limit",
     TORQUE_WITHIN: "torque / limit, worst case",
     "clearance_m": "clearance",
@@ -70,6 +72,8 @@ _IF_BROKEN = {
     "acceleration_ratio": ("Acceleration", "%", 100.0),
     "angle_margin_deg": ("Angle margin", "deg", 1.0),
     "position_margin_m": ("Position margin", "mm", 1e3),
+    "angle_margin_deg_cancel": ("Angle, cancelled", "deg", 1.0),
+    "position_margin_m_cancel": ("Position, cancelled", "mm", 1e3),
     "duration_s": ("Duration", "s", 1.0),
 }
 """Titles and units of limits that have a row only where they are broken."""

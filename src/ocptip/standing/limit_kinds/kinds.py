@@ -9,7 +9,7 @@ import numpy as np
 
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.brakes import BrakeLimit
-from ocptip.standing.limit_kinds.cancel import CancelLimit, WorstCancelLimit
+from ocptip.standing.limit_kinds.cancel import CancelLimit, WorstCancelLimit, cancel_of
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit, LateClearanceLimit
 from ocptip.standing.limit_kinds.drives import RingingLimit
 from ocptip.standing.limit_kinds.feet import FootForceLimit, FootLiftLimit, JumpFootForceLimit
@@ -22,6 +22,7 @@ from ocptip.standing.limit_kinds.limit import (
     Limit,
     QuantityLimit,
     Sampled,
+    StateLimit,
     Worst,
 )
 from ocptip.standing.limit_kinds.nominal import NominalLimit
@@ -30,7 +31,9 @@ from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limit_kinds.worst_case import WorstCaseLimit, WorstTorqueLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_cancel import cancel_times
 
+RESTS_INSIDE = 1e-4  # rad or m, by which programs keep joints that are cancelled further inside
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
 
 
@@ -132,13 +135,18 @@ class AngleLimit(Limit):
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         low, high = at.motion.angle_ranges.T
-        slack, found = np.minimum(low - self._low, self._high - high), []
+        return self._worst(np.minimum(low - self._low, self._high - high)[None], np.array([np.nan]))
+
+    def _worst(self, slack: np.ndarray, times: np.ndarray, suffix: str = "") -> list[Worst]:
+        """The joint with the minimum slack (T, n) of those that turn, and of those that slide."""
+        found = []
         for unit, name, scale in (("rad", "angle_margin_deg", 180 / np.pi), ("m", "position_margin_m", 1.0)):
             if (joints := np.flatnonzero(self._units == unit)).size:
-                j = joints[np.argmin(slack[joints])]
-                least, short = float(scale * self._margin[j]), -float(scale * slack[j])
-                where = self.robot.joint_label(int(j))
-                found.append(Worst(name, least - short, np.nan, least, where, short, least=True))
+                row, place = np.unravel_index(np.argmin(slack[:, joints]), (len(slack), len(joints)))
+                j = int(joints[place])
+                least, short = float(scale * self._margin[j]), -float(scale * slack[row, j])
+                where, time = self.robot.joint_label(j), float(times[row])
+                found.append(Worst(f"{name}{suffix}", least - short, time, least, where, short, least=True))
         return found
 
     def refusals(self, at: Instants) -> list[str]:
@@ -176,6 +184,62 @@ class AngleLimit(Limit):
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
         return rows.at.by_states(rows.nodes, np.eye(rows.at.s.shape[1])[rows.places])
+
+
+class CancelAngleLimit(StateLimit, AngleLimit):
+    """Angles at which joints rest after the motion is cancelled: q + qd |qd| / (2 a), a the deceleration.
+
+    The nominal motion; a joint that is faster within an uncertainty gets farther.
+    """
+
+    name = "angle in cancels"
+    of_motion = of_place = False
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
+        return CancelLimit.wanted(robot, asked)
+
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._rates = np.array(cancel_of(robot, asked)[1].decelerations)
+
+    def _rests(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """(N, n), where joints come to rest."""
+        return q + qd * np.abs(qd) / (2 * self._rates)
+
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        times = cancel_times(at.motion)
+        rests = self._rests(*at.motion.states(times)[:2])
+        return self._worst(np.minimum(rests - self._low, self._high - rests), times, "_cancel")
+
+    def refusals(self, at: Instants) -> list[str]:
+        return []
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        rests, slack = self._rests(at.angles, at.speeds), 0.2 * (1 - share)
+        return (rests <= self._low + slack) | (rests >= self._high - slack)
+
+    def use(self, at: Instants) -> np.ndarray:
+        rests = self._rests(at.angles, at.speeds)
+        return 1 + np.max(np.maximum(self._low - rests, rests - self._high), axis=1)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._low + RESTS_INSIDE, self._high - RESTS_INSIDE
+
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+        i, k = np.nonzero(mask)
+        n, count = self.robot.n, np.arange(len(i))
+        q, qd, _ = at.motion_states
+        slopes = np.zeros((len(i), at.s.shape[1]))
+        slopes[count, k], slopes[count, n + k] = 1.0, np.abs(qd[i, k]) / self._rates[k]
+        return NodeRows(at, i, k, self._rests(q[i], qd[i])[count, k], slopes)
+
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        count, k, size = np.arange(len(rows.nodes)), rows.places, rows.at.s.shape[1]
+        qd, own = rows.at.motion_states[1][rows.nodes, k], self.robot.n + k
+        bends = np.zeros((len(count), size, size))
+        bends[count, own, own] = on * np.sign(qd) / self._rates[k]
+        return count, bends
 
     def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         on_s[rows.nodes, rows.places] += on
@@ -244,6 +308,7 @@ KINDS: tuple[type[Limit], ...] = (
     AccelerationLimit,
     DurationLimit,
     AngleLimit,
+    CancelAngleLimit,
     FurtherLimit,
     WorstCaseLimit,
     WorstTorqueLimit,
