@@ -34,7 +34,7 @@ class Kernel:
 
     @cached_property
     def machine_code(self) -> Any:
-        """Numba's dispatcher of the function, with machine code on disk."""
+        """Numba's dispatcher of the function, in which the kernels that it calls are theirs."""
         try:
             made = self._compiler(cache=True)
             if self._moved(made):
@@ -44,18 +44,10 @@ class Kernel:
         _watch(made, self._files())
         return made
 
-    @cached_property
-    def _inside(self) -> Any:
-        """The same for kernels that call this one: it is compiled and kept as a part of them.
-
-        What only Python needs to call it is left out, which is a tenth of the time of compilation.
-        """
-        return self._compiler(no_cpython_wrapper=True)
-
     def _compiler(self, **options: Any) -> Any:
         import numba
 
-        callees = {name: kernel._inside for name, kernel in self._callees().items()}
+        callees = {name: kernel.machine_code for name, kernel in self._callees().items()}
         code = self._function.__code__
         function = FunctionType(code, {**self._function.__globals__, **callees}, code.co_name)
         if self._any_order:
