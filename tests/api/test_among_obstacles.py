@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.api.methods import methods_for
-from ocptip.basics.errors import InputError, InputWarning
-from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
+from ocptip.api.methods import methods_for, searched
+from ocptip.basics.errors import InputError, InputWarning, PlanningError
+from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.task_files.motion import load_task
 from tests.motion.among_boxes import WALL, task_among, task_file
 
@@ -52,6 +52,20 @@ def test_a_path_is_not_for_cycles_nor_without_geometry(tmp_path):
 def test_when_the_time_is_up_there_is_a_plan_or_the_reason(tmp_path):
     with pytest.raises(ocptip.NoPlanError, match="no verified motion in the given time"):
         ocptip.plan(task_file(tmp_path), seconds=1e-3)
+
+
+def test_where_the_time_is_limited_a_path_follows_the_direct_search(tmp_path, monkeypatch):
+    def too_slow(*_, **__):
+        raise TimeIsUpError
+
+    monkeypatch.setattr("ocptip.api.methods.plan_motion", too_slow)
+    task, how, said = task_among(tmp_path, BESIDE), {"seed": 0}, []
+    with pytest.raises(PlanningError, match=r"^direct method: no verified motion in the given time$"):
+        searched(task, None, TimeBudget(None), how, None, said.append)
+    plan = searched(task, None, TimeBudget(100.0), how, None, said.append)
+    assert plan.verified
+    assert plan.options["method"] == "path"
+    assert said == ["searching and timing a path ..."]
 
 
 def test_a_time_limit_interrupts_and_leaves_no_trace():

@@ -27,6 +27,7 @@ NEARLY = 0.02
 """m: overlap on the straight line in joint space up to which the direct search is tried first."""
 
 _STATES = 60  # of the straight line
+_FIRST = 0.6  # of the time, for a method after which another one follows
 
 
 def searched(
@@ -53,34 +54,37 @@ def searched(
     """
     if method == "path":
         _require_path(task)
-    methods = methods_for(task) if method is None else (method,)
-    failed: PlanningError | InputError | None = None
-    for name in methods:
+    methods = methods_for(task, budget.given) if method is None else (method,)
+    failed: list[str] = []
+    for name, share in zip(methods, _shares(len(methods)), strict=True):
+        if name == "path":
+            say("searching and timing a path ...")
         try:
-            if name == "path":
-                say("searching and timing a path ...")
-            return _by(name, task, budget, how, progress)
+            return _by(name, task, share * budget.left, how, progress)
         except TimeIsUpError:
-            failed = PlanningError(f"no verified motion in the given time ({name} method)")
-            break
+            failed.append(f"{name} method: no verified motion in the given time")
         except ToleranceError:
             raise
         except PlanningError as error:
-            failed = error if failed is None else PlanningError(f"{failed}; {name} method: {error}")
-    assert failed is not None
-    raise failed
+            failed.append(f"{name} method: {error}" if failed else f"{error}")
+    raise PlanningError("; ".join(failed))
 
 
-def _by(name: str, task: Task, budget: TimeBudget, how: Mapping[str, Any], progress: Any) -> MotionPlan:
-    with interrupted_after(budget.left):
+def _shares(count: int) -> list[float]:
+    """Of the time left: what each method may take of it, the last one all."""
+    return [_FIRST] * (count - 1) + [1.0]
+
+
+def _by(name: str, task: Task, seconds: float, how: Mapping[str, Any], progress: Any) -> MotionPlan:
+    with interrupted_after(seconds):
         if name == "path":
-            end = time.perf_counter() + budget.left
+            end = time.perf_counter() + seconds
             return plan_along_path(cast(MotionTask, task), seed=how["seed"], deadline=end)
         return plan_motion(task, progress=progress, prove=certified, **how)
 
 
-def methods_for(task: Task) -> tuple[Method, ...]:
-    """The methods that suit a task, the more promising one first.
+def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
+    """The methods that suit a task, the more promising one first; both where the time is limited.
 
     Among obstacles the direct search succeeds only near the straight line. A warning says where a path is
     needed and OMPL is missing.
@@ -88,10 +92,12 @@ def methods_for(task: Task) -> tuple[Method, ...]:
     if task.is_cycle or not task.robot.collision.labels:
         return ("direct",)
     overlap = _overlap(cast(MotionTask, task))
-    if overlap <= 0:
+    if overlap <= 0 and not limited:
         return ("direct",)
     if find_spec("ompl") is not None:
         return ("direct", "path") if overlap <= NEARLY else ("path", "direct")
+    if overlap <= 0:
+        return ("direct",)
     text = "obstacles are between start and goal; a path around them needs OMPL (pip install 'ocptip[paths]')"
     warnings.warn(InputWarning(f"{task.name}: {text}"), stacklevel=3)
     return ("direct",)

@@ -48,9 +48,13 @@ class TimeBudget:
 
     Args:
         seconds: of wall time; None: no limit.
+
+    Attributes:
+        given: whether there is a limit.
     """
 
     def __init__(self, seconds: float | None) -> None:
+        self.given = seconds is not None
         self._end = float("inf") if seconds is None else time.perf_counter() + seconds
 
     @property
