@@ -87,7 +87,7 @@ def test_a_plan_is_checked_again_by_its_folder_or_its_objects(plan, folder, task
     assert repr(same).startswith("motion on C   PROVED")
     broken = ocptip.check(ocptip.load_task(task, GN=0.1), plan.motion)
     assert not broken.verified
-    assert "Broken  GN is " in repr(broken)
+    assert "Broken  tip-over GN is " in repr(broken)
 
 
 def test_a_proof_is_what_the_command_says(folder, tmp_path, capsys):
@@ -163,7 +163,7 @@ def test_where_there_is_no_plan_the_error_says_why(task, monkeypatch, tmp_path, 
     def refuse(*_, **__):
         raise PlanningError("none of 1 starts gave a verified motion")
 
-    monkeypatch.setattr("ocptip.api.plan.plan_motion", refuse)
+    monkeypatch.setattr("ocptip.api.methods.plan_motion", refuse)
     with pytest.raises(ocptip.NoPlanError, match="none of 1 starts gave a verified motion") as caught:
         ocptip.plan(task, starts=1)
     code, data = said(capsys, "plan", "C", "--tolerance", "none", "--starts", 1, "--out", tmp_path / "out")

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from ocptip.api import methods, tasks
 from ocptip.api import plan as planning
-from ocptip.api import tasks
 from ocptip.api.plan import Plan
 from ocptip.basics import errors
 from ocptip.basics.outputs import OUTPUTS
@@ -93,6 +93,7 @@ def planner(monkeypatch, tmp_path):
         data = None if task.source is None else replace(own.source, data=task.source.data)
         return replace(state.result, task=replace(own, source=data))
 
+    monkeypatch.setattr(methods, "plan_motion", plan_motion)
     monkeypatch.setattr(planning, "plan_motion", plan_motion)
     monkeypatch.setattr(planning, "robustness", lambda task, motion: robustness_of_c())
     monkeypatch.setattr(planning, "cancels_by_segment", lambda task, motion: cancels_of_c())
@@ -158,7 +159,7 @@ def test_a_junit_report_names_the_broken_limits(planner, capsys, tmp_path):
     report = tmp_path / "report.xml"
     assert run(capsys, "B", "--no-figures", "--junit", report)[0] == 1
     (failure,) = ElementTree.parse(report).getroot().iter("failure")
-    assert failure.get("message").startswith("LIMITS BROKEN; GN is 0.99")
+    assert failure.get("message").startswith("LIMITS BROKEN; tip-over GN is 0.99")
     terminal.latest.quiet = False
 
 
@@ -323,7 +324,7 @@ def test_a_plan_that_is_not_verified_says_what_it_breaks(planner, capsys):
     assert code == 1
     lines = out.splitlines()
     assert lines[0] == "B   LIMITS BROKEN"
-    assert lines[2].startswith("Broken  GN is 0.99")
+    assert lines[2].startswith("Broken  tip-over GN is 0.99")
     assert [line.split()[:2] for line in lines if line.endswith("BROKEN")] == [
         ["B", "LIMITS"],
         ["Tipping", "margin"],

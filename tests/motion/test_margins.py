@@ -16,7 +16,7 @@ from ocptip.motion.margins import (
     critical,
     motion_margins,
 )
-from ocptip.motion.summary import margin_rows, margin_table
+from ocptip.motion.summary import margin_rows, margin_table, violation_words
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
@@ -101,3 +101,13 @@ def test_a_broken_limit_without_a_margin_has_a_row():
     assert ratio > 1
     assert rows["Acceleration"] == [f"{100 * ratio:.3g} %", "<= 100", "BROKEN"]
     assert "Angle margin" not in rows
+
+
+def test_sentences_on_broken_limits_name_the_quantity_and_its_unit():
+    assert violation_words("GN_worst_case is 1.2 at 0.1 s, must be <= 0.999") == (
+        "tip-over GN, worst case is 1.2 at 0.1 s, must be <= 0.999"
+    )
+    assert violation_words("clearance_m is 0.001, must be >= 0.01") == (
+        "clearance (m) is 0.001, must be >= 0.01"
+    )
+    assert violation_words("a contact slips or lifts off") == "a contact slips or lifts off"

@@ -76,7 +76,7 @@ def test_a_file_has_speed_limits(tmp_path, capsys, task):
     assert load_task(again).robot.speed_limits == read.robot.speed_limits
     assert main(["check", str(motion), "--tcp-speed", "0.25", "--tolerance", "none"]) == 1
     text = " ".join(capsys.readouterr().out.split())
-    assert "tcp_speed_m_s is" in text
+    assert "TCP speed (m/s) is" in text
     assert "TCP speed" in text
     assert main(["check", str(motion), "--tcp-speed", "0"]) == 2
     assert "--tcp-speed: must be > 0" in capsys.readouterr().err

@@ -54,8 +54,8 @@ class Check(CheckedMotion):
         name: of the motion's file.
         motion: that was checked, as it was given.
         time_scale: factors with the checks of the same path with all times multiplied by each.
-        offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
-            difference of the motion's start and of its goal from the task's.
+        offsets: the largest differences of the motion's start and goal from the task's. Keys are units: "deg"
+            for angles, "m" for lengths, as far as the coordinates have such.
         misses: where segments of a cycle do not end where the task wants it, one sentence each.
         retimed: what another timing of the path of a motion that fails would be; empty: not known.
     """
@@ -256,8 +256,8 @@ def _is_path(task: object) -> bool:
 def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     """The fastest timing of the path of a motion that fails, as a sentence.
 
-    Empty where no timing can help (angles, clearance) or torques within the uncertainty, which timings
-    ignore, are too large, and where the path cannot be fitted.
+    Empty where no timing can help (angles, clearance) and where the path cannot be fitted. Also empty where
+    torques within the uncertainty are too large: timings ignore these.
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
     if checked.verified or task.robot.varying or not {TORQUE_WITHIN, *OF_PATH}.isdisjoint(broken):

@@ -1,7 +1,7 @@
 """`ocptip.rate`: how good poses of arms, platforms and parallel robots are, one by one and over workspaces.
 
-Poses are joint angles of an arm (rad, sliding joints m), coordinates of a parallel robot (m, rad), or
-position (m) and rotation vector (rad) of a platform.
+Poses of an arm are joint angles (rad, sliding joints m), those of a parallel robot its coordinates (m, rad).
+A platform has a position (m) and a rotation vector (rad).
 """
 
 from __future__ import annotations

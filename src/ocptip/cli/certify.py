@@ -22,7 +22,7 @@ from ocptip.cli.layout import files_lines
 from ocptip.cli.motion_summary import notes, wrapped
 from ocptip.cli.options import given_columns, given_limits, naming_options
 from ocptip.cli.terminal import say_if_compiling
-from ocptip.motion.summary import margin_table, motion_line
+from ocptip.motion.summary import margin_table, motion_line, violation_words
 
 _MOST = 8  # undecided intervals that are listed
 
@@ -128,7 +128,12 @@ class CertifyReport(Report):
         stops = "; stops CHECKED at samples" if checked.proved_while_moving and not found.certified else ""
         head = [f"{found.name} on {found.task.name}   {checked.headline}{stops}", motion_line(checked)]
         missing = filter(None, [checked.unproved])
-        lines = [*head, *wrapped("Missing", missing), *wrapped("Broken", checked.violations), ""]
+        lines = [
+            *head,
+            *wrapped("Missing", missing),
+            *wrapped("Broken", map(violation_words, checked.violations)),
+            "",
+        ]
         lines += margin_table(found.task.robot, checked)
         if proof is not None:
             parts = zip(found.checked.names, found.checked.segments, strict=True)

@@ -1,7 +1,7 @@
 """The `ocptip` command.
 
-Exit codes: 0 yes (it stands, it is verified), 1 no, 2 bad input, or too little disk, memory or open files,
-3 an error in ocptip itself, with its traceback if OCPTIP_DEBUG is set in the environment, 130 interrupted.
+Exit codes: 0 yes (stable, verified), 1 no, 2 bad input, or too little disk, memory or open files. 3 is an
+error in ocptip itself; the environment variable OCPTIP_DEBUG shows its traceback. 130 is an interrupt.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from ocptip.cli.layout import files_lines, segment_table, stop_table, under
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
-from ocptip.motion.summary import WIDTH, CheckedMotion, margin_table, rises, robustness_lines
+from ocptip.motion.summary import WIDTH, CheckedMotion, margin_table, rises, robustness_lines, violation_words
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -164,7 +164,10 @@ def _scaled(factor: float, checked: MotionCheck) -> list[str]:
     moving = f"{checked.energy:.1f} J in {checked.duration:.3f} s"
     if checked.verified:
         return [f"Times x {factor:g}: all limits kept, {moving}"]
-    return [f"Times x {factor:g}: {checked.headline}, {moving}", *wrapped("", checked.violations)]
+    return [
+        f"Times x {factor:g}: {checked.headline}, {moving}",
+        *wrapped("", map(violation_words, checked.violations)),
+    ]
 
 
 def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]:

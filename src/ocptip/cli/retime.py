@@ -17,6 +17,7 @@ from ocptip.cli.gate import gate_of, read_gate
 from ocptip.cli.options import given_columns, given_limits, naming_options, output_directory, typed
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
+from ocptip.motion.summary import violation_words
 from ocptip.task_files.path import refuse_early
 
 _WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
@@ -82,7 +83,11 @@ def _rows(timing: Timing) -> list[tuple[str, str]]:
     """The path, what it was, and what decides its timing."""
     found = [("path", _path_text(timing)), ("timing", _timing_text(timing))]
     if timing.before is not None:
-        verdict = f"; {'; '.join(timing.before.violations)}" if timing.before.violations else ""
+        verdict = (
+            f"; {'; '.join(map(violation_words, timing.before.violations))}"
+            if timing.before.violations
+            else ""
+        )
         found.append(("as given", f"{timing.before.duration:.3f} s, {timing.before.headline}{verdict}"))
     if timing.task.reference is not None:
         found += [("assumed", text) for text in timing.task.reference.assumed]

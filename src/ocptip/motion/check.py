@@ -1,8 +1,8 @@
 """Check after the plan: does a motion keep all limits at every instant, not only at quadrature nodes?
 
-The exact motion is sampled in every interval between switching times, up to 0.15 us from each on either side
-(torques and margins have steps there; joints that switch together do so within 0.1 us). It is refined around
-the worst instants until these no longer move. The rest before and after the motion is also checked.
+The exact motion is sampled in every interval between switching times, up to 0.15 us from each on either side.
+Torques and margins have steps there; joints that switch together do so within 0.1 us. The grid is refined
+around the worst instants until these no longer move. The rest before and after the motion is also checked.
 """
 
 from __future__ import annotations

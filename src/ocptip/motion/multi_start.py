@@ -7,10 +7,10 @@ that the one before leaves open, and spends time only where that is likely to pa
    smooth programs tell for a small share of the time what each one promises.
 2. Finishing. What does it cost exactly? Only the most promising starts are solved exactly and checked; others
    follow if none of these is verified.
-3. Basin hopping. Is there a cheaper optimum next to the best? That is likelier there than anywhere else, so
+3. Basin hopping. Is there a cheaper optimum next to the best? It is likelier there than anywhere else. So
    changes of the best motion pay more than further starts. Within an uncertainty they do not: there are none.
 4. Rise times. Would the best motion cost less with other ones? They are no variables of the programs, whose
-   structure depends on them, so their neighbours are tried one after the other.
+   structure depends on them. So their neighbours are tried one after the other.
 5. Proof. Does each limit hold at every instant? Only the best motion is proved, since proofs take long.
 
 Jobs end in any order, but what begins depends on their results only: on ranks, and on the best motion after a

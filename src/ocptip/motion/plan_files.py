@@ -50,8 +50,8 @@ def write_plan(
 
     If there is a certificate, certificate.json is among them; those of the segments of a cycle are
     certificate-1.json and so on. A cycle whose planning was interrupted before all segments had a plan gets
-    no trajectory.json. The task, with all that its file names, is left out if it was made in Python, or its
-    robot was changed since it was read.
+    no trajectory.json. The task and the files that it names are left out in two cases: it was made in Python,
+    or its robot was changed since it was read.
 
     Args:
         directory: made if it does not exist; the one above it must.
@@ -106,8 +106,8 @@ def planned_to_dict(plan: MotionPlan, executions: Sequence[Execution], check: Cy
     """Return a plan, and by what it is run, as plain data for strict JSON.
 
     That of a motion is `plan_to_dict`. Of a cycle, `segments` holds that of each segment, in times from its
-    begin, and `name`, `begin_s`, `rest_s`, `rest_energy_J`, and `goal_offset_m` where the goal's pose is
-    free; all else is of the whole, in times from the first begin.
+    begin. Further keys there are `name`, `begin_s`, `rest_s`, `rest_energy_J`, and `goal_offset_m` where the
+    goal's pose is free. All else is of the whole, in times from the first begin.
     """
     if not plan.task.is_cycle:
         return plan_to_dict(plan, executions[0])

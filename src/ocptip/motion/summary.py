@@ -66,6 +66,7 @@ RESULT_TITLES = {
     "point_speed_m_s": "speed of a point",
 }
 """Titles of worst values by their names in `MotionCheck.worst`."""
+_UNIT_ENDS = {"_m_s": "m/s", "_deg": "deg", "_m": "m", "_N": "N"}
 _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s", "point_speed_m_s": "m/s"}
 _IF_BROKEN = {
     "speed_ratio": ("Joint speed", "%", 100.0),
@@ -151,7 +152,17 @@ class CheckedMotion:
     @property
     def broken(self) -> tuple[str, ...]:
         """The limits that are broken, stops included, one sentence each."""
-        return (*self.check.violations, *(text for one in self.stops.values() for text in one.violations))
+        of_stops = (text for one in self.stops.values() for text in one.violations)
+        return (*map(violation_words, self.check.violations), *of_stops)
+
+
+def violation_words(text: str) -> str:
+    """A sentence of `MotionCheck.violations` with the title of its quantity, and the unit."""
+    name, _, rest = text.partition(" ")
+    if name not in RESULT_TITLES:
+        return text
+    unit = next((f" ({unit})" for end, unit in _UNIT_ENDS.items() if name.endswith(end)), "")
+    return f"{RESULT_TITLES[name]}{unit} {rest}"
 
 
 def brief(title: str, found: CheckedMotion) -> str:
