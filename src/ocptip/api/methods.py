@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, Literal, TypeVar, cast
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, InputWarning, PlanningError
-from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
-from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.retiming.among import plan_along_path
@@ -34,8 +32,8 @@ def searched(
     task: Task,
     method: Method | None,
     budget: TimeBudget,
-    how: Mapping[str, Any],
-    progress: Any,
+    direct: Callable[[], MotionPlan],
+    seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
     """The plan of the first method that gives a verified motion.
@@ -44,8 +42,8 @@ def searched(
         task: of a motion or a cycle.
         method: the only one that is tried; None: those that suit the task, see `methods_for`.
         budget: of time.
-        how: starts, seed, jobs and executor of the direct search.
-        progress: see `ocptip.motion.plan.plan_motion`.
+        direct: the direct search.
+        seed: of the search for a path.
         say: called with what is done next.
 
     Raises:
@@ -60,7 +58,12 @@ def searched(
         if name == "path":
             say("searching and timing a path ...")
         try:
-            return _by(name, task, share * budget.left, how, progress)
+            seconds = share * budget.left
+            end = time.perf_counter() + seconds
+            with interrupted_after(seconds):
+                if name == "direct":
+                    return direct()
+                return plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
         except TimeIsUpError:
             failed.append(f"{name} method: no verified motion in the given time")
         except ToleranceError:
@@ -73,14 +76,6 @@ def searched(
 def _shares(count: int) -> list[float]:
     """Of the time left: what each method may take of it, the last one all."""
     return [_FIRST] * (count - 1) + [1.0]
-
-
-def _by(name: str, task: Task, seconds: float, how: Mapping[str, Any], progress: Any) -> MotionPlan:
-    with interrupted_after(seconds):
-        if name == "path":
-            end = time.perf_counter() + seconds
-            return plan_along_path(cast(MotionTask, task), seed=how["seed"], deadline=end)
-        return plan_motion(task, progress=progress, prove=certified, **how)
 
 
 def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:

@@ -331,7 +331,8 @@ def plan(
             )
         method = "direct"
     try:
-        planned = searched(task, method, budget, how, progress, stage or silent)
+        direct = partial(plan_motion, task, progress=progress, prove=certified, **how)
+        planned = searched(task, method, budget, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)
         refusal = NoPlanError(f"{error}", task, other)
