@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ocptip.api.certify import Certified, certify
+    from ocptip.api.chart import chart
     from ocptip.api.check import Check, check
     from ocptip.api.compare import compare
     from ocptip.api.export import export
@@ -71,6 +72,7 @@ _HOME = {
     "Uncertainty": "ocptip.standing.tolerance",
     "UnilateralContact": "ocptip.contact",
     "certify": "ocptip.api.certify",
+    "chart": "ocptip.api.chart",
     "check": "ocptip.api.check",
     "compare": "ocptip.api.compare",
     "export": "ocptip.api.export",
@@ -109,6 +111,7 @@ __all__ = [
     "UnilateralContact",
     "__version__",
     "certify",
+    "chart",
     "check",
     "compare",
     "export",

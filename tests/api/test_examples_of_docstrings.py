@@ -17,7 +17,7 @@ from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES, ROOT
 from tests.standing.simulation.test_replay import plan_of as committed
 
-VERBS = ["Trajectory", "compare", "export", "identify", "place", "rate", "simulate", "stand", "view"]
+VERBS = ["Trajectory", "chart", "compare", "export", "identify", "place", "rate", "simulate", "stand", "view"]
 """Those whose example takes seconds; plans have tests of their own."""
 
 

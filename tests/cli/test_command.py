@@ -23,6 +23,7 @@ ARGUMENTS = {
     "plan": ["A"],
     "place": ["a.toml"],
     "cell": ["a.toml"],
+    "chart": ["a.toml"],
     "retime": ["a.toml"],
     "check": ["a.json"],
     "certify": ["a.json"],

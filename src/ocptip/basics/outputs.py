@@ -29,6 +29,7 @@ OUTPUTS = {
     "retime": (*_PLAN, *_FIGURES, "phase_plane.png"),
     "place": ("placement.json", "placement.png", "map.png"),
     "cell": ("cell.json", "placement.png"),
+    "chart": ("chart.json", "chart.csv", "chart.png", SUMS),
 }
 """Names of the files that commands write into a folder; of cycles some have a number before the ending."""
 

@@ -345,6 +345,37 @@ COMMANDS = (
         ),
     ),
     Command(
+        "chart",
+        VERIFY,
+        "load charts: the largest payload over reach, height and azimuth",
+        "Samples postures at rest and computes the largest payload in each, so that no contact is lost and "
+        "joints hold it. Writes load charts as cranes have them: text, JSON, CSV and a figure. Motion is not "
+        "covered.",
+        "0 charted, 1 no sampled posture keeps the limits without payload",
+        (
+            argument("task", "A..H|TASK.toml", "a published case, or the task file of an arm"),
+            argument("--samples", "N", "postures that are drawn (default: 10000)", type=int, default=10_000),
+            SEED,
+            TOLERANCE,
+            argument(
+                "--payloads",
+                "KG",
+                "payloads of the largest reaches, kg (default: 0, 25, 50, 75, 100 %% of the task's payload)",
+                nargs="+",
+                type=float,
+            ),
+            argument("--sectors", "N", "sectors of the azimuth (default: 8)", type=int, default=8),
+            argument("--cell", "M", "size of the cells of reach and height, m", type=float),
+            argument(
+                "--most",
+                "KG",
+                "largest payload that is tried (default: ten times the task's, else the robot's mass)",
+                type=float,
+            ),
+            OUT,
+        ),
+    ),
+    Command(
         "report",
         VERIFY,
         "write one document: robot, assumptions, load cases, worst cases, robustness",

@@ -54,8 +54,25 @@ class Deviations:
         other._set(tolerance)
         return other
 
+    def loaded(self, factors: np.ndarray) -> Deviations:
+        """The same of N states whose payload has its mass times factors (N,), which is then nominal."""
+        _ = self.wrench, self._first  # made once, they serve all copies
+        other, at = copy(self), self.places["payload_mass"]
+        other._nominal = np.zeros((len(factors), self.size))
+        other._nominal[:, at] = factors[:, None] - 1
+        ends = [np.tile(end, (len(factors), 1)) for end in (self.low, self.high)]
+        for end in ends:
+            end[:, at] = factors[:, None] * (1 + end[:, at]) - 1
+        other.low, other.high = ends
+        return other
+
+    def nominal(self, count: int) -> np.ndarray:
+        """Deviations (count, size) of nominal states: zero but for payloads, see :meth:`loaded`."""
+        return np.zeros((count, self.size)) if self._nominal is None else self._nominal.copy()
+
     def _set(self, tolerance: Uncertainty) -> None:
         self.tolerance, ends = tolerance.of(self.robot.payload), self._ends(tolerance)
+        self._nominal: np.ndarray | None = None
         self.low, self.high = np.zeros(self.size), np.zeros(self.size)
         for name, at in self.places.items():
             if name in ends:
@@ -170,19 +187,19 @@ class Deviations:
         """(size,) maximum deviations; (N, size) with (N, n), s, maximum delays of joints."""
         if max_delay is None or "delay" not in self.places:
             return self.high
-        high = np.tile(self.high, (len(max_delay), 1))
+        high = np.broadcast_to(self.high, (len(max_delay), self.size)).copy()
         high[:, self.places["delay"]] = max_delay
         return high
 
     def least(self, slopes: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """Deviations (N, size) at which slopes (N, size) . theta is minimal; room as in `greatest`."""
-        theta, high = np.zeros(slopes.shape), self.greatest(max_delay)
-        own = self._intervals
-        size = np.maximum(np.abs(self.low[own]), np.abs(high[..., own]))
+        theta, own = self.nominal(len(slopes)), self._intervals
+        low, high = self.low[..., own], self.greatest(max_delay)[..., own]
+        size = np.maximum(np.abs(low - theta[:, own]), np.abs(high - theta[:, own]))
         change = np.abs(slopes[:, own]) * size
-        # Deviations without influence stay at 0, so that reports name only those that matter.
+        # Deviations without influence stay nominal, so that reports name only those that matter.
         matters = change > _NOTHING * np.max(change, axis=1, initial=1e-300)[:, None]
-        theta[:, own] = np.where(matters, np.where(slopes[:, own] > 0, self.low[own], high[..., own]), 0.0)
+        theta[:, own] = np.where(matters, np.where(slopes[:, own] > 0, low, high), theta[:, own])
         for name, most in (("push", self.tolerance.push), ("base_push", self.tolerance.base_push)):
             if name in self.places:
                 theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
@@ -202,7 +219,7 @@ class Deviations:
         slopes = np.einsum("nw,nwt->nt", a, self.wrench_and_slopes(s, theta)[1])
         bend = np.abs(self.curvature(s, theta, a)[0].reshape(len(s), self.size, self.size))
         span = np.broadcast_to(self.greatest(max_delay) - self.low, theta.shape).copy()
-        for name, most in self._radii.items():
+        for name, most in self.radii.items():
             span[:, self.places[name]] = 2 * most
         own = self._intervals
         inward = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
@@ -211,7 +228,7 @@ class Deviations:
         lost = 0.5 * np.einsum("nij,nj->ni", bend, span)
         rest = np.minimum(inward - lost[:, own], 0.0) * span[:, own]
         found = -np.sum(rest, axis=1)
-        for name, most in self._radii.items():
+        for name, most in self.radii.items():
             at = self.places[name]
             size = np.maximum(np.linalg.norm(slopes[:, at], axis=1), 1e-300)
             turn = np.linalg.norm(lost[:, at], axis=1)
@@ -219,7 +236,7 @@ class Deviations:
         return found
 
     @property
-    def _radii(self) -> dict[str, float]:
+    def radii(self) -> dict[str, float]:
         own, size = self.tolerance, float(np.linalg.norm(self.robot.support.gravity))
         radii = {"gravity": size * own.tilt, "push": own.push, "base_push": own.base_push}
         return {name: most for name, most in radii.items() if name in self.places}

@@ -28,6 +28,7 @@ def maximum_torques(
     qd: np.ndarray,
     qdd: np.ndarray,
     acting: np.ndarray,
+    payload: float | np.ndarray = 1.0,
 ) -> np.ndarray:
     """(N, n): upper bounds of the absolute values of the torques, N m or N.
 
@@ -36,6 +37,7 @@ def maximum_torques(
         tolerance: of it.
         q, qd, qdd: (N, n) states.
         acting: (N, 6) the process if it varies, else (N, 0); see `StandingMechanism.acting`.
+        payload: factor of the payload's mass, or one per state, (N,).
     """
     own, arm = tolerance.of(robot.payload), robot.arm.without_process
     parts, still, none = _parts(arm), np.zeros(q.shape), np.zeros(3)
@@ -43,20 +45,21 @@ def maximum_torques(
     pulls = np.stack([parts(q, still, still, axis)[0] for axis in np.eye(3)])  # (3, N, n, bodies)
     about = robot.support.center_of_mass
     process = robot.pushed(robot.arm, q, still, still, acting, gravity=none, about=about).torque
-    low, high = _weights(arm, own)
-    mean, half, gravity = 0.5 * (low + high), 0.5 * (high - low), robot.support.gravity
+    low, high = _weights(arm, own, np.asarray(payload, dtype=float)[..., None])
+    # One column, so that weights of single states multiply like those of all.
+    mean, half = 0.5 * (low + high)[..., None], 0.5 * (high - low)[..., None]
+    gravity = robot.support.gravity
     size, paces = np.linalg.norm(gravity), ((1 - own.speed) ** 2, (1 + own.speed) ** 2)
 
-    level, pull = np.tensordot(gravity, pulls, axes=1), np.moveaxis(pulls @ mean, 0, -1)
+    level, pull = np.tensordot(gravity, pulls, axes=1), np.moveaxis((pulls @ mean)[..., 0], 0, -1)
     along, reach = pull @ gravity, size * np.linalg.norm(pull, axis=2)
     across = np.linalg.norm(np.cross(pull, gravity), axis=2)
-    spread = size * own.tilt * (np.linalg.norm(pulls, axis=0) @ half) + own.push * np.linalg.norm(
-        push, axis=2
-    )
+    spread = size * own.tilt * (np.linalg.norm(pulls, axis=0) @ half)[..., 0]
+    spread += own.push * np.linalg.norm(push, axis=2)
     found = np.zeros(q.shape)
     for factor in paces:
-        nominal = factor * (pace @ mean + arm.armature * qdd) + process
-        more = spread + np.abs(factor * pace + level) @ half
+        nominal = factor * ((pace @ mean)[..., 0] + arm.armature * qdd) + process
+        more = spread + (np.abs(factor * pace + level) @ half)[..., 0]
         for sign in (1.0, -1.0):
             tilted = np.maximum(np.arctan2(across, sign * along) - own.tilt, 0.0)
             found = np.maximum(found, sign * nominal + reach * np.cos(tilted) + more)
@@ -66,19 +69,20 @@ def maximum_torques(
         moments = np.abs(np.cross(side[:, :, :, None], swing[:, :, None, :], axis=1))  # (N, 3, 3, 3)
         loose = np.einsum("nwl,nwij,ij->nl", np.abs(axes), moments, most)
         ratios = np.eye(arm.n) if arm.coupling is None else arm.coupling.matrix
-        found += paces[1] * (loose @ np.abs(ratios))
+        found += paces[1] * np.asarray(payload)[..., None] * (loose @ np.abs(ratios))
     return found
 
 
-def _weights(arm: ArmModel, own: Uncertainty) -> tuple[np.ndarray, np.ndarray]:
-    """Minimum and maximum of the weights of `_parts`."""
-    links = np.full(len(arm.masses), own.arm_mass)
+def _weights(arm: ArmModel, own: Uncertainty, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Minimum and maximum of the weights of `_parts`, with factors (..., 1) of the payload's mass."""
+    links, extra = np.full(len(arm.masses), own.arm_mass), np.full(1, own.extra_mass)
     held, box = own.payload_mass, (1 + own.payload_mass) * np.asarray(own.payload_center)
-    payload = ([1 - held, *-box], [1 + held, *box]) if arm.payload is not None else ([], [])
-    return (
-        np.concatenate([1 - links, payload[0], [0.0]]),
-        np.concatenate([1 + links, payload[1], [own.extra_mass]]),
-    )
+    found = []
+    for sign, more in ((-1, 0 * extra), (1, extra)):
+        carried = payload * np.array([1 + sign * held, *(sign * box)])[: None if arm.payload else 0]
+        parts = [np.broadcast_to(part, (*payload.shape[:-1], len(part))) for part in (1 + sign * links, more)]
+        found.append(np.concatenate([parts[0], carried, parts[1]], axis=-1))
+    return found[0], found[1]
 
 
 @lru_cache(maxsize=64)

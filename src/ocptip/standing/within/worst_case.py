@@ -95,6 +95,15 @@ class WorstCase:
             other._map = TipMap(other.footing.tip_over)
         return other
 
+    def loaded(self, factors: np.ndarray) -> WorstCase:
+        """The worst case of N states whose payload has its mass times factors (N,).
+
+        For `moments`, `least` and `slip` of exactly these states; estimates are of the nominal payload.
+        """
+        other = copy(self)
+        other.deviations = self.deviations.loaded(factors)
+        return other
+
     def up_to(self, GT: float) -> WorstCase:
         """The worst case where no friction utilisation is searched that half spaces show to be below GT."""
         other = copy(self)
@@ -127,13 +136,26 @@ class WorstCase:
             values, slopes = self._map(self.deviations.wrench(s, theta)[0])
             return WorstDeviations(values[rows, axis], theta, slopes[rows, axis])
 
+        def about_axis(wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, slopes = self._map(wrenches)
+            return values[rows, axis], slopes[rows, axis]
+
+        return self.least(s, about_axis, max_delay)
+
+    def least(
+        self,
+        s: np.ndarray,
+        quantity: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+        max_delay: np.ndarray | None = None,
+    ) -> WorstDeviations:
+        """Minimum of a quantity of the wrench: values (N,) and slopes (N, 6) of wrenches (N, 6)."""
+
         def at(theta: np.ndarray) -> tuple[WorstDeviations, np.ndarray]:
             wrenches, over = self.deviations.wrench_and_slopes(s, theta)
-            values, slopes = self._map(wrenches)
-            own = slopes[rows, axis]
-            return WorstDeviations(values[rows, axis], theta, own), np.einsum("nw,nwt->nt", own, over)
+            values, slopes = quantity(wrenches)
+            return WorstDeviations(values, theta, slopes), np.einsum("nw,nwt->nt", slopes, over)
 
-        found, slopes = at(np.zeros((len(s), self.deviations.size)))
+        found, slopes = at(self.deviations.nominal(len(s)))
         for _ in range(ROUNDS):
             new, slopes = at(self.deviations.least(slopes, max_delay))
             found = found.worse(new, -1.0)
@@ -306,7 +328,7 @@ class WorstCase:
         return values, slopes
 
     def _starts(self, s: np.ndarray, count: int, max_delay: np.ndarray | None) -> Iterator[np.ndarray]:
-        still = np.zeros((len(s), self.deviations.size))
+        still = self.deviations.nominal(len(s))
         yield still
         if count > 1:
             over = self.deviations.wrench_and_slopes(s, still)[1]

@@ -1,0 +1,351 @@
+"""`ocptip.chart`: load charts of a robot on its base, as crane and lift makers hand them out."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from ocptip.api.postures import rests_of
+from ocptip.api.tasks import TaskLike, load_task
+from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.outputs import replace_folder
+from ocptip.basics.write import plain, versions
+from ocptip.pictures.load_chart import chart_picture
+from ocptip.standing.arm import Robot
+from ocptip.standing.largest_payload import LargestPayloads, largest_payloads
+from ocptip.standing.limits import Limits
+from ocptip.standing.load_chart import ChartCell, ReachBySector
+from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.tolerable import AT_REST
+
+SAMPLES, SECTORS = 10_000, 8
+NOT_COVERED = ("motion", "process forces that vary", "postures that were not sampled")
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Payloads of the reaches, as shares of the rated one."""
+
+_STEPS = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0)  # m
+_CELLS = 8  # cells of reach or height, at most
+_TIMES_RATED = 10.0  # largest payload tried
+
+
+def chart(
+    task: TaskLike,
+    *,
+    uncertainty: Uncertainty | str | None = None,
+    samples: int = SAMPLES,
+    seed: int = 0,
+    payloads: Sequence[float] | None = None,
+    sectors: int = SECTORS,
+    cell: float | None = None,
+    most: float | None = None,
+) -> LoadChart:
+    """Return the largest payload at rest over reach, height and azimuth of the TCP.
+
+    Example::
+
+        found = ocptip.chart("examples/tasks/kit_arm.toml", samples=2000)
+        print(found)
+        found.save("chart")
+
+    Args:
+        task: a task of an arm, its file, or a published case.
+        uncertainty: what the limits hold within, an object, a preset ("workshop", "none") or a TOML file with
+            a table `[tolerance]`. Default: that of the task, else "workshop".
+        samples: postures that are drawn within the joint limits (a Halton sequence); what collides is
+            dropped.
+        seed: of the sequence.
+        payloads: kg, of the reaches by azimuth; default: 0, 25, 50, 75, 100 % of the rated payload.
+        sectors: of the azimuth.
+        cell: m, size of the cells of reach and height; default: at most 8 of each.
+        most: kg, the largest payload that is tried; default: ten times the rated one, else the mass of robot
+            and base.
+
+    Raises:
+        InputError: the robot is no arm, or a value cannot be used.
+    """
+    for name, value, least in (("samples", samples, 1), ("seed", seed, 0), ("sectors", sectors, 1)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise InputError(f"{name}: must be a whole number >= {least}, got {value!r}")
+    found = load_task(task, uncertainty=uncertainty)
+    robot, _, limits = rests_of(found)["start"]
+    if not isinstance(robot, Robot):
+        raise InputError("task: load charts are for arms; this robot is a parallel one")
+    rated = robot.payload.mass if robot.payload else None
+    if most is None:
+        most = _TIMES_RATED * rated if rated else robot.mass
+    most = positive_number("most", most)
+    drawn = _halton(robot, limits, samples, seed)
+    gaps = robot.collision.gaps(drawn, limits.clearance)
+    q = drawn[np.all(gaps >= limits.clearance, axis=1)]
+    held = largest_payloads(robot, limits, q, most)
+    if rated is None:
+        rated = float(np.max(held.masses, initial=0.0))
+    masses = rated * np.array(SHARES) if payloads is None else finite_array("payloads", payloads, (None,))
+    if np.any(masses < 0):
+        raise InputError(f"payloads: must be >= 0 kg, got {masses.tolist()}")
+    return LoadChart.of(found.name, robot, limits, q, held, (samples, seed), masses, sectors, cell, most)
+
+
+def _halton(robot: Robot, limits: Limits, samples: int, seed: int) -> np.ndarray:
+    """(N, n) postures within the joint limits; a joint without limits turns once, or slides 1 m."""
+    ends, turns = robot.arm.limits, np.array([unit == "rad" for unit in robot.units])
+    margin = np.where(turns, limits.angle_margin, 0.0)
+    usual = np.where(turns, np.pi, 0.5)
+    low = np.where(np.isfinite(ends.angle_min), ends.angle_min + margin, -usual)
+    high = np.where(np.isfinite(ends.angle_max), ends.angle_max - margin, usual)
+    # A whole turn is enough: beyond it postures repeat.
+    middle = (low + high) / 2
+    half = np.where(turns, np.minimum((high - low) / 2, np.pi), (high - low) / 2)
+    unit = qmc.Halton(robot.n, rng=np.random.default_rng(seed)).random(samples)
+    return middle + (2 * unit - 1) * half
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadChart:
+    """Load charts of a robot at rest.
+
+    Attributes:
+        name: of the task.
+        robot: on its base, as it rests.
+        limits: that are kept, with the uncertainty.
+        q: (N, n), rad (prismatic joints: m): the postures that do not collide.
+        held: their largest payloads, and what limits them.
+        places: (N, 3): azimuth, rad, from the base's x axis to y; reach, m, the horizontal distance of the
+            TCP from the centre of the contacts; height, m, above the lowest contact.
+        drawn: number of postures that were drawn, and the seed.
+        edges: of the cells: azimuth, rad, reach and height, m.
+        payloads: kg, of the reaches by azimuth.
+        most: kg, the largest payload that was tried.
+    """
+
+    name: str
+    robot: Robot
+    limits: Limits
+    q: np.ndarray
+    held: LargestPayloads
+    places: np.ndarray
+    drawn: tuple[int, int]
+    edges: tuple[np.ndarray, np.ndarray, np.ndarray]
+    payloads: np.ndarray
+    most: float
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        robot: Robot,
+        limits: Limits,
+        q: np.ndarray,
+        held: LargestPayloads,
+        drawn: tuple[int, int],
+        payloads: np.ndarray,
+        sectors: int,
+        cell: float | None,
+        most: float,
+    ) -> LoadChart:
+        """The chart with its cells."""
+        feet = np.array([contact.position for contact in robot.support.contacts])
+        tool = robot.tool(q) - [*feet[:, :2].mean(axis=0), feet[:, 2].min()]
+        reach = np.hypot(tool[:, 0], tool[:, 1])
+        # Sectors are about their middle, so that straight ahead is one of them.
+        turn = 2 * np.pi / sectors
+        azimuth = (np.arctan2(tool[:, 1], tool[:, 0]) + turn / 2) % (2 * np.pi) - turn / 2
+        around = turn * (np.arange(sectors + 1) - 0.5)
+        step = None if cell is None else positive_number("cell", cell)
+        edges = (
+            around,
+            _edges(0.0, reach, step),
+            _edges(float(tool[:, 2].min()) if len(q) else 0.0, tool[:, 2], step),
+        )
+        places = np.column_stack([azimuth, reach, tool[:, 2]])
+        return cls(name, robot, limits, q, held, places, drawn, edges, payloads, most)
+
+    @cached_property
+    def _index(self) -> np.ndarray:
+        """(N, 3) cell of each posture by azimuth, reach and height."""
+        found = [
+            np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+            for edges, values in zip(self.edges, self.places.T, strict=True)
+        ]
+        return np.column_stack(found).reshape(-1, 3)
+
+    def cells(self, *, azimuth: bool = True, height: bool = True) -> list[ChartCell]:
+        """The cells with postures, by azimuth, reach and height; without azimuth all around is one cell."""
+        use = [azimuth, True, height]
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for row, index in enumerate((self._index * use).tolist()):
+            groups.setdefault(tuple(index), []).append(row)
+        return [self._cell(index, np.array(rows), use) for index, rows in sorted(groups.items())]
+
+    def _cell(self, index: tuple[int, ...], rows: np.ndarray, use: list[bool]) -> ChartCell:
+        ends = [
+            (float(edges[k]), float(edges[k + 1])) if used else None
+            for edges, k, used in zip(self.edges, index, use, strict=True)
+        ]
+        masses = self.held.masses[rows]
+        least, best = rows[np.argmin(masses)], rows[np.argmax(masses)]
+        assert ends[1] is not None  # reach is always used
+        return ChartCell(
+            ends[0],
+            ends[1],
+            ends[2],
+            len(rows),
+            float(self.held.masses[least]),
+            float(self.held.masses[best]),
+            self._limit(least),
+            self._limit(best),
+        )
+
+    def _limit(self, row: int) -> str:
+        broken = "" if self.held.unloaded[row] else " without payload"
+        return self.held.names[self.held.limits[row]] + broken
+
+    @cached_property
+    def reaches(self) -> tuple[ReachBySector, ...]:
+        """Largest reach by azimuth of each of the payloads."""
+        found, sector, reach = [], self._index[:, 0], self.places[:, 1]
+        for payload in self.payloads:
+            holds = self.held.unloaded & (self.held.masses >= payload)
+            ends: list[tuple[float | None, float | None]] = []
+            for k in range(len(self.edges[0]) - 1):
+                here = sector == k
+                good, bad = reach[here & holds], reach[here & ~holds]
+                sure = good[good < np.min(bad, initial=np.inf)]
+                ends.append(
+                    (float(np.max(sure, initial=0.0)), float(np.max(good)) if len(good) else None)
+                    if here.any()
+                    else (None, None)
+                )
+            found.append(ReachBySector(float(payload), *(tuple(one) for one in zip(*ends, strict=True))))
+        return tuple(found)
+
+    @property
+    def _feet(self) -> np.ndarray:
+        """(n, 3), m, base frame: the contacts."""
+        return np.array([contact.position for contact in self.robot.support.contacts])
+
+    @property
+    def broken(self) -> int:
+        """Number of postures that break a limit without any payload."""
+        return int(np.sum(~self.held.unloaded))
+
+    @property
+    def scope(self) -> str:
+        """What the chart is about, in words: static, uncertainty, samples, seed."""
+        tolerance = self.limits.tolerance
+        within = f"within {tolerance.scope}" if tolerance.given else "nominal model only"
+        return f"static, {within}, {len(self.q)} of {self.drawn[0]} postures, seed {self.drawn[1]}"
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Deviations of the uncertainty that need motion."""
+        tolerance = self.limits.tolerance
+        return tuple(str(tolerance.only(name)) for name in tolerance.given if name not in AT_REST)
+
+    def __repr__(self) -> str:
+        """The scope, and the smallest and largest payload."""
+        masses = self.held.masses
+        held = f"{masses.min():.3g} to {masses.max():.3g} kg" if len(masses) else "no posture"
+        return f"<LoadChart {self.name}: {held}; {self.scope}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of chart.json; see docs/how-to/load-charts.md."""
+        limits, payload = self.limits, self.robot.payload
+        names = ("GN", "GT", "torque_ratio", "clearance")
+        within = ("GN_worst_case", "GT_worst_case", "torque_ratio_worst_case")
+        given = limits.tolerance.given
+        feet = self._feet
+        return {
+            "task": self.name,
+            "scope": self.scope,
+            "not_covered": [*NOT_COVERED, *self.ignored],
+            "tolerance": limits.tolerance.to_dict(),
+            "limits": {name: getattr(limits, name) for name in (*names, *(within if given else ()))},
+            "payload": {
+                "rated_kg": payload.mass if payload else None,
+                "center_of_mass": payload.center_of_mass.tolist() if payload else [0.0, 0.0, 0.0],
+                "largest_tried_kg": self.most,
+            },
+            "samples": self.drawn[0],
+            "seed": self.drawn[1],
+            "postures": len(self.q),
+            "broken_without_payload": self.broken,
+            "center_m": [*feet[:, :2].mean(axis=0), feet[:, 2].min()],
+            "edges": {
+                "azimuth_deg": np.round(np.degrees(self.edges[0]), 9),
+                "reach_m": self.edges[1],
+                "height_m": self.edges[2],
+            },
+            "side": [one.to_dict() for one in self.cells(azimuth=False)],
+            "plan": [one.to_dict() for one in self.cells(height=False)],
+            "cells": [one.to_dict() for one in self.cells()],
+            "reach_by_azimuth": [
+                {
+                    "payload_kg": one.payload,
+                    "any_posture_m": list(one.any_posture),
+                    "best_posture_m": list(one.best_posture),
+                }
+                for one in self.reaches
+            ],
+            "versions": versions(),
+        }
+
+    def to_csv(self) -> str:
+        """The cells as a table; empty: all around, or all heights."""
+        stream = io.StringIO()
+        rows = csv.writer(stream, lineterminator="\n")
+        ends = [f"{name}_{end}_{unit}" for name, unit in _COLUMNS for end in ("from", "to")]
+        rows.writerow(["view", *ends, "postures", *_VALUES])
+        views = {"side": {"azimuth": False}, "plan": {"height": False}, "cells": {}}
+        for view, use in views.items():
+            for data in (one.to_dict() for one in self.cells(**use)):
+                places = [end for name, unit in _COLUMNS for end in data[f"{name}_{unit}"] or ("", "")]
+                rows.writerow([view, *places, data["postures"], *(data[name] for name in _VALUES)])
+        return stream.getvalue()
+
+    def save(self, folder: str | os.PathLike[str], *, figures: bool = True) -> list[Path]:
+        """Write chart.json, chart.csv and chart.png into a folder, made if it does not exist.
+
+        Raises:
+            OSError: a file cannot be written; names it.
+        """
+        return list(self.write(folder, figures=figures))
+
+    def write(
+        self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None
+    ) -> Iterator[Path]:
+        """Write the files with the list of their hashes, and yield their paths; `extra`: of chart.json."""
+        data = json.dumps(plain({**self.to_dict(), **(extra or {})}), indent=2, allow_nan=False)
+        contents = {"chart.json": f"{data}\n".encode(), "chart.csv": self.to_csv().encode()}
+        if figures:
+            views = self.cells(azimuth=False), self.cells(height=False)
+            about = self.name, self.scope, self.edges
+            contents["chart.png"] = chart_picture(*about, *views, self.reaches, self._feet)
+        yield from replace_folder(Path(folder), contents)
+
+
+_COLUMNS = (("azimuth", "deg"), ("reach", "m"), ("height", "m"))
+_VALUES = ("payload_any_posture_kg", "limit", "payload_best_posture_kg", "limit_best_posture")
+
+
+def _edges(low: float, values: np.ndarray, step: float | None) -> np.ndarray:
+    """Ends of cells from `low`, m, at multiples of a step; default: the smallest one with few cells."""
+    high = float(np.max(values, initial=low))
+    if step is None:
+        step = next((one for one in _STEPS if _count(low, high, one) <= _CELLS), _STEPS[-1])
+    first = np.floor(low / step + 1e-9)
+    return np.round(step * (first + np.arange(_count(low, high, step) + 1)), 9)
+
+
+def _count(low: float, high: float, step: float) -> int:
+    return max(1, int(np.ceil(high / step - 1e-9) - np.floor(low / step + 1e-9)))
