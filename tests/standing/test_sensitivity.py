@@ -116,8 +116,10 @@ def test_exact_slopes_are_those_of_differences(case, monkeypatch):
 def test_what_is_said(case):
     robot, states = case
     found = motion_sensitivities(robot, *states)
-    assert str(found[0]).startswith("1 kg more base mass: GN ")
-    assert "minimum foot force" in str(found[0])
+    assert str(found[0]).startswith("1 kg more base mass: tipping [N m] ")
+    assert "foot [N]" in str(found[0])
+    before = found[0].before
+    assert before.reference / (before.reference + before.moment) == pytest.approx(min(before.GN, 1.0))
     data = found[0].to_dict()
     assert data["quantity"] == "base_mass"
     assert data["exact"] is True

@@ -226,7 +226,7 @@ def test_what_is_invented_is_said_at_each_number(tmp_path):
         assert "invented" in line
         declared = ROBOT_BASE.keys[key]
         assert f"{declared.unit}: {declared.meaning[:-1]}".removeprefix(": ") in line
-    assert "0.5 kg of the URDF" in template.text
+    assert "has to include 0.5 kg of links of the URDF" in template.text
     filled = tomllib.loads(template.text.replace(f"{MARK} ", ""))
     Draft202012Validator(json_schema()).validate(filled)
 
@@ -302,7 +302,7 @@ def test_a_single_heavy_link_is_the_foot_of_the_arm_and_no_base(tmp_path):
     urdf = written(tmp_path, link("base", 6.0, solid=box("0.2 0.2 0.1")), *folded_arm())
     template = task_template(urdf, tmp_path)
     assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")
-    assert "it has to contain 6 kg of the URDF" in template.text
+    assert "has to include 6 kg of links of the URDF" in template.text
 
 
 def test_drives_hold_the_example_and_the_base_stands_in_it(tmp_path):

@@ -50,6 +50,14 @@ def sensitivities_to_dict(found: Sequence[Sensitivity]) -> dict[str, Any]:
     return {"sensitivities": [one.to_dict() for one in found]} if found else {}
 
 
+def changes_table(found: Sequence[Sensitivity], title: str = "") -> list[str]:
+    """The worst values as they are and after each change; empty without changes."""
+    if not found:
+        return []
+    rows = [[title, *found[0].before.TITLES], ["as it is", *found[0].before.cells()]]
+    return table([*rows, *([one.change, *one.after.cells()] for one in found)], left=(0,))
+
+
 def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     """The row about the certificate; none where no certificate was asked for."""
     return [("proof", f"{checked.certificate}")] if checked.certificate else []

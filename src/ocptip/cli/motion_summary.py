@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.text import percent, some
-from ocptip.cli.layout import files_lines, segment_table, stop_table, under
+from ocptip.cli.layout import changes_table, files_lines, segment_table, stop_table, under
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
@@ -117,7 +117,7 @@ def motion_text(
         segment_table(found.task, found.checked) if found.task.is_cycle else [],
         margin_table(robot, checked),
         robustness_lines(found.robustness),
-        wrapped("Helps", [f"{one}" for one in found.sensitivities]),
+        changes_table(found.sensitivities, "What if"),
         *(_stops(name, stops) for name, stops in found.stops.items()),
         [line for name, own in (cancels or {}).items() for line in cancel_lines(own, name)],
         [line for factor, own in scaled for line in _scaled(factor, own)],

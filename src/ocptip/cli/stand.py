@@ -15,7 +15,7 @@ from ocptip.api.stand import Standing, stand
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import NOISE, percent, quantity, ratio, table, without_noise
 from ocptip.cli.gate import GatedReport, gate_of, read_gate
-from ocptip.cli.layout import named, under
+from ocptip.cli.layout import changes_table, named, under
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
@@ -181,7 +181,7 @@ class StandReport(GatedReport):
             lines += posture_rows(found.posture)
         if found.within:
             lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
-        lines += under("would help", found.sensitivities)
+        lines += under("what if", changes_table(found.sensitivities))
         only = " Under exactly this load; there is no margin." if found.without_reserve else ""
         if self.verbose or only or not found.verdict.strong:
             lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))

@@ -275,9 +275,9 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
 
 
 def rises(motion: Trajectory) -> str:
-    """How accelerations rise: "accelerations rise within 20 ms"; empty for trapezoidal profiles."""
+    """How accelerations rise: "accelerations rise within 20 ms"; "trapezoidal profiles"; empty for others."""
     if not motion.rise_times:
-        return ""
+        return "trapezoidal profiles" if motion.profiles is not None else ""
     ends = sorted(
         {f"{1e3 * rise:.4g}" for rise in (min(motion.rise_times), max(motion.rise_times))}, key=float
     )

@@ -108,7 +108,7 @@ class Tolerated:
         if np.isfinite(value):
             return f"{name} of {_stiffness_text(min(value, STIFFEST))} and stiffer"
         if self.between is None:
-            return "rigid feet only"
+            return "compliant feet lift or slip"
         return f"{name} of {' to '.join(map(_stiffness_text, self.between))}"
 
     def _of_feet(self) -> str:

@@ -12,15 +12,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ocptip.basics.text import quantity
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
 from ocptip.numerics.threads import one_thread
+from ocptip.reserves.tipping import moment_at
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
@@ -41,11 +41,26 @@ class Reserves:
         GN, GT: largest; NaN where not known.
         force: minimum distance of a normal force from the end at which its contact lets go, N; infinite where
             no contact can.
+        reference: M0 of GN, N m; None where nothing tips.
     """
+
+    TITLES: ClassVar = ("tipping [N m]", "friction [%]", "foot [N]")
 
     GN: float
     GT: float
     force: float
+    reference: float | None = None
+
+    @property
+    def moment(self) -> float:
+        """Minimum tipping margin, N m; NaN where nothing tips."""
+        return moment_at(self.GN, self.reference) if self.reference else float("nan")
+
+    def cells(self) -> list[str]:
+        """Tipping margin, friction used and minimum foot force as people read them."""
+        force = max(self.force, 0.0) if np.isfinite(self.force) else float("nan")
+        values = np.round([self.moment, 100 * self.GT, force], 9) + 0.0  # friction of nothing is 1e-14
+        return [f"{value:.3g}" if np.isfinite(value) else "-" for value in values]
 
 
 @dataclass(frozen=True)
@@ -72,14 +87,9 @@ class Sensitivity:
     exact: bool
 
     def __str__(self) -> str:
-        values = [
-            f"{name} {getattr(self.before, name):.3f} -> {getattr(self.after, name):.3f}"
-            for name in ("GN", "GT")
-        ]
-        if np.isfinite(self.before.force) and max(self.before.force, self.after.force) > 0:
-            ends = (quantity(max(one.force, 0.0), "N", 3) for one in (self.before, self.after))
-            values.append("minimum foot force {} -> {}".format(*ends))
-        return f"{self.change}: {', '.join(values)}"
+        return f"{self.change}: " + ", ".join(
+            map(" ".join, zip(self.after.TITLES, self.after.cells(), strict=True))
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; what is not finite is None."""
@@ -87,11 +97,14 @@ class Sensitivity:
         def plain(reserves: Reserves) -> dict[str, float | None]:
             names = {"GN": "GN", "GT": "GT", "force": "least_normal_force_N"}
             values = {key: getattr(reserves, name) for name, key in names.items()}
+            values["tipping_margin_Nm"] = reserves.moment
             return {key: value if np.isfinite(value) else None for key, value in values.items()}
 
         own = {name: getattr(self, name) for name in ("change", "quantity", "step", "unit", "exact")}
         parts = {name: plain(getattr(self, name)) for name in ("before", "after")}
-        return {**own, **parts, "slopes_per_unit": plain(self.slopes)}
+        slopes = plain(self.slopes)
+        del slopes["tipping_margin_Nm"]
+        return {**own, **parts, "slopes_per_unit": slopes}
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,10 +204,11 @@ def _measured(stand: _Stand, changes: list[_Change]) -> tuple[Sensitivity, ...]:
     values = stand.values()
     known = np.where(np.isnan(values), -np.inf, values)
     rows = np.argmax(known, axis=0)
-    before = _reserves(values[rows, range(3)])
+    before = _reserves(values[rows, range(3)], stand)
     found = []
     for change in changes:
-        after = change.changed(change.step).values()
+        other = change.changed(change.step)
+        after = other.values()
         after = np.max(np.where(np.isnan(after), np.inf, after), axis=0)
         if change.per_unit is not None:
             slopes = stand.slopes(rows, change.per_unit, change.reference)
@@ -204,13 +218,13 @@ def _measured(stand: _Stand, changes: list[_Change]) -> tuple[Sensitivity, ...]:
             slopes = (ends[0] - ends[1]) / (2 * h)
         own = change.words, change.quantity, change.step, change.unit
         exact = change.per_unit is not None
-        found.append(Sensitivity(*own, before, _reserves(after), _reserves(slopes), exact))
+        found.append(Sensitivity(*own, before, _reserves(after, other), _reserves(slopes), exact))
     return tuple(found)
 
 
-def _reserves(values: np.ndarray) -> Reserves:
+def _reserves(values: np.ndarray, stand: _Stand | None = None) -> Reserves:
     GN, GT, lost = (float(value) for value in values)
-    return Reserves(GN, GT, 0.0 - lost)
+    return Reserves(GN, GT, 0.0 - lost, stand.footing.tip_over.reference_moment if stand else None)
 
 
 def _support_changes(support: Support, stand: Callable[[Support], _Stand]) -> list[_Change]:
@@ -291,10 +305,10 @@ def _base_shifts(stand: _Stand) -> list[_Change]:
     if (size := float(np.linalg.norm(gradient))) > 1e-9:
         best = -gradient / size
         where = ", ".join(f"{x:.2g}" for x in np.round(best, 2) + 0.0)
-        words = f"base's centre of mass {mm} towards ({where})"
+        words = f"centre of mass {mm} towards ({where})"
         own = words, "center_of_mass_sideways", MILLIMETRES, "m"
         found.append(_load_change(stand, *own, per_unit(best), 0.0))
-    words = f"base's centre of mass {mm} lower", "center_of_mass_down", MILLIMETRES, "m"
+    words = f"centre of mass {mm} lower", "center_of_mass_down", MILLIMETRES, "m"
     return [*found, _load_change(stand, *words, per_unit(down), 0.0)]
 
 

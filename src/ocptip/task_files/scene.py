@@ -95,7 +95,11 @@ BASE = Keys(
     "base of a scene",
     "What stands on the contacts; its origin is free, z points upwards.",
     {
-        "mass": schema.number("Mass of the base, without the robot.", "kg", bound="> 0"),
+        "mass": schema.number(
+            "Mass of the base with the links that do not move.",
+            "kg",
+            bound="> 0",
+        ),
         "center_of_mass": schema.vector("Centre of mass; two numbers make a planar scene.", "m"),
         "inertia": schema.numbers(
             "About the centre of mass: principal values, xx xy xz yy yz zz, or matrix.",
