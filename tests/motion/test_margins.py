@@ -99,8 +99,19 @@ def test_a_broken_limit_without_a_margin_has_a_row():
     rows = {row[0]: row[1:] for row in margin_rows(task.robot, checked)}
     ratio = checked.worst["acceleration_ratio"].value
     assert ratio > 1
-    assert rows["Acceleration"] == [f"{100 * ratio:.3g} %", "<= 100", "BROKEN"]
+    detail = checked.worst["acceleration_ratio"].detail
+    assert rows["Acceleration"] == [f"{100 * ratio:.3g} % {detail}", "<= 100", "BROKEN"]
     assert "Angle margin" not in rows
+
+
+def test_a_limit_of_the_drives_that_is_reached_has_a_row():
+    task = experiment_task("A")
+    slow = check_motion(task.robot, task.reference.time_scaled(2.0), task.limits)
+    assert "Joint speed" not in {row[0] for row in margin_rows(task.robot, slow)}
+    worst = slow.worst["speed_ratio"]
+    reached = replace(slow, worst={**slow.worst, "speed_ratio": replace(worst, value=0.997)})
+    (row,) = [row for row in margin_rows(task.robot, reached) if row[0] == "Joint speed"]
+    assert row[1:] == [f"99.7 % {worst.detail}", "<= 100", "reached"]
 
 
 def test_sentences_on_broken_limits_name_the_quantity_and_its_unit():

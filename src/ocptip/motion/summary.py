@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -68,7 +69,7 @@ RESULT_TITLES = {
 """Titles of worst values by their names in `MotionCheck.worst`."""
 _UNIT_ENDS = {"_m_s": "m/s", "_deg": "deg", "_m": "m", "_N": "N"}
 _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s", "point_speed_m_s": "m/s"}
-_IF_BROKEN = {
+_IF_REACHED = {
     "speed_ratio": ("Joint speed", "%", 100.0),
     "acceleration_ratio": ("Acceleration", "%", 100.0),
     "angle_margin_deg": ("Angle margin", "deg", 1.0),
@@ -77,7 +78,8 @@ _IF_BROKEN = {
     "position_margin_m_cancel": ("Position, cancelled", "mm", 1e3),
     "duration_s": ("Duration", "s", 1.0),
 }
-"""Titles and units of limits that have a row only where they are broken."""
+"""Titles and units of limits that have a row only where they are broken or, of drives, reached."""
+_REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 
@@ -201,12 +203,16 @@ def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str
             "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive and row.used > _NEAR else ""
         )
         rows.append([TITLES[row.name], *(at_text(row, value) for value in values), _limit(row, within), mark])
-    for name, (title, unit, scale) in _IF_BROKEN.items():
-        if (worst := checked.worst.get(name)) is not None and worst.violation:
-            digits = 3 if f"{worst.value:.3g}" != f"{worst.limit:.3g}" else 6
-            value = quantity(scale * worst.value, unit, digits)
-            limit = f"{'>=' if worst.least else '<='} {scale * worst.limit:.3g}"
-            rows.append([title, value, *(["-"] if within else []), limit, "BROKEN"])
+    for name, (title, unit, scale) in _IF_REACHED.items():
+        worst = checked.worst.get(name)
+        if worst is None or not (worst.violation or worst.value >= _REACHED.get(name, math.inf)):
+            continue
+        same = worst.violation and f"{worst.value:.3g}" == f"{worst.limit:.3g}"
+        value = quantity(scale * worst.value, unit, 6 if same else 3)
+        value += f" @{worst.time:.3f}s" if math.isfinite(worst.time) else f" {worst.detail}".rstrip()
+        limit = f"{'>=' if worst.least else '<='} {scale * worst.limit:.3g}"
+        mark = "BROKEN" if worst.violation else "reached"
+        rows.append([title, value, *(["-"] if within else []), limit, mark])
     return rows
 
 
