@@ -31,7 +31,7 @@ from ocptip.standing.within.tolerable import AT_REST
 SAMPLES, SECTORS = 10_000, 8
 NOT_COVERED = ("motion", "process forces that vary", "postures that were not sampled")
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Payloads of the reaches, as shares of the rated one."""
+"""Payloads of the reaches, as shares of the task's payload, or of the largest one."""
 
 _STEPS = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0)  # m
 _CELLS = 8  # cells of reach or height, at most
@@ -64,11 +64,12 @@ def chart(
         samples: postures that are drawn within the joint limits (a Halton sequence); what collides is
             dropped.
         seed: of the sequence.
-        payloads: kg, of the reaches by azimuth; default: 0, 25, 50, 75, 100 % of the rated payload.
+        payloads: kg, of the reaches by azimuth; default: 0, 25, 50, 75, 100 % of the task's payload, without
+            one of the largest payload in the chart.
         sectors: of the azimuth.
         cell: m, size of the cells of reach and height; default: at most 8 of each.
-        most: kg, the largest payload that is tried; default: ten times the rated one, else the mass of robot
-            and base.
+        most: kg, the largest payload that is tried; default: ten times the task's payload, else the mass of
+            robot and base.
 
     Raises:
         InputError: the robot is no arm, or a value cannot be used.

@@ -360,7 +360,7 @@ COMMANDS = (
             argument(
                 "--payloads",
                 "KG",
-                "payloads of the largest reaches, kg (default: 0, 25, 50, 75, 100 %% of the task's payload)",
+                "payloads of the reaches, kg (default: quarters of the task's payload, else of the largest)",
                 nargs="+",
                 type=float,
             ),
