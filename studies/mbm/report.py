@@ -18,7 +18,9 @@ def main(arguments: Sequence[str]) -> None:
     print("# MotionBenchMaker problems along paths\n")
     print(f"Base of {BASE['mass']:g} kg on feet {BASE['feet']}, friction {BASE['friction']}, deck at 0.75 m.")
     print(f"Clearance {1e3 * CLEARANCE:g} mm. Search at most {SEARCH:g} s of wall time, proof {PROOF:g} s.")
-    print("The machine was shared by six users: seconds are CPU seconds of one core.")
+    print(
+        "Seconds are CPU seconds of one core, of a machine that was shared. The file names the uncertainty."
+    )
     for name in arguments:
         rows = rows_of(Path(name))
         print(f"\n## {Path(name).stem}\n")
