@@ -30,7 +30,10 @@ def notes(checked: MotionCheck) -> list[str]:
     if not contacts.unique and contacts.force:
         found.append("rigid feet can share the load differently; foot forces are of equally compliant feet")
     if contacts.alike and contacts.alike.value < 0:
-        found.append(f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base")
+        found.append(
+            f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base. "
+            "Declare `stiffness` of the contacts to plan with their springs"
+        )
     if contacts.equal_friction and contacts.equal_friction.value >= 1:
         share = percent(contacts.equal_friction.value)
         found.append(
