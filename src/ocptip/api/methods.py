@@ -16,7 +16,6 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
-from ocptip.retiming.among import plan_along_path
 
 T = TypeVar("T")
 Method = Literal["direct", "path"]
@@ -63,6 +62,8 @@ def searched(
             with interrupted_after(seconds):
                 if name == "direct":
                     return direct()
+                from ocptip.retiming.among import plan_along_path  # splines load for 0.2 s
+
                 return plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
         except TimeIsUpError:
             failed.append(f"{name} method: no verified motion in the given time")

@@ -20,6 +20,11 @@ from typing import Any, ClassVar
 from ocptip.cli.arguments import Argument
 from ocptip.cli.terminal import coloured, latest, lines_while
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None
+
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
 START, PLAN, VERIFY, PLACE, MACHINE, CLOSED = GROUPS = (
@@ -218,9 +223,7 @@ def _positionals(parser: argparse.ArgumentParser) -> str:
 
 def _require_files(jobs: int) -> None:
     """Raise OSError where the system allows this process fewer open files than its workers need."""
-    try:
-        import resource
-    except ImportError:  # Windows
+    if resource is None:
         return
     limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = _FILES + _FILES_PER_JOB * jobs
@@ -310,12 +313,9 @@ def _lack(error: BaseException) -> str:
 
 def _allowed(name: str, command: str, unit: int, word: str) -> str:
     """How much of something this process may have, where that is limited."""
-    try:
-        import resource
-
-        limit = resource.getrlimit(getattr(resource, name))[0]
-    except (ImportError, AttributeError):
+    if resource is None or not hasattr(resource, name):
         return ""
+    limit = resource.getrlimit(getattr(resource, name))[0]
     return (
         ""
         if limit == resource.RLIM_INFINITY
