@@ -163,7 +163,7 @@ def test_where_there_is_no_plan_the_error_says_why(task, monkeypatch, tmp_path, 
     def refuse(*_, **__):
         raise PlanningError("none of 1 starts gave a verified motion")
 
-    monkeypatch.setattr("ocptip.api.methods.plan_motion", refuse)
+    monkeypatch.setattr("ocptip.api.plan.plan_motion", refuse)
     with pytest.raises(ocptip.NoPlanError, match="none of 1 starts gave a verified motion") as caught:
         ocptip.plan(task, starts=1)
     code, data = said(capsys, "plan", "C", "--tolerance", "none", "--starts", 1, "--out", tmp_path / "out")
