@@ -116,8 +116,9 @@ def test_a_limit_of_the_drives_that_is_reached_has_a_row():
 
 def test_sentences_on_broken_limits_name_the_quantity_and_its_unit():
     assert violation_words("GN_worst_case is 1.2 at 0.1 s, must be <= 0.999") == (
-        "tip-over GN, worst case is 1.2 at 0.1 s, must be <= 0.999"
+        "tip-over GN, worst case is 1.2 at 0.1 s, must be <= 0.999 (above 1 a contact lifts)"
     )
+    assert violation_words("GT is 0.95, must be <= 0.9") == "slip GT is 0.95, must be <= 0.9"
     assert violation_words("clearance_m is 0.001, must be >= 0.01") == (
         "clearance (m) is 0.001, must be >= 0.01"
     )

@@ -100,7 +100,7 @@ def lines_while(stream: TextIO, name: str, every: float = EVERY) -> Iterator[Non
         while not done.wait(every):
             if latest.text:
                 with suppress(OSError, ValueError):  # nobody reads it any longer
-                    stream.write(f"{name}: {latest.text} ({time.monotonic() - begin:.0f} s)\n")
+                    stream.write(f"{name}: {latest.text} (now {time.monotonic() - begin:.0f} s)\n")
                     stream.flush()
 
     latest.text = ""

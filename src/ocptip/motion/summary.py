@@ -80,6 +80,7 @@ _IF_REACHED = {
 }
 """Titles and units of limits that have a row only where they are broken or, of drives, reached."""
 _REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995}
+_BEYOND = {"GN": " (above 1 a contact lifts)", "GT": " (above 1 the base slides)"}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 
@@ -164,7 +165,8 @@ def violation_words(text: str) -> str:
     if name not in RESULT_TITLES:
         return text
     unit = next((f" ({unit})" for end, unit in _UNIT_ENDS.items() if name.endswith(end)), "")
-    return f"{RESULT_TITLES[name]}{unit} {rest}"
+    beyond = _BEYOND.get(name[:2], "") if float(rest.split()[1].rstrip(",")) > 1 else ""
+    return f"{RESULT_TITLES[name]}{unit} {rest}{beyond}"
 
 
 def brief(title: str, found: CheckedMotion) -> str:
