@@ -71,7 +71,8 @@ def test_each_product_of_two_quantities_is_covered(pair):
     for _ in range(2 if THOROUGH else 1):
         proved, found, sizes = attacked(model, motion, tolerance, rng)
         assert np.all(found >= proved - 1e-9 * sizes), pair
-        assert np.all(found - proved <= 0.02 * sizes), pair  # the bound is close: the attack is strong
+        # The attack is strong: products of a shift of 0.1 m and a tilt of 0.1 rad leave up to 5 %.
+        assert np.all(found - proved <= 0.05 * sizes), pair
 
 
 @examples(10, derandomize=True)

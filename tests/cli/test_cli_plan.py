@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from ocptip.api import methods, tasks
 from ocptip.api import plan as planning
+from ocptip.api import tasks
 from ocptip.api.plan import Plan
 from ocptip.basics import errors
 from ocptip.basics.outputs import OUTPUTS
@@ -93,7 +93,7 @@ def planner(monkeypatch, tmp_path):
         data = None if task.source is None else replace(own.source, data=task.source.data)
         return replace(state.result, task=replace(own, source=data))
 
-    monkeypatch.setattr(methods, "plan_motion", plan_motion)
+    monkeypatch.setattr("ocptip.api.plan.plan_motion", plan_motion)
     monkeypatch.setattr(planning, "plan_motion", plan_motion)
     monkeypatch.setattr(planning, "robustness", lambda task, motion: robustness_of_c())
     monkeypatch.setattr(planning, "cancels_by_segment", lambda task, motion: cancels_of_c())
@@ -113,7 +113,7 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     assert (code, err) == (0, "")  # piped: no progress bar
     lines = out.splitlines()
     assert lines[0] == "C   PROVED for the nominal model only (no uncertainty)"
-    assert lines[1] == "Motion  2.126 s   221.9 J (+0 % vs reference)"
+    assert lines[1] == "Motion  2.126 s   221.9 J (+0 % vs reference)   trapezoidal profiles"
     moment = planner.result.check.contacts.moment
     tip = next(line for line in lines if line.startswith("Tipping margin"))
     assert f" {moment.value:.3g} N m @{moment.time:.3f}s  >= " in tip

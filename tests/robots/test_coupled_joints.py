@@ -70,6 +70,8 @@ def uncoupled(arm: ArmModel) -> ArmModel:
         prismatic=arm.slides,
         limits=JointLimits.unlimited(count),
         armature=np.zeros(count),
+        spring_torque=np.zeros(count),
+        spring_stiffness=np.zeros(count),
         coupling=None,
     )
 
