@@ -88,7 +88,7 @@ def test_a_plan_is_checked_as_it_was_planned(tmp_path, capsys):
     data = json.loads((out / "plan.json").read_text())
     assert data["rise_time_s"] == 0.05
     for name in ("plan.json", "trajectory.json"):  # quintics between points are the S-curves
-        assert main(["check", str(out / name), "--case", "A", "--json"]) == 0
+        assert main(["check", str(out / name), "--case", "A", "--tolerance", "none", "--json"]) == 0
         checked = json.loads(capsys.readouterr().out)
         assert checked["verified"]
         assert checked["energy_J"] == pytest.approx(data["energy_J"], rel=1e-6)

@@ -25,6 +25,7 @@ from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.friction_needed import friction_needed
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.standing.center_of_mass import total_center_of_mass
 from ocptip.task_files.scene import Scene, read_scene
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -242,7 +243,9 @@ class Standing:
         if self.scene.planar or not self.tip.tip_over.on_polygon:
             return None
         forces = self.normal_forces[None]
-        return ClassicalMeasures.under(self.scene.wrench[None], self.tip.tip_over, forces)[0]
+        resting = self.posture
+        centers = total_center_of_mass(resting.robot, resting.q[None]) if resting else None
+        return ClassicalMeasures.under(self.scene.wrench[None], self.tip.tip_over, forces, centers)[0]
 
     @cached_property
     def friction_needed(self) -> float | None:

@@ -28,6 +28,7 @@ from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain
+from ocptip.standing.center_of_mass import total_center_of_mass
 from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
@@ -404,7 +405,8 @@ class StandingMechanism(MadeOf, Footing, ABC):
         """
         wrenches, single = self._wrenches(q, qd, qdd)
         forces = Margins.under(wrenches, self.tip_over, self.slip).normal_forces
-        measures = ClassicalMeasures.under(wrenches, self.tip_over, forces)
+        centers = total_center_of_mass(self, joint_states("q", q, self.n)[0])
+        measures = ClassicalMeasures.under(wrenches, self.tip_over, forces, centers)
         return measures[0] if single else measures
 
     def _wrenches(self, q: ArrayLike, qd: ArrayLike | None, qdd: ArrayLike | None) -> tuple[np.ndarray, bool]:

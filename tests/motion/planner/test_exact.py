@@ -106,8 +106,8 @@ class Watched:
     def __init__(self, own, uses):
         self.uses = np.concatenate([np.zeros(own), np.ravel(uses)])
 
-    def use(self, x):
-        return self.uses
+    def use(self, x, nodes):
+        return self.uses[nodes]
 
 
 def broken(uses):

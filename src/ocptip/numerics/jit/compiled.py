@@ -53,7 +53,7 @@ class Kernel:
         if self._any_order:
             options["fastmath"] = {"reassoc", "nsz", "contract"}
         # Nothing takes the address of a kernel, so that no function for C is made of it.
-        return numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+        return numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)  # pyright: ignore[reportCallIssue]
 
     def _callees(self) -> dict[str, Kernel]:
         known, names = self._function.__globals__, self._function.__code__.co_names

@@ -145,7 +145,10 @@ class AngleLimit(Limit):
                 row, place = np.unravel_index(np.argmin(slack[:, joints]), (len(slack), len(joints)))
                 j = int(joints[place])
                 least, short = float(scale * self._margin[j]), -float(scale * slack[row, j])
-                where, time = self.robot.joint_label(j), float(times[row])
+                where = self.robot.joint_label(j)
+                time = (
+                    float(times[row]) if np.isfinite(times[row]) else np.nan
+                )  # one NaN: results compare equal
                 found.append(Worst(f"{name}{suffix}", least - short, time, least, where, short, least=True))
         return found
 
@@ -184,6 +187,9 @@ class AngleLimit(Limit):
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
         return rows.at.by_states(rows.nodes, np.eye(rows.at.s.shape[1])[rows.places])
+
+    def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+        on_s[rows.nodes, rows.places] += on
 
 
 class CancelAngleLimit(StateLimit, AngleLimit):
@@ -240,9 +246,6 @@ class CancelAngleLimit(StateLimit, AngleLimit):
         bends = np.zeros((len(count), size, size))
         bends[count, own, own] = on * np.sign(qd) / self._rates[k]
         return count, bends
-
-    def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
-        on_s[rows.nodes, rows.places] += on
 
 
 class FurtherLimit(QuantityLimit):
