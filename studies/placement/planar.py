@@ -52,7 +52,7 @@ DIMENSIONS = {
     "height of joint 1 above the ground": 1.35,
     "base weight, acting below joint 1": 20.0,
     "height of the base's centre of mass": 0.8,
-    "axles in front of and behind joint 1": 1.2,
+    "axles in front of and behind joint 1": 1.5,
 }
 FORCE = 5.0
 ANGLES = np.deg2rad([[20.0, 160.0], [10.0, 170.0]])

@@ -81,7 +81,8 @@ def test_long_lists_of_names_are_cut_to_a_number():
     names = [f"finger_{k}_joint" for k in range(38)]
     note = f"locked, not in the chain to the tool: {', '.join(names)} at 0 (rad, sliding joints m)"
     (brief,) = brief_notes([note], verbose=False)
-    assert brief == f"locked, not in the chain to the tool: {', '.join(names[:3])} and 35 more (-v lists all)"
+    first = f"locked, not in the chain to the tool: {', '.join(names[:3])} and 35 more"
+    assert brief == f"{first} at 0 (rad, sliding joints m) (-v lists all)"
     assert brief_notes([note], verbose=True) == [note]
     assert brief_notes(["short"], verbose=False) == ["short"]
 

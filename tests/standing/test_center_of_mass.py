@@ -8,7 +8,6 @@ from ocptip.contact.support import Support
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.robots.payload import Payload
-from ocptip.standing.center_of_mass import total_center_of_mass
 
 
 def turned(robot, rotation):
@@ -28,7 +27,7 @@ def robot():
 def test_weight_acts_there(robot):
     rng = np.random.default_rng(0)
     q = rng.uniform(-1, 1, (5, robot.n))
-    centers = total_center_of_mass(robot, q)
+    centers = robot.center_of_mass(q)
     wrenches = robot.loads(q, 0 * q, 0 * q)[1]
     arms = centers - robot.support.center_of_mass
     np.testing.assert_allclose(np.cross(arms, wrenches[:, :3]), wrenches[:, 3:], atol=1e-9)

@@ -25,7 +25,6 @@ from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.friction_needed import friction_needed
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
-from ocptip.standing.center_of_mass import total_center_of_mass
 from ocptip.task_files.scene import Scene, read_scene
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -244,7 +243,7 @@ class Standing:
             return None
         forces = self.normal_forces[None]
         resting = self.posture
-        centers = total_center_of_mass(resting.robot, resting.q[None]) if resting else None
+        centers = resting.robot.center_of_mass(resting.q[None]) if resting else None
         return ClassicalMeasures.under(self.scene.wrench[None], self.tip.tip_over, forces, centers)[0]
 
     @cached_property

@@ -19,7 +19,8 @@ from ocptip.motion.summary import WIDTH, CheckedMotion, margin_table, rises, rob
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
-_LONG_NOTE = 100  # characters
+_LONG_NOTE = 140  # characters
+_NAMES = re.compile(r"[^\s,;:()]+(?:, [^\s,;:()]+){4,}(?=$|[;:]| )")  # five and more single words
 _FIXED = "\xa0"  # a space at which no line ends
 _UNIT = re.compile(r"(?<=\d) (?=%|[a-zA-Z])")  # between a number and its unit
 
@@ -60,12 +61,14 @@ def brief_notes(notes: Iterable[str], verbose: bool) -> list[str]:
     """Notes with long lists of names cut to the first ones and a number, unless all is asked for."""
     found = []
     for note in notes:
-        end = note.rfind(", ", 0, _LONG_NOTE)
-        cut = not verbose and len(note) > _LONG_NOTE + 40 and end > 0
-        rest = note[end:].split(" (")[0]
-        more = rest.count(", ") + rest.count("; ")
-        found.append(f"{note[:end]} and {more} more (-v lists all)" if cut else note)
+        brief = _NAMES.sub(_first_names, note) if len(note) > _LONG_NOTE and not verbose else note
+        found.append(brief if brief == note else f"{brief} (-v lists all)")
     return found
+
+
+def _first_names(names: re.Match[str]) -> str:
+    every = names[0].split(", ")
+    return f"{', '.join(every[:3])} and {len(every) - 3} more"
 
 
 def required_lines(outcomes: Iterable[object]) -> list[str]:

@@ -250,4 +250,6 @@ def _axis_text(found: Standing) -> str:
         return "none: nothing resists a rotation" if free else "unlimited: no tipping axis"
     through = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
     noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
-    return f"{quantity(axis['moment_reserve'], 'N m')} (axis through {noun} {through})"
+    # Friction and inertia of a base that slides change its normal forces.
+    moves = ", of the base as it slides" if found.slip.slide_acceleration[0] > 0 else ""
+    return f"{quantity(axis['moment_reserve'], 'N m')} (axis through {noun} {through}{moves})"

@@ -120,6 +120,8 @@ class SafeDecelerations:
         if self.minimum is None or self.maximum is None:
             kept = f"no deceleration from {100 * SHARES[-1]:g} to 100 % of {of} is safe"
             helps = f". To plan for it, try ocptip plan with --stop-safe cancel{self._gentle}"
+            if any(text.startswith("clearance") for text in hardest.broken):
+                helps = ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
         else:
             least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"

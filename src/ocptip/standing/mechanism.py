@@ -28,7 +28,7 @@ from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain
-from ocptip.standing.center_of_mass import total_center_of_mass
+from ocptip.standing.center_of_mass import center_by_weights
 from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
@@ -405,9 +405,16 @@ class StandingMechanism(MadeOf, Footing, ABC):
         """
         wrenches, single = self._wrenches(q, qd, qdd)
         forces = Margins.under(wrenches, self.tip_over, self.slip).normal_forces
-        centers = total_center_of_mass(self, joint_states("q", q, self.n)[0])
+        centers = self.center_of_mass(joint_states("q", q, self.n)[0])
         measures = ClassicalMeasures.under(wrenches, self.tip_over, forces, centers)
         return measures[0] if single else measures
+
+    def center_of_mass(self, q: np.ndarray) -> np.ndarray:
+        """Centre of mass of base, mechanism and payload, (N, 3), m, base axes, at joint values (N, n)."""
+        still = np.zeros_like(q)
+        return center_by_weights(
+            self.support, lambda support: self.varied(support=support).loads(q, still, still)[1]
+        )
 
     def _wrenches(self, q: ArrayLike, qd: ArrayLike | None, qdd: ArrayLike | None) -> tuple[np.ndarray, bool]:
         """Wrenches (N, 6) on the base in states, and whether a single state was given."""
