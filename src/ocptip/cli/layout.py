@@ -122,7 +122,8 @@ def stop_table(stops: Stops) -> list[str]:
             form.format(values[i]) if np.isfinite(values[i]) else "never rests" for _, values, form in known
         ]
         rows.append([f"{time:.3f} s", *cells])
-    return ["largest safe share of the planned speed, at most 1", *table(rows, left=())]
+    about = "(by the contacts of the nominal model; clearance and joint range are apart)"
+    return ["largest safe share of the planned speed", about, *table(rows, left=())]
 
 
 def segment_table(task: Task, check: CycleCheck) -> list[str]:
