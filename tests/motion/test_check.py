@@ -8,6 +8,7 @@ import pytest
 import ocptip.motion.check as check_module
 import ocptip.reserves.slip as slip_module
 from ocptip.basics.errors import InputError
+from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import PRINTED_LIMITS, experiment_robot, experiment_task
@@ -81,6 +82,17 @@ def test_a_motion_that_tips_is_refused():
     assert checked.worst["GN"].value > 1
     assert any("slips or lifts" in v for v in checked.violations)
     assert not checked.stands
+
+
+def test_a_robot_on_springs_stands_whatever_its_feet_carry():
+    robot, motion = reference("A", "printed")
+    own = robot.support
+    contacts = [replace(contact, stiffness=1e6) for contact in own.contacts]
+    support = Support(contacts, mass=own.mass, center_of_mass=own.center_of_mass, gravity=own.gravity)
+    checked = check_motion(robot.varied(support=support), motion.time_scaled(3.0))
+    assert checked.worst["foot_force_N"].value > 1  # N: no index that ends at 1
+    assert checked.verified
+    assert checked.stands
 
 
 @pytest.mark.parametrize("flaw", ["unsolved", "moving"])
