@@ -17,7 +17,7 @@ from scipy.stats import qmc
 
 from ocptip.api.postures import rests_of
 from ocptip.api.tasks import TaskLike, load_task
-from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number, whole_number
 from ocptip.basics.outputs import replace_folder
 from ocptip.basics.write import plain, versions
 from ocptip.pictures.load_chart import chart_picture
@@ -75,8 +75,7 @@ def chart(
         InputError: the robot is no arm, or a value cannot be used.
     """
     for name, value, least in (("samples", samples, 1), ("seed", seed, 0), ("sectors", sectors, 1)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise InputError(f"{name}: must be a whole number >= {least}, got {value!r}")
+        whole_number(name, value, least)
     found = load_task(task, uncertainty=uncertainty)
     robot, _, limits = rests_of(found)["start"]
     if not isinstance(robot, Robot):
