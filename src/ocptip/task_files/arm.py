@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -245,17 +246,20 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
         return _with_limits(arm, table.table("limits")).mounted(position, rotation)
 
 
+def _joint(table: Table, name: str, names: Sequence[str], key: str = "") -> int:
+    """The number of the joint that a table names, by a key or as a value of the key `key`."""
+    if name not in names:
+        known = f"{', '.join(names)}{did_you_mean(name, names)}"
+        raise table.error(f"no joint {name!r}; there are {known}", key or name)
+    return names.index(name)
+
+
 def _with_links(arm: ArmModel, table: Table) -> ArmModel:
     """The arm with masses, centres and inertias replaced by those of `[arm.links."JOINT"]`."""
     masses, centres, inertias = arm.masses.copy(), arm.centres.copy(), arm.inertias.copy()
     armature = np.array(arm.armature)
     for name in table:
-        if name not in arm.chain_names:
-            known = ", ".join(arm.chain_names)
-            raise table.error(
-                f"no joint {name!r}; there are {known}{did_you_mean(name, arm.chain_names)}", name
-            )
-        k, own = arm.chain_names.index(name), table.table(name)
+        k, own = _joint(table, name, arm.chain_names), table.table(name)
         if parts := own.tables("part"):
             for key in (key for key in ("mass", "center_of_mass", "inertia") if key in own):
                 raise own.error("follows from the parts; give either", key)
@@ -280,12 +284,7 @@ def _with_springs(arm: ArmModel, table: Table) -> ArmModel:
     """The arm with the springs of `[arm.springs."JOINT"]`."""
     torque, stiffness = arm.spring_torque.copy(), arm.spring_stiffness.copy()
     for name in table:
-        if name not in arm.joint_names:
-            known = ", ".join(arm.joint_names)
-            raise table.error(
-                f"no joint {name!r}; there are {known}{did_you_mean(name, arm.joint_names)}", name
-            )
-        j, own = arm.joint_names.index(name), table.table(name)
+        j, own = _joint(table, name, arm.joint_names), table.table(name)
         torque[j], stiffness[j] = own["torque"], own["stiffness"]
         own.close()
     table.close()
@@ -378,11 +377,7 @@ def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
         rows.append(DHRow(**values, inertia=inertia, slides=slides))
     table.close(early=True)
     for name in [] if isinstance(accepted, bool) else accepted:
-        if name not in names:
-            raise table.error(
-                f"no joint {name!r}; there are {', '.join(names)}{did_you_mean(name, names)}",
-                "accept_inertia",
-            )
+        _joint(table, name, names, "accept_inertia")
     with table.at():
         arm = arm_from_dh("arm", rows, convention, names)
     return with_spheres(arm, table, names)
