@@ -41,6 +41,10 @@ from studies.indices.designs.flight_simulator import FlightSimulator
 from studies.indices.designs.isotropic_families import isotropic_u1, isotropic_u2
 from studies.indices.designs.optimal_domains import (
     TOUCHING_POINT,
+    W_CROSSES_S12,
+    W_MEETS_S,
+    W_MEETS_S12,
+    angle_borders,
     inner_borders,
     main_roots,
     outer_border,
@@ -214,6 +218,10 @@ def _draw_domain(axis: Any) -> None:
     lower, upper = np.array([inner_borders(x) for x in fine]).T
     for curve, label in ((lower, "S1 S2 = 0"), (upper, None)):
         axis.plot(fine, curve, color=SECOND, lw=1.2, label=label)
+    for curve, label in zip(np.array([angle_borders(x) for x in fine]).T, ("W = 0", None), strict=True):
+        axis.plot(fine, curve, color=BODY, lw=1.0, ls="--", label=label)
+    for point in (W_MEETS_S, W_CROSSES_S12, W_MEETS_S12):
+        axis.plot(*point, "o", color=BODY, ms=3)
     points = {
         "N": TOUCHING_POINT,
         "M": (0.5, 2 / 3 * math.sqrt(6)),

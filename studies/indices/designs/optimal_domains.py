@@ -1,8 +1,8 @@
 """Where the families of platforms with control number 1 are real: roots and boundary curves.
 
 The main family L_H has the parameters (t, r1) and up to four roots b1; which of them are real changes at
-the curves S = 0 and S_1 S_2 = 0. The special family L_S has one bound of |r1| for each t. Source: sections
-9.3 and 9.4, (7.50) to (7.65), (7.82).
+the curves S = 0 and S_1 S_2 = 0. On the curve W = 0 both solutions of the angle Phi1 are the same. The
+special family L_S has one bound of |r1| for each t. Source: [Naw07] 7.3.1, 7.3.2, (7.50) to (7.65), (7.82).
 """
 
 from __future__ import annotations
@@ -16,6 +16,15 @@ from studies.indices.designs.optimal_planar import LARGEST_R
 
 TOUCHING_POINT = (0.54775168735, 1.98271818060)
 """N = (t, r1): the curves S = 0 and S_1 S_2 = 0 touch (and at the mirror images)."""
+
+W_MEETS_S = (0.09284698744, 1.72934680750)
+"""T~ = (t, r1): the curves W = 0 and S = 0 touch."""
+
+W_CROSSES_S12 = (0.53727775658, 1.95363846420)
+"""M~ = (t, r1): the curves W = 0 and S_1 S_2 = 0 cross."""
+
+W_MEETS_S12 = (0.59278998698, 2.05195821570)
+"""K = (t, r1): the curves W = 0 and S_1 S_2 = 0 touch."""
 
 _HALF = 1e-12
 
@@ -91,6 +100,24 @@ def inner_borders(t: float) -> tuple[float, float]:
         square = (40 * u * u + 4 * u + 1) * top / divisor
         values.append(4.0 * math.sqrt(square) if square >= 0.0 else math.nan)
     return values[0], values[1]
+
+
+def angle_borders(t: float) -> tuple[float, float]:
+    """|r1| where W = 0 for one of the roots b1: lower and upper curve (7.63 to 7.65); NaN where not real.
+
+    Raises:
+        InputError: t outside of -1 < t < 1, or 0.
+    """
+    u = shape_parameter(t) ** 2
+    inner = (2 * u + 1) * (u - 1)
+    inner *= (((((((12800 * u - 6400) * u + 4224) * u + 128) * u + 344) * u - 84) * u) - 67) * u - 10
+    if inner < 0.0:
+        return math.nan, math.nan
+    mixed = 4.0 * abs(t) * (40 * u * u + 4 * u + 1) * math.sqrt(inner)
+    top = 25600 * u**7 - 13056 * u**5 + 5632 * u**4 - 864 * u**3 - 2136 * u * u - 551 * u - 45
+    divisor = (u - 1) * (8 * u + 1) * (5120 * u**5 - 2048 * u**4 - 2688 * u**3 + 976 * u * u + 584 * u + 81)
+    squares = sorted(16.0 / 3.0 * (top + sign * mixed) / divisor for sign in (-1.0, 1.0))
+    return math.sqrt(squares[0]), math.sqrt(squares[1])
 
 
 def special_limit(t: float) -> float:
