@@ -5,7 +5,9 @@ import pytest
 
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.platform import PlatformPose
+from ocptip.measured.power_maps import fit_power_map, motors_of
 from ocptip.numerics.quadrature import gauss_legendre
+from ocptip.published.arms import modular_motors
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from studies.indices.designs.flight_simulator import FlightSimulator
@@ -34,6 +36,41 @@ def test_base_is_the_printed_one(case, side):
     assert robot.support.mass == pytest.approx(6.582)  # section 6.2.1
     to_joint_1 = robot.arm.mount_position - robot.support.center_of_mass
     np.testing.assert_allclose(-to_joint_1, [0.036 - 0.126 * side, 0, -0.1], atol=1e-12)  # (6.15)
+
+
+@pytest.mark.parametrize("case", ["C", "F"])
+def test_clamp_presses_with_the_printed_weights(case):
+    """Section 6.2.2: carrier of 540 g and weight of 2450 g on K3, oiled like the feet."""
+    contacts = experiment_robot(motion_case(case)).support.contacts
+    assert contacts[2].clamp_force == pytest.approx(29.33)
+    assert contacts[2].clamp_force == pytest.approx(9.81 * (0.540 + 2.450), abs=5e-3)
+    assert {contacts[2].friction_upper, contacts[2].friction_lower, contacts[0].friction} == {0.2}
+
+
+CHAIN, RADIUS = 0.93, 0.2  # N m at angle 0, m: the rig of section 6.1.2
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_calibration_rig_determines_the_power_map(joint):
+    """(6.6): weights up to 24 kg, lifted and lowered at constant speeds, give table 6.1 of 90 mm modules."""
+    weights, speeds = np.meshgrid(
+        [0.0, 0.54, 2.45, 2.99, 8.0, 16.0, 24.0], np.deg2rad([-150, -75, -20, 20, 90])
+    )
+    torque = (CHAIN + RADIUS * 9.81 * weights).ravel()
+    assert torque.max() < 50.0  # (6.1)
+    power = powers(joint, torque, speeds.ravel())
+    fitted = motors_of([fit_power_map(torque, speeds.ravel(), power)])
+    inside = np.linspace(1.0, 48.0, 9)
+    for speed in np.deg2rad([-120.0, 30.0, 60.0]):
+        known = fitted.power(inside[:, None], np.full((9, 1), speed))[:, 0]
+        np.testing.assert_allclose(known, powers(joint, inside, np.full(9, speed)), rtol=1e-6, atol=1e-6)
+
+
+def powers(joint, torque, speed):
+    """Electric powers (N,), W, of table 6.1."""
+    torques, rates = np.zeros((2, len(torque), 6))
+    torques[:, joint], rates[:, joint] = torque, speed
+    return modular_motors().power(torques, rates)[:, joint]
 
 
 def test_quadrature_has_the_printed_gauss_legendre():
