@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ocptip.api.rate import rate_along
 from ocptip.cli.main import main
+from ocptip.indices.arms.axes import arm_pose
+from ocptip.indices.arms.distance import singularity_distance
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot, rate_parallel
 from ocptip.indices.platforms.workspace import control_numbers
@@ -77,6 +81,47 @@ def test_along_a_motion_of_an_arm(capsys, tmp_path):
     assert found["indices"]["dm_2"]["minimum"] == pytest.approx(expected.min())
     assert found["indices"]["dm_2"]["at_s"] == pytest.approx(0.1 * np.argmin(expected))
     assert figure.stat().st_size > 5000
+
+
+def _motion(q, rates, times):
+    """A CSV file with angles in degrees and speeds in rad/s, all digits."""
+    joints = range(1, q.shape[1] + 1)
+    lines = [",".join(["time_s", *(f"q{k}_deg" for k in joints), *(f"qd{k}_rad_s" for k in joints)])]
+    for t, *row in zip(times, np.degrees(q), rates, strict=True):
+        lines.append(",".join(map(repr, [float(t), *np.concatenate(row).tolist()])))
+    return "\n".join(lines) + "\n"
+
+
+def test_sigma_is_the_slope_of_the_manipulability(capsys, tmp_path):
+    """[Naw07] (4.8), (4.10): d|det J|/dt = |grad| |rates of joints 2 to 5| sin sigma, by differences."""
+    times = np.linspace(0, 1, 2001)
+    first, ways = np.radians([0, 40, -60, 10, 50, 20]), np.array([0.5, 0.8, -0.9, 1.5, -2.0, 3.0])
+    q, rates = first + np.sin(2 * times)[:, None] * ways, 2 * np.cos(2 * times)[:, None] * ways
+    file, figure = tmp_path / "motion.csv", tmp_path / "sigma.png"
+    file.write_text(_motion(q, rates, times))
+    rated = rate_along("IRB2000", file, indices=["sigma", "manipulability"])
+    distance = singularity_distance(arm_pose(arm_by_name("IRB2000"), q).jacobian)
+    size = np.linalg.norm(distance.gradient, axis=1) * np.linalg.norm(rates[:, 1:5], axis=1)
+    slope = np.gradient(rated.values["manipulability"], times)
+    clear = rated.values["manipulability"] > 1e-3  # |det J| has a kink where it is 0
+    clear[[0, -1]] = False  # differences to one side
+    assert clear.sum() > 1900
+    np.testing.assert_allclose((size * np.sin(rated.values["sigma"]))[clear], slope[clear], atol=1e-5)
+    options = ["--along", file, "--index", "sigma", "--plot", figure]
+    least = _report(capsys, "IRB2000", *options, code=1)["indices"]["sigma"]  # it passes a singular pose
+    assert least["minimum"] == rated.values["sigma"].min() < 0 < least["maximum"]
+    assert figure.stat().st_size > 5000
+
+
+def test_sigma_without_rates_and_at_rest(capsys, tmp_path):
+    q = np.radians([[0, 40, -60, 10, 50, 20], [5, 40, -60, 10, 50, 20]])
+    file = tmp_path / "motion.csv"
+    file.write_text(_motion(q, np.array([[1.0, 0, 0, 0, 0, 0]] * 2), [0, 1]))
+    assert main(["rate", "FP1W2F", "--along", str(file), "--index", "sigma"]) == 0
+    assert re.search(r"sigma +- +- +- +-", capsys.readouterr().out)
+    file.write_text(file.read_text().replace("qd3_rad_s", "speed3"))
+    assert main(["rate", "FP1W2F", "--along", str(file), "--index", "sigma"]) == 2
+    assert "sigma needs a column qd3_deg_s or qd3_rad_s" in capsys.readouterr().err
 
 
 def test_along_a_motion_of_a_parallel_robot(capsys, tmp_path):

@@ -23,7 +23,7 @@ from ocptip.basics.schema import ANY_FILE
 from ocptip.basics.toml import Table
 from ocptip.basics.write import plain, versions, write_json
 from ocptip.indices.arms.rate import rate_arm
-from ocptip.indices.arms.values import index_values
+from ocptip.indices.arms.values import ARM_INDICES, index_values
 from ocptip.indices.meanings import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot, rate_parallel
@@ -31,8 +31,8 @@ from ocptip.indices.platforms.platform import PlatformFile
 from ocptip.indices.platforms.rate import RatedPose, rate_platform
 from ocptip.indices.platforms.singular_motion import singular_motion
 from ocptip.indices.workspace_maps import (
+    USUAL_OF_ARMS,
     IndexMaps,
-    arm_indices,
     chosen_indices,
     index_maps,
     platform_indices,
@@ -195,7 +195,8 @@ def rate_along(
 
     Args:
         robot: see `rate`.
-        motion: file with columns q1_deg, q2_m, ... (or q1_rad) and perhaps time_s.
+        motion: file with columns q1_deg, q2_m, ... (or q1_rad) and perhaps time_s; for sigma of an arm also
+            qd1_deg_s, ... (or qd1_rad_s).
         indices: names; default: the usual ones.
         ellipsoid: see `rate`.
 
@@ -204,9 +205,12 @@ def rate_along(
     """
     found, file = rated_robot(robot, kind_of(robot, several=True)), os.fspath(motion)
     if isinstance(found, ArmModel):
-        times, poses = _poses(file, [not slides for slides in found.prismatic])
-        names, regular = arm_indices(indices), "dm_2" if found.n == 6 else "inv_cdn_oe"
-        values = index_values(found, poses, ellipsoid=ellipsoid, names=(*names, regular))
+        turns = [not slides for slides in found.prismatic]
+        names = chosen_indices(indices, USUAL_OF_ARMS, ARM_INDICES)
+        regular = "dm_2" if found.n == 6 else "inv_cdn_oe"
+        times, poses = _columns(file, turns)
+        rates = _columns(file, turns, rates=True)[1] if "sigma" in names else None
+        values = index_values(found, poses, ellipsoid=ellipsoid, rates=rates, names=(*names, regular))
         return RatedMotion(found.name, times, {name: values[name] for name in names}, values[regular])
     rate_pose: Callable[[np.ndarray, Iterable[str]], Mapping[str, float]]
     if isinstance(found, ParallelRobot):
@@ -218,7 +222,7 @@ def rate_along(
         name, turns, tool = found.platform.name, [False] * 3 + [True] * 3, ellipsoid or found.ellipsoid
         names, regular = platform_indices(indices, tool), ("ctn",)
         rate_pose = partial(_values_of_platform, found, tool)
-    times, poses = _poses(file, turns)
+    times, poses = _columns(file, turns)
     rows = []
     for row, pose in enumerate(poses, start=1):
         with naming(f"{file}: row {row}"):
@@ -235,20 +239,23 @@ def _values_of_platform(
     return RatedPose(file.platform, pose[:3], turn, ellipsoid).values(names)
 
 
-def _poses(file: str, turns: Sequence[bool]) -> tuple[np.ndarray, np.ndarray]:
-    """Times (N,) and positions (N, n), rad and m, of the columns q1_deg, q2_m, ..., as plans write them."""
+def _columns(file: str, turns: Sequence[bool], *, rates: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) and positions (N, n), rad and m, of the columns q1_deg, q2_m, ..., as plans write them.
+
+    With `rates`: speeds of the columns qd1_deg_s, qd2_m_s, ... instead, rad/s and m/s.
+    """
     text = read_text(Path(file))
+    begin, end = ("qd", "_s") if rates else ("q", "")
     with naming(file):
         header, cells = csv_table(text)
         columns = []
         for number, turn in enumerate(turns, start=1):
-            units = ("deg", "rad") if turn else ("m",)
-            names = [f"q{number}_{unit}" for unit in units]
-            here = [name for name in names if name in header]
+            units = {f"{begin}{number}_{unit}{end}": unit for unit in (("deg", "rad") if turn else ("m",))}
+            here = [name for name in units if name in header]
             if not here:
-                raise InputError(f"expected a column {' or '.join(names)}, there are {', '.join(header[:8])}")
-            scale = _UNITS[here[0].rpartition("_")[2]]
-            columns.append(scale * cells[:, header.index(here[0])])
+                what = "sigma needs a column" if rates else "expected a column"
+                raise InputError(f"{what} {' or '.join(units)}, there are {', '.join(header[:8])}")
+            columns.append(_UNITS[units[here[0]]] * cells[:, header.index(here[0])])
     times = cells[:, header.index("time_s")] if "time_s" in header else np.arange(len(cells), dtype=float)
     return times, np.column_stack(columns)
 
@@ -279,15 +286,18 @@ class RatedMotion:
         return {
             "robot": self.robot,
             "poses": len(self.times),
-            "indices": {
-                name: {
-                    "minimum": float(np.nanmin(v)),
-                    "at_s": float(self.times[np.nanargmin(v)]),
-                    "mean": float(np.nanmean(v)),
-                    "maximum": float(np.nanmax(v)),
-                }
-                for name, v in self.values.items()
-            },
+            "indices": {name: self._extremes(v) for name, v in self.values.items()},
+        }
+
+    def _extremes(self, values: np.ndarray) -> dict[str, float | None]:
+        """Minimum, its time, mean and maximum; None where the index is not defined anywhere."""
+        if np.isnan(values).all():
+            return dict.fromkeys(("minimum", "at_s", "mean", "maximum"))
+        return {
+            "minimum": float(np.nanmin(values)),
+            "at_s": float(self.times[np.nanargmin(values)]),
+            "mean": float(np.nanmean(values)),
+            "maximum": float(np.nanmax(values)),
         }
 
     def save(self, path: str | os.PathLike[str]) -> Path:

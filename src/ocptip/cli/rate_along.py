@@ -47,7 +47,7 @@ class AlongReport(Report):
         found, rows = self.found, [["index", "least", "at [s]", "mean", "largest"]]
         for name, one in found.to_dict()["indices"].items():
             numbers = (one["minimum"], one["at_s"], one["mean"], one["maximum"])
-            rows.append([name, *(f"{number:.4g}" for number in numbers)])
+            rows.append([name, *("-" if number is None else f"{number:.4g}" for number in numbers)])
         state = "regular" if self.good else "PASSES A SINGULAR POSE"
         lines = [f"{found.robot}: {len(found.times)} poses, {state}.", "", *table(rows, left=(0,))]
         return "\n".join([*lines, *(f"wrote {path}" for path in self.written)])

@@ -157,11 +157,6 @@ def chosen_indices(
     return chosen
 
 
-def arm_indices(names: Iterable[str] | None) -> tuple[str, ...]:
-    """Indices of arms in poses: those asked for, or the usual ones; InputError if there is no such."""
-    return chosen_indices(names, USUAL_OF_ARMS, [name for name in ARM_INDICES if name != "sigma"])
-
-
 def platform_indices(names: Iterable[str] | None, ellipsoid: OperationEllipsoid | None) -> tuple[str, ...]:
     """Indices of platforms: those asked for, or the usual ones; InputError if there is no such."""
     without = () if ellipsoid else ("inv_cdn_oe", "inv_cdn_cl")
@@ -181,7 +176,7 @@ def _of_arm(
     if pose is None:
         raise InputError("pose: an arm needs joint angles, which place its gripper")
     q = finite_array("pose", pose, (model.n,))
-    wanted = arm_indices(names)
+    wanted = chosen_indices(names, USUAL_OF_ARMS, [name for name in ARM_INDICES if name != "sigma"])
     position, rotation = gripper_pose(model, q)
     at = np.concatenate([position, np.zeros(3)])
     middles, poses, width = grid_of_poses(POSE_COORDINATES, at, ranges, cells)

@@ -233,7 +233,8 @@ def save_indices(
         if np.isfinite(own).any():
             least = int(np.nanargmin(own))
             ax.plot(times[least], own[least], "o", color=style.MEMBERS[1])
-        ax.set_ylim(bottom=0.0)
+        if not (own < 0.0).any():  # only sigma has negative values
+            ax.set_ylim(bottom=0.0)
         ax.set_ylabel(name)
         ax.set_xlabel("time [s]" if ax.get_subplotspec().is_last_row() else "")
     style.head(figure, f"{robot}: indices along the motion, minima marked")
