@@ -74,6 +74,23 @@ def _check_random_arms(arms, intervals, seed):
                 assert _contains(wrench, number, w, s)
 
 
+def test_velocities_are_those_of_the_frames():
+    """Of random arms, by differences of the places and rotations of their links."""
+    rng, step = np.random.default_rng(5), 1e-5
+    for _ in range(8):
+        data = _random_arm(rng)
+        arm, n = Arm(data, GRAVITY, ABOUT), len(data["armature"])
+        q, qd = rng.uniform(-2, 2, (2, n, 3))
+        moved = arm.velocities(arm.turns(Form.of(q)), Form.of(qd))
+        now, ahead, behind = (arm.frames(arm.turns(Form.of(q + x * qd)))[1:] for x in (0.0, step, -step))
+        for (v, omega), (R, _), (R1, p1), (R0, p0) in zip(moved, now, ahead, behind, strict=True):
+            in_base = np.einsum("abk,bk->ak", R.c[0], v.c[0])
+            np.testing.assert_allclose(in_base, (p1.c[0] - p0.c[0]) / (2 * step), atol=1e-7)
+            turn = np.einsum("bak,bck->ack", R.c[0], (R1.c[0] - R0.c[0]) / (2 * step))  # omega x, link axes
+            np.testing.assert_allclose(omega.c[0], [turn[2, 1], turn[0, 2], turn[1, 0]], atol=1e-7)
+            assert np.max(v.r) < 1e-10
+
+
 def _rounded(data):
     """With the mount's rotation in the first joint's, rounded once, as the certificate's model is read."""
     first = data["mount_rotation"] @ data["rotations"][0]

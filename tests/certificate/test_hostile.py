@@ -23,6 +23,7 @@ def _certificate():
         {"normal": [0.0, 0.0, -1.0], "level": 0.0},
     ]
     model["pairs"] = [[0, 1], [0, 2]]
+    model["points"] = [{"link": 1, "place": [0.0, 0.1, 0.0], "speed": 0.02}]
     weights = _weights()
     forces = [[[[f, 0.0, 0.0] for f in weights]]] * 2
     cover = {"ends": [-1.0, 1.0], "forces": [forces], "directions": [[0, 0, 0.0, 1.0, 0.0, 0.0]]}
@@ -35,7 +36,7 @@ def _certificate():
         },
         "tolerance": None,
         "cover_within": None,
-        "bounds": {"GN": 0.4, "GT": 0.1, "torque_ratio": 0.1, "clearance": 0.09},
+        "bounds": {"GN": 0.4, "GT": 0.1, "torque_ratio": 0.1, "clearance": 0.09, "point_speed_ratio": 0.5},
         "cover": [cover] * 3,
     }
 
@@ -144,6 +145,20 @@ def _in_years(data):
     data["motion"]["times"] = [[0.0, 0.0], [0.0, 5e8], [5e8, 5e8]]
 
 
+def _speed_without_points(data):
+    del data["model"]["points"]
+
+
+def _worst_speed_without_points(data):
+    data["model"]["points"] = []
+    del data["bounds"]["point_speed_ratio"]
+    data["bounds"]["point_speed_ratio_worst_case"] = 0.5
+
+
+def _points_without_speed(data):
+    del data["bounds"]["point_speed_ratio"]
+
+
 def _one_joint_more(data):
     data["motion"]["angles"] = [[*own, *own] for own in data["motion"]["angles"]]
 
@@ -163,6 +178,9 @@ _CHANGES = {
     "a link dropped": _dropped_last_link,
     "a mass that overflows": _weightless_overflow,
     "a joint more": _one_joint_more,
+    "speed without points": _speed_without_points,
+    "worst speed without points": _worst_speed_without_points,
+    "points without speed": _points_without_speed,
     "a process after the motion": partial(_pushed_at, [0.02, 0.5]),
     "a process before the motion": partial(_pushed_at, [-1.0, 0.0]),
     "a motion of years": _in_years,
@@ -173,6 +191,17 @@ _CHANGES = {
             ("bounds.torque_ratio", True),
             ("bounds.torque_ratio", float("nan")),
             ("bounds.GN", 0.0),
+            ("bounds.point_speed_ratio", 0.0),
+            ("bounds.point_speed_ratio", float("inf")),
+            ("bounds.point_speed_ratio_worst_case", 0.5),
+            ("model.points.0.link", 0),
+            ("model.points.0.link", -1),
+            ("model.points.0.link", 2),
+            ("model.points.0.place", [0.1]),
+            ("model.points.0.speed", 0.0),
+            ("model.points.0.speed", -1.0),
+            ("model.points.0.speed", None),
+            ("model.points", [{}]),
             ("bounds.GT", "0.5"),
             ("bounds.clearance", float("-inf")),
             ("model.base.reference_moment", -1.0),
@@ -275,6 +304,20 @@ def _judged_within(data, ends, bound):
     named = {"forces": [forces] * count, "weights": [[[1.0, 1.0]] * 3] * count}
     data["cover_within"] = {"ends": ends, "apart": [[0]] * (len(ends) - 1), **named}
     return _judged(data)
+
+
+@pytest.mark.parametrize(("delay", "worst"), [(0.0, 0.331), (0.01, 0.86)])
+def test_speeds_of_points_are_bounded_by_the_speed_of_their_link(delay, worst):
+    """The mass reaches 6 mm/s: 0.3 of 20 mm/s; with a speed factor of 1.1, 0.33; delays add to that bound."""
+    data = _within([1.0, -1.0], 0.003, speed=0.1, delay=delay)
+    end = data["motion"]["times"][-1][0]
+    ends = [0.0, end + 1.1 * delay + 2e-9] if delay else [-REST, end, end + REST]
+    for bounds, holds in (((0.301, worst), True), ((0.299, worst), False), ((0.301, 0.329), False)):
+        data["bounds"] |= dict(
+            zip(("point_speed_ratio", "point_speed_ratio_worst_case"), bounds, strict=True)
+        )
+        problems = _judged_within(data, ends, 0.5).problems
+        assert any("speed of points" in text for text in problems) != holds
 
 
 def test_rest_is_within_the_tolerance_if_nothing_is_late():

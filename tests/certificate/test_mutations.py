@@ -87,7 +87,7 @@ def _late():
     rest, force = [0.0] * 6, [-0.5, 0.2, 0.5, 0.0, 0.1, 0.0]
     process = {"process_times": [0.002, 0.004, 0.009], "process_in_base": [rest, force, rest]}
     data["model"]["arm"] |= {**process, "process_on_link": [rest] * 3}
-    data["bounds"]["clearance_worst_case"] = 0.04
+    data["bounds"] |= {"clearance_worst_case": 0.04, "point_speed_ratio_worst_case": 0.9}
     late = {"directions": [*data["cover"][0]["directions"], [0, 2, 0.0, 1.0, 0.0, 0.0]]}
     data["cover"] = [copy.deepcopy({**part, **late}) for part in data["cover"]]
     end = data["motion"]["times"][-1][0] + 0.01 + 2e-9

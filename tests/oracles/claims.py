@@ -30,6 +30,7 @@ def falsehood(data, rng, samples):
             _limits(model, bounds, torques, state)
             or _contacts(model, wrench, bounds["GN"], bounds["GT"], 1.0)
             or _gaps(model, bounds["clearance"], state[0], rng)
+            or _fast(model, bounds.get("point_speed_ratio"), state)
         ):
             return f"{found} at {t}"
         if tolerance is not None:
@@ -43,6 +44,9 @@ def falsehood(data, rng, samples):
                 return f"{found} within the tolerance at {late}"
             asked = bounds.get("clearance_worst_case")
             if asked is not None and (found := _gaps(model, asked, state[0], rng)):
+                return f"{found} with late joints at {late}"
+            state[1] *= world.pace
+            if found := _fast(model, bounds.get("point_speed_ratio_worst_case"), state):
                 return f"{found} with late joints at {late}"
     return None
 
@@ -132,6 +136,23 @@ def _gaps(model, asked, q, rng):
             gap -= bodies[first]["radius"] + bodies[second]["radius"]
         if gap < asked - 1e-9:
             return f"clearance {gap}"
+    return None
+
+
+def _fast(model, asked, state):
+    """Whether a point of the last link is faster than claimed, by differences of its place."""
+    if asked is None:
+        return None
+    step = 1e-4
+    for point in model["points"]:
+        assert point["link"] == len(model["arm"]["masses"])
+        arm = {**model["arm"], "offsets": [*model["arm"]["offsets"][:-1], point["place"]]}
+        ahead, behind = (
+            worlds.tool({**model, "arm": arm}, state[0] + x * state[1], np.zeros(3)) for x in (step, -step)
+        )
+        speed = np.linalg.norm([float((a - b).mid()) for a, b in zip(ahead, behind, strict=True)]) / step / 2
+        if speed > asked * point["speed"] * (1 + 1e-5) + 1e-9:
+            return f"speed {speed}"
     return None
 
 

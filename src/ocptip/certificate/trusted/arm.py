@@ -213,6 +213,25 @@ class Arm:
             found.append((acceleration, domega, squares))
         return found
 
+    def velocities(self, turns: Turns, qd: Form) -> list[tuple[Form, Form]]:
+        """Velocity of the origin of each link's frame, and angular velocity, (3, N), in its axes."""
+        speeds = linear(self.ratios, qd)
+        v = omega = Form.of(np.zeros((3, qd.r.shape[-1])))
+        found = []
+        for i in range(self.n):
+            if i:
+                v = v + linear(-skew(self.offsets[i - 1]), omega)  # omega x lever
+            if i and self.slides[i]:
+                v = v + linear(-skew(self.rotations[i][:, 2]), omega) * turns[i][0]
+            moved = _into(self.rotations[i], turns[i][1], _columns(v, omega))
+            v, omega = moved[:, 0], moved[:, 1]
+            if self.slides[i]:
+                v = _plus(v, None, speeds[i])
+            else:
+                omega = _plus(omega, None, speeds[i])
+            found.append((v, omega))
+        return found
+
     def frames(self, turns: Turns) -> list[tuple[Form, Form]]:
         """Rotation (3, 3, N) of each link to base axes, first the mount's, and its origin (3, N)."""
         count = turns[0][0].r.shape[-1]

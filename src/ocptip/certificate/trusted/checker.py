@@ -9,7 +9,8 @@ interval worked by hand, are in docs/certificate.md.
 A certificate is plain data:
 
 - `model`: the arm (link frames, inertias) or a program, what it holds, the base (mass, centre of mass,
-  gravity), contacts with their force sets, what may collide, the joints' limits, as numbers;
+  gravity), contacts with their force sets, what may collide, the joints' limits, points of links whose
+  speeds are limited, as numbers;
 - `motion`: pieces of time, on each of which every joint's coordinate is a polynomial of u in [-1, 1];
 - `tolerance`: how far the world may be off, or null;
 - `bounds`: what is claimed, one number each for the whole motion;
@@ -31,9 +32,17 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, Intervals
+from ocptip.certificate.trusted.described import (
+    CLEARANCE,
+    SPEED_OF_POINTS,
+    SPEED_OF_POINTS_WITHIN,
+    TORQUES,
+    Checker,
+    Intervals,
+)
 from ocptip.certificate.trusted.plain import (
     LARGEST,
+    POINTS,
     MalformedError,
     numbers,
     require,
@@ -61,9 +70,9 @@ class Verdict:
     Attributes:
         holds: everything that it claims.
         problems: why not, one sentence each.
-        bounds: claimed: maximum GN, GT and torque_ratio, minimum clearance, m; within an uncertainty maximum
-            GN_worst_case and GT_worst_case and, if claimed, torque_ratio_worst_case and the minimum
-            clearance_worst_case.
+        bounds: claimed: maximum GN, GT, torque_ratio and point_speed_ratio, minimum clearance, m; within an
+            uncertainty maximum GN_worst_case and GT_worst_case and, if claimed, torque_ratio_worst_case,
+            point_speed_ratio_worst_case and the minimum clearance_worst_case.
         moments: N m: what is proved to be left about every tipping axis, by the same names. GN is a share of
             a reference moment that the certificate may choose; this is not.
         intervals: number of them, and of rows within a tolerance.
@@ -118,7 +127,9 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     within = () if (tolerance := data["tolerance"]) is None else CLAIMS_WITHIN
     if tolerance is not None:
         require_tolerance(tolerance)
-    own = (*within, *(key for key in (TORQUES,) if within and key in bounds))
+    ratios = (TORQUES, SPEED_OF_POINTS_WITHIN)
+    own = (*within, *(key for key in ratios if within and key in bounds))
+    own += (SPEED_OF_POINTS,) if model.get(POINTS) else ()
     apart = [key for key in ("clearance", CLEARANCE) if key in bounds]
     if unknown := set(bounds) - {*CLAIMS, *own, *(apart if within else ())}:
         found.append(f"unknown claims: {', '.join(sorted(unknown))}")
@@ -128,11 +139,13 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
             ("GN", 1.0),
             ("GT", 1.0),
             ("torque_ratio", LARGEST),
-            *((key, LARGEST if key == TORQUES else 1.0) for key in own),
+            *((key, 1.0 if key in CLAIMS_WITHIN else LARGEST) for key in own),
         )
         if not 0 < numbers(key, bounds[key], ()) < most
     ]
     numbers("clearance", [bounds[key] for key in apart], (None,))
+    if SPEED_OF_POINTS_WITHIN in bounds and not model.get(POINTS):
+        found.append(f"{SPEED_OF_POINTS_WITHIN}: claimed without points")
     if "clearance" not in bounds if model["pairs"] else apart:
         found.append("clearance: claimed without anything that may collide, or not claimed with it")
     if len(data["cover"]) != len(motion["times"]):

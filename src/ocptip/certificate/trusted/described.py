@@ -1,6 +1,7 @@
 """Claims about the nominal motion: contacts, limits and distances over intervals.
 
-Torques and distances within an uncertainty are also checked here: they need no contact forces.
+Torques, distances and speeds of points within an uncertainty are also checked here: they need no contact
+forces.
 """
 
 from __future__ import annotations
@@ -11,18 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm
+from ocptip.certificate.trusted.arm import Arm, Turns, skew
 from ocptip.certificate.trusted.contacts import Contacts
 from ocptip.certificate.trusted.distances import Directions, Frame, distances
 from ocptip.certificate.trusted.drives import Drives
-from ocptip.certificate.trusted.forms import Form, U, known, polynomial, stack
+from ocptip.certificate.trusted.forms import Form, U, dot, known, linear, polynomial, stack
 from ocptip.certificate.trusted.late import Late
+from ocptip.certificate.trusted.plain import POINTS
 from ocptip.certificate.trusted.program import run
 
 TORQUES = "torque_ratio_worst_case"
 """Claim: within the tolerance no drive needs more than this share of its limit."""
 CLEARANCE = "clearance_worst_case"
 """Claim: minimum distance, m, of what may collide, for all delays of joints within the tolerance."""
+SPEED_OF_POINTS = "point_speed_ratio"
+"""Claim: no point of `POINTS` is faster than this share of its limit."""
+SPEED_OF_POINTS_WITHIN = "point_speed_ratio_worst_case"
+"""Claim: likewise for all delays of joints and speed factors within the tolerance."""
 RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
 ANGLE = 1e-7  # rad or m, likewise
 
@@ -64,6 +70,8 @@ class Loads:
         wrench: (6, N) on the base.
         frames: of an arm with anything that may collide, see `Arm.frames`.
         late: (n, N) coordinates of delayed joints, see `Late.places`; None where nothing is claimed of them.
+        late_turns: `Arm.turns` of these.
+        speeds: (N,) by claim: the largest share of their limits that speeds of points reach.
         further: (k, N): of a parallel robot distances from singular poses and motor speeds.
     """
 
@@ -71,6 +79,8 @@ class Loads:
     wrench: Form
     frames: list[Frame]
     late: Form | None
+    late_turns: Turns
+    speeds: dict[str, np.ndarray]
     further: Form | None
 
 
@@ -101,8 +111,10 @@ class Checker:
         self.program = None if self.arm else model["program"]
         self._drives = None if tolerance is None or TORQUES not in bounds else Drives(model, tolerance)
         self._late = None
-        if tolerance is not None and motion is not None and CLEARANCE in bounds:
+        if tolerance is not None and motion is not None and {CLEARANCE, SPEED_OF_POINTS_WITHIN} & set(bounds):
             self._late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), 0.0)
+            self._fastest = 1 + tolerance["speed"]
+        self._points = model.get(POINTS, [])
         self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
         self._limits = {
             key: np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
@@ -112,19 +124,28 @@ class Checker:
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def loads(self, at: Intervals) -> Loads:
         """Torques and the wrench that the contacts have to hold, and what goes with the kind of robot."""
-        frames, further = [], None
+        frames, further, late_turns, speeds = [], None, [], {}
+        late, late_speeds = self._late_states(at)
         if self.arm is not None:
             turns = self.arm.turns(at.q)
             torques, wrench = self.arm.loads(at.q, turns, at.qd, at.qdd, at.ends)
             if len(self.pairs):
                 frames = self.arm.frames(turns)
+            if self._points:
+                speeds[SPEED_OF_POINTS] = self._point_speeds(turns, at.qd)
+            if late is not None:
+                late_turns = self.arm.turns(late)
+            if late_speeds is not None and SPEED_OF_POINTS_WITHIN in self.bounds:
+                share = self._point_speeds(late_turns, late_speeds)
+                speeds[SPEED_OF_POINTS_WITHIN] = self._fastest * share * (1 + U)
         else:
             assert self.program is not None  # of a robot that is no arm
             n = len(at.q.r)
             found = run(self.program, [form[k] for form in (at.q, at.qd, at.qdd) for k in range(n)])
             torques, wrench = stack(*found[:n]), stack(*found[n : n + 6])
             further = stack(*found[n + 6 :]) if found[n + 6 :] else None
-        return Loads(torques, wrench + self.weight[:, None], frames, self._late_places(at), further)
+        wrench = wrench + self.weight[:, None]
+        return Loads(torques, wrench, frames, late, late_turns, speeds, further)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def margins(
@@ -153,8 +174,10 @@ class Checker:
             asked = bounds["clearance"]
             gaps = distances(loads.frames, self.bodies, self.pairs, asked, directions)
             found["clearance"] = np.min(gaps, axis=0) - asked
-        if loads.late is not None:
-            found["clearance within tolerance"] = self._late_gaps(loads.late, directions)
+        if self._late is not None and CLEARANCE in bounds:
+            found["clearance within tolerance"] = self._late_gaps(loads.late_turns, directions)
+        for name, share in loads.speeds.items():
+            found[CLAIMS_OF_POINTS[name]] = 1 - share / bounds[name] * (1 + U)
         if loads.further is not None:
             assert self.program is not None
             low, high = loads.further.range
@@ -166,18 +189,30 @@ class Checker:
             found["singularity, motor speed"] = np.min(slack, axis=0)
         return {name: known(value) for name, value in found.items()}
 
-    def _late_places(self, at: Intervals) -> Form | None:
+    def _late_states(self, at: Intervals) -> tuple[Form, Form] | tuple[None, None]:
         if self._late is None:
-            return None
+            return None, None
+        if not self._late.delay:
+            return at.q, at.qd
         blur = U * (1 + np.abs(at.ends).sum(axis=0))  # times are rounded
         return self._late.places(at.ends[0] - blur, at.ends[1] + blur)
 
-    def _late_gaps(self, late: Form, directions: Directions) -> np.ndarray:
+    def _point_speeds(self, turns: Turns, qd: Form) -> np.ndarray:
+        """The largest share of their limits that speeds of points reach, (N,), from above."""
+        assert self.arm is not None  # programs have no points
+        moved, found = self.arm.velocities(turns, qd), []
+        for point in self._points:
+            v, omega = moved[point["link"] - 1]
+            v = v + linear(-skew(np.array(point["place"], dtype=float)), omega)
+            found.append(np.sqrt(dot(v, v).range[1]) / point["speed"])
+        return np.max(found, axis=0) * (1 + U)
+
+    def _late_gaps(self, turns: Turns, directions: Directions) -> np.ndarray:
         """Distances beyond what is claimed for delayed joints, (N,), m; directions of their pairs have
         numbers after those of all pairs.
         """
         assert self.arm is not None  # programs have no bodies
-        frames, count = self.arm.frames(self.arm.turns(late)), len(self.pairs)
+        frames, count = self.arm.frames(turns), len(self.pairs)
         asked = self.bounds[CLEARANCE]
 
         def of_late(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -195,6 +230,10 @@ class Checker:
         }
 
 
+CLAIMS_OF_POINTS = {
+    SPEED_OF_POINTS: "speed of points",
+    SPEED_OF_POINTS_WITHIN: "speed of points within tolerance",
+}
 _UPPER = ("angle_max", "speed", "acceleration", "torque")
 
 

@@ -197,16 +197,17 @@ class Late:
             found.append(Rows(here, interval[here], counted[:, here], q, qd, qdd, when))
         return found
 
-    def places(self, starts: np.ndarray, ends: np.ndarray) -> Form:
-        """Coordinates (n, N) in s and e_1 ... e_n of delayed joints, over intervals from start to end, (N,),
-        s; what their accelerations do does not matter.
+    def places(self, starts: np.ndarray, ends: np.ndarray) -> tuple[Form, Form]:
+        """Coordinates and speeds (n, N) in s and e_1 ... e_n of delayed joints, over intervals from start to
+        end, (N,), s; what their accelerations do does not matter.
         """
         none = np.zeros((len(starts), self.joints), dtype=bool)
         branches, boxes, chosen, _, _ = self._combined(starts, ends, none)
-        every = self._states(branches)[0]
+        states = self._states(branches)[:2]
         if boxes:
-            every = joined(every, self._boxes(boxes)[0][0])
-        return self._placed([every], chosen, np.zeros(len(every.r)))[0]
+            states = [joined(*pair) for pair in zip(states, self._boxes(boxes)[0], strict=False)]
+        q, qd = self._placed(states, chosen, np.zeros(len(states[0].r)))
+        return q, qd
 
     def _combined(
         self, starts: np.ndarray, ends: np.ndarray, apart: np.ndarray | None

@@ -18,6 +18,8 @@ ROUNDED = 1e-12  # by so much may rotations and normals miss being orthonormal
 JUMP = 1e-6  # rad or m, and 100 times as much per s: by so much may pieces that meet differ, all together
 LONGEST = 1e5  # s: so long may a motion be, so that its times are rounded by far less than `late.SLACK`
 LINE = 1e-6  # breadth over length: contacts narrower than that are on one line
+POINTS = "points"
+"""Key of points of an arm whose speeds are limited."""
 _SHARE = 0.999  # relative, at most
 _BOXES = ("center_of_mass", "payload_center")
 _MOST = {
@@ -53,8 +55,10 @@ def require_model(model: Mapping[str, Any]) -> None:
     """Raise MalformedError unless these are an arm, a base, contacts, limits and bodies."""
     base, limits = model["base"], model["limits"]
     joints = len(limits["speed"])
+    points = model.get(POINTS, [])  # those of before these were limited have none
     if model["arm"] is None:
-        require(not model["pairs"] and model["payload"] is None, "program: bodies and payload are not known")
+        known = not model["pairs"] and not points and model["payload"] is None
+        require(known, "program: bodies, points and payload are not known")
         links = 0
     else:
         _require_arm(model["arm"], model["payload"], joints)
@@ -70,6 +74,11 @@ def require_model(model: Mapping[str, Any]) -> None:
         least = -LARGEST if key.startswith("angle") else 1e-9
         numbers(f"limits of {key}", [1.0 if x is None else x for x in own], (joints,), least)
     _require_bodies(model["bodies"], model["pairs"], links)
+    for point in points:
+        require(set(point) == {"link", "place", "speed"}, f"{POINTS}: link, place and speed are expected")
+        _index("link", point["link"], 1, links + 1)
+        numbers("place", point["place"], (3,))
+        numbers("speed of a point", point["speed"], (), 1e-9)
 
 
 def _require_arm(arm: Mapping[str, Any], held: Mapping[str, Any] | None, m: int) -> None:
