@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.certificate.checks import certified
+from ocptip.certificate.find import certify
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.urdf import arm_from_urdf
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path_fit import path_of_motion
+from tests.certificate.test_find import _nod as nod
 from tests.places import UR5
 from tests.robots.pinocchio_twin import twin
+
+LATE = Uncertainty(delay=0.005, speed=0.02, friction=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +90,40 @@ def test_a_file_has_speed_limits(tmp_path, capsys, task):
     file.write_text('case = "A"\n[limits]\npoint_speed = {elbow = 0.5}\n')
     with pytest.raises(InputError, match=r"limits\.point_speed.*no joint 'elbow'; there are joint 1"):
         load_task(file)
+
+
+@pytest.fixture(scope="module")
+def nodding():
+    """A task, a motion of two joints, and the largest speed of its TCP."""
+    task = experiment_task("B")
+    motion = nod(task)
+    q, qd, _ = motion.states(np.linspace(0, motion.end, 20_001))
+    return task, motion, np.max(task.robot.varied(speed_limits={"tcp": 1.0}).further(q, qd))
+
+
+def test_a_limit_is_proved_for_all_instants_and_a_bound_holds_with_delayed_joints(nodding):
+    """Places of 4,000 drawn delays and times are no faster than proved."""
+    (task, motion, fastest), rng = nodding, np.random.default_rng(1)
+    robot = task.robot.varied(speed_limits={"tcp": 1.001 * fastest, "joint 4": 2 * fastest})
+    limits = replace(task.limits, tolerance=LATE)
+    checked = check_motion(robot, motion, limits)
+    proved = certified(robot, motion, checked, limits)
+    assert proved.certified, (checked.violations, proved.certificate)
+    bounds = proved.certificate.verdict.bounds
+    assert fastest <= bounds["point_speed_ratio"] * 1.001 * fastest <= 1.0013 * fastest
+    times = rng.uniform(0, motion.end, (4000, 1)) - rng.uniform(0, 1.02 * LATE.delay, (4000, 6))
+    q, qd = (np.stack([motion(times[:, j], k)[:, j] for j in range(6)], axis=1) for k in (0, 1))
+    share = 1.02 * np.max(robot.further(q, qd) / robot.further_limits.upper)
+    assert share <= bounds["point_speed_ratio_worst_case"] <= 1.1 * share
+    assert share > 1
+    assert "speeds of points in the nominal model" in proved.headline
+
+
+def test_a_limit_that_is_exceeded_between_samples_is_not_proved(nodding):
+    task, motion, fastest = nodding
+    robot = task.robot.varied(speed_limits={"tcp": 0.999 * fastest})
+    checked = check_motion(robot, motion, task.limits)
+    kept = replace(checked.worst["tcp_speed_m_s"], value=0.999 * fastest)
+    found = certify(robot, motion, task.limits, {**checked.worst, "tcp_speed_m_s": kept})
+    assert not found.holds
+    assert {one.claim for one in found.undecided} == {"speed of points"}

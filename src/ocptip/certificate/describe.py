@@ -11,6 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from ocptip.certificate.trusted.arm import PROCESS, SPRINGS, TIMES
+from ocptip.certificate.trusted.plain import POINTS
 from ocptip.contact.support import Support
 from ocptip.numerics.jit.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
@@ -19,6 +20,7 @@ from ocptip.robots.collision.shapes import HalfSpace, Shape
 from ocptip.robots.dynamics import process_parts
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
+from ocptip.robots.point_speeds import TCP, joint_names
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
@@ -149,7 +151,21 @@ def model_data(robot: Robot | StandingParallelRobot, end: float | None = None) -
         "limits": {key: [_finite(x) for x in getattr(robot.limits, key)] for key in _LIMITS.split()},
         "bodies": bodies,
         "pairs": pairs,
+        **({POINTS: points} if (points := _points(robot)) else {}),
     }
+
+
+def _points(robot: Robot | StandingParallelRobot) -> list[dict[str, Any]]:
+    """Points of an arm whose speeds are limited: link, place in its frame, limit in m/s."""
+    if not isinstance(robot, Robot):
+        return []
+    names, none = joint_names(robot.arm), np.zeros(3)
+    places = {name: (k + 1, none) for k, name in enumerate(names)}
+    places[TCP] = len(names), robot.arm.offsets[-1]
+    return [
+        {"link": places[name][0], "place": places[name][1].tolist(), "speed": float(limit)}
+        for name, limit in robot.speed_limits.items()
+    ]
 
 
 def _arm_data(robot: Robot, end: float | None) -> dict[str, Any]:

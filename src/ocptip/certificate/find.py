@@ -25,9 +25,18 @@ from ocptip.certificate.find_within import HIGHEST, LOSS_WITHIN, SearchWithin
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.result import AT_LIMIT, LATE, Certificate, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
-from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, Intervals
+from ocptip.certificate.trusted.described import (
+    CLAIMS_OF_POINTS,
+    CLEARANCE,
+    SPEED_OF_POINTS,
+    SPEED_OF_POINTS_WITHIN,
+    TORQUES,
+    Checker,
+    Intervals,
+)
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
+from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import NEARLY_LOST, SLIP_WITHIN, TIP_WITHIN, Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -84,7 +93,10 @@ def certify(
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
     tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
     described = cast("Robot | StandingParallelRobot", robot)
-    search = _ProofSearch(described, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
+    bounds = _bounds(limits, worst, bool(robot.collision.labels))
+    if within and SPEED_OF_POINTS in bounds:
+        bounds[SPEED_OF_POINTS_WITHIN] = 1.0  # until the largest share is known, see `run`
+    search = _ProofSearch(described, motion, bounds, tolerance)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
@@ -114,8 +126,7 @@ def _goal(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
-    further = robot.further_limits.names if robot.proves_further else ()
-    covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, f"{CLEARANCE}_m", *further}
+    covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, f"{CLEARANCE}_m", *robot.further_limits.names}
     return (*rigid, *(name for name in worst if name not in covered))
 
 
@@ -132,14 +143,18 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
 def _bounds(limits: Limits, worst: Mapping[str, Worst], collides: bool) -> dict[str, float]:
     """The bounds to claim: slightly weaker than the sampled values, but within the limits if these hold."""
     bounds = {}
-    for name in ("GN", "GT", *_OF_DRIVES):
-        if name not in worst:
-            continue
-        value, limit = worst[name].value, getattr(limits, name)
+    used = {
+        name: (worst[name].value, getattr(limits, name))
+        for name in ("GN", "GT", *_OF_DRIVES)
+        if name in worst
+    }
+    if speeds := [worst[name] for name in (TCP_SPEED, POINT_SPEED) if name in worst]:
+        used[SPEED_OF_POINTS] = max(speed.value / speed.limit for speed in speeds), 1.0
+    for name, (value, limit) in used.items():
         bound = value + LOSS * max(value, 0.1)
         if bound > limit and value <= limit * (1 + 0.1 * AT_LIMIT):
             bound = limit * (1 + AT_LIMIT)
-        bounds[name] = float(bound if name in _OF_DRIVES else min(bound, HIGHEST))
+        bounds[name] = float(min(bound, HIGHEST) if name in ("GN", "GT") else bound)
     for name, loss in (("clearance", _LEAST_LOSS), (CLEARANCE, _LOSS_LATE)) if collides else ():
         if f"{name}_m" not in worst:
             continue
@@ -159,6 +174,7 @@ def _hopeless(worst: Mapping[str, Worst]) -> list[Undecided]:
 def _kept(limits: Limits, bounds: Mapping[str, float]) -> bool:
     asked = [name for name in ("GN", "GT", *_OF_DRIVES) if name in bounds]
     most = all(bounds[name] <= getattr(limits, name) * (1 + 2 * AT_LIMIT) for name in asked)
+    most &= bounds.get(SPEED_OF_POINTS, 0.0) <= 1 + 2 * AT_LIMIT
     for name in CLAIMS_WITHIN:
         limit = getattr(limits, name)
         most &= bounds.get(name, 0.0) <= (HIGHEST if limit >= NEARLY_LOST else limit)
@@ -191,7 +207,7 @@ class _ProofSearch:
         bounds: dict[str, float],
         tolerance: Mapping[str, Any] | None,
     ) -> None:
-        self.robot, self.bounds = robot, bounds
+        self.robot, self.bounds, self._fastest = robot, bounds, 0.0
         self.motion = motion_data(motion)
         self.model = model_data(robot, self.motion["times"][-1][1])
         varying = robot.varying
@@ -220,17 +236,21 @@ class _ProofSearch:
         left, times = most * len(piece), np.array(self.motion["times"])
         while len(todo[0]):
             batch, margins = self._checked(*todo)
+            fastest = 1 - margins.pop(CLAIMS_OF_POINTS[SPEED_OF_POINTS_WITHIN], np.ones(len(batch.piece)))
             proved = np.all([margin >= 0 for margin in margins.values()], axis=0)
             self._done.append(batch.select(np.flatnonzero(proved)))
             long = (times[batch.piece, 1] - times[batch.piece, 0]) * (batch.end - batch.start) > 2 * _SHORTEST
             left -= len(proved)
             rows = np.flatnonzero(~proved & (long & (left > 0)))
+            self._fastest = max(self._fastest, np.max(np.delete(fastest, rows), initial=0.0))
             if len(given_up := np.setdiff1d(np.flatnonzero(~proved), rows)):
                 lacking = {name: margin[given_up] for name, margin in margins.items()}
                 self._open.append((batch.select(given_up), lacking))
             piece, start, end = batch.piece[rows], batch.start[rows], batch.end[rows]
             middle = 0.5 * (start + end)
             todo = np.r_[piece, piece], np.r_[start, middle], np.r_[middle, end]
+        if SPEED_OF_POINTS_WITHIN in self.bounds:
+            self.bounds[SPEED_OF_POINTS_WITHIN] = self._fastest + LOSS * max(self._fastest, 0.1)
 
     def run_within(
         self, limits: Limits, worst: Mapping[str, Worst], whole: dict[str, Any]
@@ -253,6 +273,7 @@ class _ProofSearch:
                 break
         if self._tolerance is whole:
             return ()
+        self.bounds.pop(SPEED_OF_POINTS_WITHIN, None)
         lost = [CLEARANCE] if self._tolerance else [CLEARANCE, TORQUES]
         lost = [name for name in lost if self.bounds.pop(name, None) is not None]
         if self._tolerance is not None:

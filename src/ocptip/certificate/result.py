@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from ocptip.certificate.trusted.checker import Verdict
-from ocptip.certificate.trusted.described import CLEARANCE
+from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN
 from ocptip.motion.summary import RESULT_TITLES
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 
@@ -25,6 +25,7 @@ _CLAIMS = (
     ("Friction used", "%", "GT", SLIP_WITHIN),
     ("Joint torque", "%", "torque_ratio", TORQUE_WITHIN),
     ("Clearance", "mm", "clearance", CLEARANCE),
+    ("Speed of points", "%", SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN),
 )
 """Title, unit, keys of the bounds: nominal, and in the worst case."""
 _LEAST = ("clearance", CLEARANCE)  # bounds from below
@@ -107,6 +108,11 @@ class Certificate:
     def holds(self) -> bool:
         """The certificate holds and its bounds keep the limits, apart from values that are sampled."""
         return self.verdict.holds and self.kept
+
+    @property
+    def speeds_within(self) -> bool:
+        """Speeds of points keep their limits for all delays of joints within the uncertainty."""
+        return self.holds and self.verdict.bounds.get(SPEED_OF_POINTS_WITHIN, np.inf) <= 1.0
 
     @property
     def missing(self) -> str:

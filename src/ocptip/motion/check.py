@@ -21,6 +21,7 @@ from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
 from ocptip.standing.elastic.feet import FeetMotion, on_its_feet
+from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import SAMPLED, Limit, Sampled, Worst
@@ -148,7 +149,7 @@ class MotionCheck:
         word = f"PROVED {about}" if self.proved_while_moving else f"CHECKED at samples {about}"
         if self.within is not None:
             word += f"for {self.within.tolerance.scope}"
-        word += self._if_equally_compliant + self.scope
+        word += self._if_equally_compliant + self._nominal_speeds + self.scope
         return word if self.verified else f"LIMITS BROKEN in stops; the motion itself is {word}"
 
     @property
@@ -158,6 +159,13 @@ class MotionCheck:
         if not differs and alike and alike.value < 0:
             differs = f"with equally compliant feet {alike.where} may lift within the uncertainty"
         return f", BUT {differs}" if differs else ""
+
+    @property
+    def _nominal_speeds(self) -> str:
+        """Where speeds of points keep their limits with joints on time, but delays are not covered."""
+        limited = self.within and any(name in self.worst for name in (TCP_SPEED, POINT_SPEED))
+        covered = self.certificate is not None and self.certificate.speeds_within
+        return ", speeds of points in the nominal model" if limited and not covered else ""
 
     @property
     def scope(self) -> str:

@@ -28,6 +28,11 @@ class Proof(Protocol):
         ...
 
     @property
+    def speeds_within(self) -> bool:
+        """Speeds of points keep their limits for all delays of joints within the uncertainty."""
+        ...
+
+    @property
     def data(self) -> Mapping[str, Any] | None:
         """Plain data for JSON from which the proof is checked; None where there is none."""
         ...

@@ -24,7 +24,7 @@ def checked_points(arm: ArmModel, limits: Mapping[str, float] | None) -> dict[st
     Raises:
         InputError: there is no such joint, or a value is not above 0.
     """
-    found, joints = {}, _joints(arm)
+    found, joints = {}, joint_names(arm)
     for name, value in (limits or {}).items():
         if name not in (TCP, *joints):
             known = f"there are {', '.join(joints)}{did_you_mean(name, joints)}"
@@ -47,7 +47,7 @@ class PointSpeeds:
     @cached_property
     def _function(self) -> BatchFunction:
         q, qd = cs.SX.sym("q", self._arm.n), cs.SX.sym("qd", self._arm.n)
-        places = dict(zip((*_joints(self._arm), TCP), chain(self._arm, q)[1], strict=True))
+        places = dict(zip((*joint_names(self._arm), TCP), chain(self._arm, q)[1], strict=True))
         velocities = [cs.jtimes(places[name], q, qd) for name in self._points]
         speeds = cs.vertcat(*(cs.sqrt(cs.sumsqr(velocity) + _STILL) for velocity in velocities))
         return BatchFunction(cs.Function("point_speeds", [q, qd], [speeds]))
@@ -61,6 +61,6 @@ class PointSpeeds:
         return self._function.function(q, qd) if self._points else cs.SX(0, 1)
 
 
-def _joints(arm: ArmModel) -> tuple[str, ...]:
+def joint_names(arm: ArmModel) -> tuple[str, ...]:
     """Names of all joints, one per link."""
     return arm.joint_names if arm.coupling is None else arm.coupling.names

@@ -68,7 +68,6 @@ class Robot(StandingMechanism):
     """
 
     knows_inertia = True
-    proves_further = False
 
     def __init__(
         self,

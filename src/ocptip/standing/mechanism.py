@@ -107,7 +107,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
         closed_form: torques and wrench are expressions of the coordinates, speeds and accelerations.
         direct_drives: every motor moves one coordinate, at that coordinate's speed.
         further_limits: of what :meth:`further` gives.
-        proves_further: certificates cover these.
         mass: of base, mechanism and payload, kg.
         sensor: as given.
 
@@ -120,7 +119,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
     closed_form = True
     direct_drives = True
     further_limits = FurtherLimits()
-    proves_further = True
 
     def __init__(
         self,
