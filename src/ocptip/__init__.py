@@ -48,6 +48,7 @@ if TYPE_CHECKING:
         solve_many,
         stability,
     )
+    from ocptip.robots.base_motion import BaseMotion
     from ocptip.standing.arm import Robot
     from ocptip.standing.limits import Limits
     from ocptip.standing.tolerance import Uncertainty
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOME = {
+    "BaseMotion": "ocptip.robots.base_motion",
     "Certified": "ocptip.api.certify",
     "Check": "ocptip.api.check",
     "InputError": "ocptip.basics.errors",
@@ -95,6 +97,7 @@ _HOME = {
 }
 
 __all__ = [
+    "BaseMotion",
     "Certified",
     "Check",
     "InputError",

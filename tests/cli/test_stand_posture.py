@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.cli.main import main
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES
 from tests.robots.pinocchio_twin import dynamics, twin
@@ -72,6 +73,20 @@ def test_a_posture_that_tips_the_base_or_breaks_limits(capsys, tmp_path):
     assert "but " in text
 
 
+def test_a_base_that_brakes_in_a_turn(capsys):
+    options = ["--posture", "start", "--tolerance", "none"]
+    code, data = answered(capsys, *options, "--base-acceleration=-1,0.2", "--base-turning", "0.5,-0.3")
+    assert code == 0
+    motion = BaseMotion([-1, 0.2, 0], [0, 0, 0.5], [0, 0, -0.3])
+    task, still = load_task(TASK), np.zeros((1, 6))
+    torques, wrenches = task.robot.loads(task.start[None], still, still, base_motion=motion)
+    np.testing.assert_allclose(data["wrench"], wrenches[0], atol=1e-9)
+    np.testing.assert_allclose(data["posture"]["torques"], torques[0], atol=1e-9)
+    assert data["posture"]["base_motion"] == motion.to_dict()
+    assert main(["stand", str(TASK), *options, "--base-acceleration=-4,0"]) == 1
+    assert "(-4, 0, 0) m/s^2, base axes" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -79,6 +94,11 @@ def test_a_posture_that_tips_the_base_or_breaks_limits(capsys, tmp_path):
         (["--posture", "strat"], "or one of start, goal; got 'strat'; did you mean 'start'?"),
         (["--posture", "start", "--sensitivities"], "--sensitivities: not with --posture; use ocptip check"),
         (["--posture", "start", "--gn-reference", "9"], "--gn-reference: not with --posture"),
+        (
+            ["--posture", "start", "--base-acceleration", "1"],
+            "--base-acceleration: expected 2 finite",
+        ),
+        (["--base-turning", "1"], "--base-turning: needs --posture"),
         ([], "is a motion task (ocptip plan), not a scene; for its robot at rest give --posture"),
     ],
 )

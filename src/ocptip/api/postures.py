@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from ocptip.basics.text import did_you_mean
 from ocptip.contact.support import Load
 from ocptip.motion.cycles.task import Task
 from ocptip.placement.within import posture_within
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
@@ -38,7 +39,9 @@ class RestingPosture:
         robot: on its support, with what it holds and what acts on its gripper at rest.
         q: (n,), rad (straight coordinates: m).
         limits: of the task.
-        scene: the support, with what the robot does to it as the only load.
+        scene: the support, with what the robot does to it as the only load; inertia of a base that drives is
+            part of it.
+        base_motion: of a base that drives; None: it rests.
     """
 
     name: str
@@ -46,24 +49,26 @@ class RestingPosture:
     q: np.ndarray
     limits: Limits
     scene: Scene
+    base_motion: BaseMotion | None = None
 
     @classmethod
     def of(
         cls, task: str, name: str, robot: StandingMechanism, q: np.ndarray, limits: Limits
     ) -> RestingPosture:
         """The posture with its scene."""
-        still, support = np.zeros((1, robot.n)), robot.support
-        wrench = robot.loads(q[None], still, still)[1][0]
-        own = wrench - support.weight
-        load = Load(own[:3], own[3:], support.center_of_mass)
         where = "in the given posture" if name == "given" else f"at {name}"
-        scene = Scene(f"{task} {where}", support, (load,), wrench, limits.tolerance)
-        return cls(name, robot, q, limits, scene)
+        return cls(name, robot, q, limits, _scene(f"{task} {where}", robot, q, limits))
+
+    def driving(self, base_motion: BaseMotion) -> RestingPosture:
+        """The same posture on a base that moves so, at one instant."""
+        scene = _scene(self.scene.name, self.robot, self.q, self.limits, base_motion)
+        return replace(self, scene=scene, base_motion=base_motion)
 
     @cached_property
     def instant(self) -> Instants:
-        """The robot at rest in the posture."""
-        return Instants.at_rest(self.robot, self.q[None])
+        """The robot at rest in the posture, on its base."""
+        still = np.zeros((1, self.robot.n))
+        return Instants.of_states(self.robot, self.q[None], still, still, base_motion=self.base_motion)
 
     @property
     def refusals(self) -> list[str]:
@@ -74,17 +79,29 @@ class RestingPosture:
         """The worst within an uncertainty; None without one, and for parallel robots, which have none."""
         if not tolerance.given or not isinstance(self.robot, Robot):
             return None
-        return posture_within(self.robot, self.q, tolerance)
+        return posture_within(self.robot, self.q, tolerance, self.base_motion)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; joint values in rad and m."""
+        driving = {"base_motion": self.base_motion.to_dict()} if self.base_motion else {}
         return {
+            **driving,
             "name": self.name,
             "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),
             "units": list(self.robot.units),
             "torques": self.instant.torques[0].tolist(),
             "broken": self.refusals,
         }
+
+
+def _scene(
+    name: str, robot: StandingMechanism, q: np.ndarray, limits: Limits, base_motion: BaseMotion | None = None
+) -> Scene:
+    """The base under the load of a robot at rest on it, and under inertial forces if it drives."""
+    still, support = np.zeros((1, robot.n)), robot.support
+    wrench = robot.loads(q[None], still, still, base_motion=base_motion)[1][0]
+    own = wrench - support.weight
+    return Scene(name, support, (Load(own[:3], own[3:], support.center_of_mass),), wrench, limits.tolerance)
 
 
 def resting_posture(

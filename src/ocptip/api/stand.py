@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ocptip.api.postures import RestingPosture
     from ocptip.motion.cycles.task import CycleTask
     from ocptip.motion.task import MotionTask
+    from ocptip.robots.base_motion import BaseMotion
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
     from ocptip.standing.tolerance import Uncertainty
@@ -48,6 +49,7 @@ def stand(
     uncertainty: Uncertainty | str | None = None,
     reference_moment: float | None = None,
     sensitivities: bool = False,
+    base_motion: BaseMotion | None = None,
 ) -> Standing:
     """Return whether a base is stable under its loads, with forces, margins and the evidence.
 
@@ -63,6 +65,7 @@ def stand(
             TOML file with a table `[tolerance]`. Default: that of the file or the task.
         reference_moment: N m, M0 of GN; of scenes only, robots have one.
         sensitivities: whether to compute what would help; of scenes only.
+        base_motion: acceleration and turning of the base of a robot that drives; default: it rests.
 
     Raises:
         InputError: a file, a value or a name cannot be used; one line.
@@ -71,8 +74,9 @@ def stand(
     if isinstance(what, str | os.PathLike) and q is None:
         what = read_scene(what)
     if isinstance(what, Scene):
-        if q is not None:
-            raise InputError("q: belongs to a robot; a scene has none")
+        if q is not None or base_motion is not None:
+            name = "q" if base_motion is None else "base_motion"
+            raise InputError(f"{name}: belongs to a robot; a scene has none")
         scene = what
     else:
         from ocptip.api.postures import resting_posture  # loads for 0.3 s what scenes do not need
@@ -81,6 +85,7 @@ def stand(
             name = "sensitivities" if sensitivities else "reference_moment"
             raise InputError(f"{name}: of a scene; a robot in a posture has a reference moment already")
         posture = resting_posture(what, q)
+        posture = posture if base_motion is None else posture.driving(base_motion)
         scene = posture.scene
     if uncertainty is None:
         tolerance = scene.tolerance

@@ -256,6 +256,16 @@ COMMANDS = (
                 "posture of a robot task at rest: joint values as in the file (degrees, prismatic joints m; "
                 "--posture=-90,0,... if the first is negative), or the name of a start or goal",
             ),
+            argument(
+                "--base-acceleration",
+                "AX,AY",
+                "with --posture: acceleration of the base, m/s^2, its axes (--base-acceleration=-2,0 brakes)",
+            ),
+            argument(
+                "--base-turning",
+                "W[,AL]",
+                "with --posture: angular velocity and acceleration of the base about z, rad/s and rad/s^2",
+            ),
             TOLERANCE,
             SENSITIVITIES,
             argument(

@@ -35,6 +35,9 @@ def run(options: Namespace) -> StandReport:
         check_plot_target(options.plot)
     read_gate(options)
     if options.posture is None:
+        for name in ("base_acceleration", "base_turning"):
+            if getattr(options, name) is not None:
+                raise InputError(f"--{name.replace('_', '-')}: needs --posture; a scene has no robot")
         what = read_scene(options.scene)
         support, tolerance = what.support, what.tolerance
     else:

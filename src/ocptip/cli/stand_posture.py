@@ -10,6 +10,7 @@ from ocptip.api.postures import RestingPosture, resting_posture, rests_of
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import did_you_mean, percent, quantity
 from ocptip.cli.layout import under
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import DEFAULT
@@ -26,6 +27,10 @@ def posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
         for value, unit in zip(posture.q, robot.units, strict=True)
     ]
     rows = [("posture", ", ".join(f"{n} {v}" for n, v in zip(robot.names, values, strict=True)))]
+    if (motion := posture.base_motion) is not None:
+        parts = zip(motion.rows(1)[0].reshape(3, 3), ("m/s^2", "rad/s", "rad/s^2"), strict=True)
+        shown = [f"({', '.join(f'{x:.4g}' for x in own + 0.0)}) {unit}" for own, unit in parts if own.any()]
+        rows.append(("base drives", f"{', '.join(shown) or 'without acceleration'}, base axes"))
     shares = np.abs(torques) / robot.limits.torque
     joint = int(np.argmax(shares))
     if shares[joint] > 0:
@@ -45,7 +50,34 @@ def read_posture(options: Namespace) -> RestingPosture:
             raise InputError(f"--{name.replace('_', '-')}: not with --posture; use {instead}")
     task, asked = read_task(options.scene, DEFAULT), options.posture
     rests = rests_of(task)
-    return resting_posture(task, asked if asked in rests else _values(rests["start"][0], asked, list(rests)))
+    q = asked if asked in rests else _values(rests["start"][0], asked, list(rests))
+    posture, motion = resting_posture(task, q), base_motion_of(options)
+    return posture if motion is None else posture.driving(motion)
+
+
+def base_motion_of(options: Namespace) -> BaseMotion | None:
+    """The motion of the base that options ask for; None: it rests."""
+    a, turning = (
+        _numbers(name, getattr(options, name.replace("-", "_")), counts)
+        for name, counts in (("base-acceleration", (2,)), ("base-turning", (1, 2)))
+    )
+    if a is None and turning is None:
+        return None
+    w, al = [*(turning or ()), 0.0, 0.0][:2]
+    return BaseMotion((*(a or (0.0, 0.0)), 0.0), (0.0, 0.0, w), (0.0, 0.0, al))
+
+
+def _numbers(name: str, text: str | None, counts: tuple[int, ...]) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in counts or not np.isfinite(values).all():
+        wanted = " or ".join(map(str, counts))
+        raise InputError(f"--{name}: expected {wanted} finite numbers with a comma between, got {text!r}")
+    return values
 
 
 def _values(robot: StandingMechanism, text: str, names: list[str]) -> np.ndarray:

@@ -17,8 +17,8 @@ _FEWEST = 20  # samples before and after
 
 
 @dataclass(frozen=True, eq=False)
-class BaseMotion:
-    """The motion of the base, in base axes at the start.
+class BaseShift:
+    """How far the base moved, in base axes at the start.
 
     Attributes:
         names: of the coordinates that are known, of x, y, z, roll, pitch, yaw.
@@ -74,7 +74,7 @@ def planar_motion(places: np.ndarray, directions: np.ndarray, shifts: np.ndarray
 
 def base_motion(
     recording: Recording, contacts: np.ndarray, begin: float, end: float, level: float
-) -> BaseMotion | None:
+) -> BaseShift | None:
     """The motion of the base; None where it is not recorded.
 
     A coordinate changed if its means before and after the motion differ by more than their errors, in noise
@@ -110,7 +110,7 @@ def base_motion(
                 findings.append(Finding("base", name, scale * changes[j], scale * intervals[j], unit))
     still = values[first].mean(axis=0) if first.any() else np.zeros(k)
     moved = np.where(np.isfinite(values), values - still, 0.0)
-    return BaseMotion(
+    return BaseShift(
         names, moved, changes, intervals, np.abs(moved).max(axis=0), _slides(names, moved, contacts),
         tuple(findings),
     )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.measured.base_motion import BaseMotion
+from ocptip.measured.base_motion import BaseShift
 from ocptip.measured.contact_losses import ContactLoss
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, GRIPPER, POWER, Recording, Signal
@@ -83,7 +83,7 @@ class Comparison:
     signals: tuple[ComparedSignal, ...]
     gripper: np.ndarray | None
     energy: tuple[float, float] | None
-    base: BaseMotion | None
+    base: BaseShift | None
     contact_losses: tuple[ContactLoss, ...]
     findings: tuple[Finding, ...]
     unrecorded: tuple[str, ...]

@@ -12,10 +12,13 @@ import numpy as np
 
 from ocptip.placement.problem import TaskLoad
 from ocptip.placement.result import Placement
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.moving import MovingCase
 from ocptip.standing.within.rest import (
+    CaseWithin,
     Push,
     RestCase,
     Weight,
@@ -46,14 +49,19 @@ def placement_within(placement: Placement, tolerance: Uncertainty) -> WithinAtRe
     return _within(cases, tolerance.of(placement.problem.robot.payload))
 
 
-def posture_within(robot: Robot, q: np.ndarray, tolerance: Uncertainty) -> WithinAtRest:
+def posture_within(
+    robot: Robot, q: np.ndarray, tolerance: Uncertainty, base_motion: BaseMotion | None = None
+) -> WithinAtRest:
     """The worst of a robot at rest in a posture; what the gripper's process does then is nominal.
 
     Args:
         robot: on its support, as it rests.
         q: (n,), rad (sliding joints: m).
-        tolerance: of floor, base, arm and payload; what needs motion is left out, and reported.
+        tolerance: of floor, base, arm and payload; what needs motion of the arm is left out, and reported.
+        base_motion: of a base that drives, at one instant.
     """
+    if base_motion is not None:
+        return _within([partial(MovingCase, robot, q, base_motion)], tolerance.of(robot.payload))
     still, support, gravity = np.zeros((1, robot.n)), robot.support, robot.support.gravity
     wrench = robot.loads(q[None], still, still)[1][0]
 
@@ -68,7 +76,7 @@ def posture_within(robot: Robot, q: np.ndarray, tolerance: Uncertainty) -> Withi
     return _within([case], tolerance.of(robot.payload))
 
 
-def _within(cases: Sequence[Callable[[Uncertainty], RestCase]], tolerance: Uncertainty) -> WithinAtRest:
+def _within(cases: Sequence[Callable[[Uncertainty], CaseWithin]], tolerance: Uncertainty) -> WithinAtRest:
     """The worst of cases within the part of an uncertainty that counts at rest."""
     return found_within(cases, tolerance, AT_REST)
 

@@ -1,4 +1,4 @@
-"""Recursive Newton-Euler (2.32 to 2.45): joint torques of a serial arm and its wrench on the resting base.
+"""Recursive Newton-Euler (2.32 to 2.45): joint torques of a serial arm and its wrench on the base.
 
 Thesis M has turning joints only. A sliding joint i leaves the angular velocity of its link as it is; Q_i
 gets the Coriolis and the sliding acceleration, 2 omega x z qd + z qdd, and the drive the force along z.
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.kinematics import joint_rates, joint_values, relative_rotation, slide
 from ocptip.robots.model import ArmModel, joint_states
 
@@ -41,20 +42,24 @@ class Dynamics:
 
 
 @lru_cache(maxsize=_CACHED_MODELS)
-def inverse_dynamics(model: ArmModel) -> cs.Function:
+def inverse_dynamics(model: ArmModel, turning: bool = False) -> cs.Function:
     """CasADi function of the inverse dynamics; built once per model, inlines in SX graphs.
 
     In: `q`, `qd`, `qdd` (n,), rad, rad/s, rad/s^2 (sliding joints: m for rad); `gravity` (3,), m/s^2, base
     axes; `force`, `moment` (3,), N, N m, base axes: load on the gripper at G besides the process of the
-    model; `about` (3,), m, base frame: reference point of the base moment. Out: `torque` (n,), N m (N);
-    `wrench` (6,), on the base, see :class:`Dynamics`.
+    model; `about` (3,), m, base frame: reference point of the base moment; of a base that is `turning` also
+    `spin` (3,), rad/s, and `spin_change` (3,), rad/s^2, base axes, and the mount is then accelerated by minus
+    `gravity`. Out: `torque` (n,), N m (N); `wrench` (6,), on the base, see :class:`Dynamics`.
     """
     n = model.n
     q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     gravity, force, moment, about = (cs.SX.sym(name, 3) for name in ("gravity", "force", "moment", "about"))
-    torque, wrench = newton_euler(model, q, qd, qdd, gravity, force, moment, about)
-    names = ["q", "qd", "qdd", "gravity", "force", "moment", "about"]
-    inputs = [q, qd, qdd, gravity, force, moment, about]
+    spin, change = (cs.SX.sym(name, 3) if turning else None for name in ("spin", "spin_change"))
+    torque, wrench = newton_euler(
+        model, q, qd, qdd, gravity, force, moment, about, spin=spin, spin_change=change
+    )
+    names = ["q", "qd", "qdd", "gravity", "force", "moment", "about", *["spin", "spin_change"] * turning]
+    inputs = [q, qd, qdd, gravity, force, moment, about, *[own for own in (spin, change) if turning]]
     return cs.Function("inverse_dynamics", inputs, [torque, wrench], names, ["torque", "wrench"])
 
 
@@ -200,6 +205,7 @@ def evaluate_dynamics(
     force: ArrayLike = (0.0, 0.0, 0.0),
     moment: ArrayLike = (0.0, 0.0, 0.0),
     about: ArrayLike = (0.0, 0.0, 0.0),
+    base_motion: BaseMotion | None = None,
 ) -> Dynamics:
     """Joint torques and base wrench at many states.
 
@@ -209,6 +215,7 @@ def evaluate_dynamics(
         force, moment: (3,) or (N, 3), N and N m, base axes: load on the gripper at G besides the process of
             the model.
         about: (3,), m, base frame: reference point of the base moment.
+        base_motion: of the base; default: it rests.
 
     Raises:
         InputError: wrong shapes or not finite.
@@ -224,20 +231,19 @@ def evaluate_dynamics(
     loads = []
     for name, value in (("force", force), ("moment", moment)):
         loads.append(finite_array(name, value, (3,) if np.ndim(value) < 2 else (count, 3)))
-    torque, wrench = dynamics_batch(model)(
-        states,
-        *rates,
-        finite_array("gravity", gravity, (3,)),
-        *loads,
-        finite_array("about", about, (3,)),
-    )
+    pull, point, spin = finite_array("gravity", gravity, (3,)), finite_array("about", about, (3,)), []
+    if base_motion is not None:
+        rows = base_motion.rows(count)
+        pull = pull - base_motion.acceleration_at(model.mount_position)
+        spin = [rows[:, 3:6], rows[:, 6:]] if base_motion.turns else []
+    torque, wrench = dynamics_batch(model, bool(spin))(states, *rates, pull, *loads, point, *spin)
     return Dynamics(torque[0], wrench[0]) if single else Dynamics(torque, wrench)
 
 
 @lru_cache(maxsize=_CACHED_MODELS)
-def dynamics_batch(model: ArmModel) -> BatchFunction:
+def dynamics_batch(model: ArmModel, turning: bool = False) -> BatchFunction:
     """`inverse_dynamics` for many states at once, without input checks."""
-    return BatchFunction(inverse_dynamics(model))
+    return BatchFunction(inverse_dynamics(model, turning))
 
 
 def process_parts(model: ArmModel) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,7 @@ from ocptip.contact.support import Support
 from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.arm_source import arm_from, resting_base
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
 from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import BodyShape
@@ -229,7 +230,12 @@ class Robot(StandingMechanism):
         return self.collision.attainable(random_postures(self.arm, POSTURES), CLEARANCE)
 
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        process: np.ndarray | None = None,
+        base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Joint torques (N, n), N m, or forces, N, and the total wrench (N, 6) on the base.
 
@@ -238,7 +244,7 @@ class Robot(StandingMechanism):
         Raises:
             InputError: the process varies, and its values are not given.
         """
-        return self._loads_of(self.arm, q, qd, qdd, process)
+        return self._loads_of(self.arm, q, qd, qdd, process, base_motion)
 
     def acting(self, times: np.ndarray) -> np.ndarray:
         """See `StandingMechanism.acting`."""
@@ -249,13 +255,20 @@ class Robot(StandingMechanism):
         return np.hstack(self.varying.at(times))
 
     def _loads_of(
-        self, arm: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None
+        self,
+        arm: ArmModel,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        process: np.ndarray | None,
+        base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torques and wrench on the base, see `loads`, with this arm instead."""
         support = self.support
-        given = {"gravity": support.gravity, "about": support.center_of_mass}
+        given = {"gravity": support.gravity, "about": support.center_of_mass, "base_motion": base_motion}
         dynamics = self.pushed(arm, q, qd, qdd, process, **given)
-        return dynamics.torque, dynamics.wrench + support.weight
+        own = support.weight if base_motion is None else support.weight + base_motion.inertial_wrench(support)
+        return dynamics.torque, dynamics.wrench + own
 
     def pushed(
         self,
@@ -267,6 +280,7 @@ class Robot(StandingMechanism):
         *,
         gravity: ArrayLike,
         about: ArrayLike,
+        base_motion: BaseMotion | None = None,
     ) -> Dynamics:
         """See `robots.dynamics.evaluate_dynamics`: of an arm with the process, (N, 6) if it varies."""
         load = {}
@@ -275,7 +289,8 @@ class Robot(StandingMechanism):
             if self.varying.turns_with_tool:
                 turn = gripper_batch(arm)(q)[1]
                 load = {name: np.einsum("kij,kj->ki", turn, rows) for name, rows in load.items()}
-        return evaluate_dynamics(arm, q, qd, qdd, gravity=gravity, about=about, **load)
+        given = {"gravity": gravity, "about": about, "base_motion": base_motion, **load}
+        return evaluate_dynamics(arm, q, qd, qdd, **given)
 
     @property
     def varying(self) -> ProcessWrench | None:

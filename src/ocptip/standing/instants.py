@@ -10,6 +10,7 @@ import numpy as np
 from ocptip.contact.solver import ContactStates
 from ocptip.reserves.slip import SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.mechanism import StandingMechanism
 
 
@@ -106,10 +107,11 @@ class Instants(Loaded):
         qd: np.ndarray,
         qdd: np.ndarray,
         times: np.ndarray | None = None,
+        base_motion: BaseMotion | None = None,
     ) -> Instants:
         """At angles, speeds and accelerations, (N, n) each, and times (N,), s."""
         process = np.empty((len(q), 0)) if times is None else robot.acting(times)
-        loads = robot.loads(q, qd, qdd, process if process.size else None)
+        loads = robot.loads(q, qd, qdd, process if process.size else None, base_motion)
         return cls(robot, q, *loads, robot.further(q, qd), qd, qdd, process)
 
     @classmethod

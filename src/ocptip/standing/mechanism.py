@@ -22,6 +22,7 @@ from ocptip.contact.support import Support
 from ocptip.reserves.classical import ClassicalMeasures
 from ocptip.reserves.slip import Redistribution, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.collision.gaps import CLEARANCE, Collisions
 from ocptip.robots.model import JointLimits, joint_states
 from ocptip.robots.motors import Motors
@@ -182,11 +183,17 @@ class StandingMechanism(MadeOf, Footing, ABC):
 
     @abstractmethod
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        process: np.ndarray | None = None,
+        base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass.
 
-        A process that varies needs its values, see `acting`.
+        A process that varies needs its values, see `acting`. Without a base motion the base rests; with one
+        the inertia of the base is part of the wrench.
         """
 
     def acting(self, times: np.ndarray) -> np.ndarray:
@@ -375,18 +382,27 @@ class StandingMechanism(MadeOf, Footing, ABC):
             steady_power=self.support.power,
         )
 
-    def margins(self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None) -> Margins:
+    def margins(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        *,
+        base_motion: BaseMotion | None = None,
+    ) -> Margins:
         """All margins of the contacts in one state, (n,), or in many, (N, n).
 
         Args:
             q: rad (sliding joints, straight coordinates: m).
             qd: rad/s (m/s); default: at rest.
             qdd: rad/s^2 (m/s^2); default: none.
+            base_motion: of a base that drives, constant or one of each state; default: it rests.
 
         Raises:
-            InputError: shapes do not fit, or what acts on the gripper varies with time or place.
+            InputError: shapes do not fit, what acts on the gripper varies with time or place, or a parallel
+                robot drives.
         """
-        wrenches, single = self._wrenches(q, qd, qdd)
+        wrenches, single = self._wrenches(q, qd, qdd, base_motion)
         margins = Margins.under(wrenches, self.tip_over, self.slip)
         return margins[0] if single else margins
 
@@ -414,7 +430,13 @@ class StandingMechanism(MadeOf, Footing, ABC):
             self.support, lambda support: self.varied(support=support).loads(q, still, still)[1]
         )
 
-    def _wrenches(self, q: ArrayLike, qd: ArrayLike | None, qdd: ArrayLike | None) -> tuple[np.ndarray, bool]:
+    def _wrenches(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None,
+        qdd: ArrayLike | None,
+        base_motion: BaseMotion | None = None,
+    ) -> tuple[np.ndarray, bool]:
         """Wrenches (N, 6) on the base in states, and whether a single state was given."""
         angles, single = joint_states("q", q, self.n)
         speeds, accelerations = (
@@ -424,7 +446,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
         if not len(angles) == len(speeds) == len(accelerations):
             counts = f"{len(angles)}, {len(speeds)} and {len(accelerations)}"
             raise InputError(f"q, qd, qdd: expected as many states of each, got {counts}")
-        return self.loads(angles, speeds, accelerations)[1], single
+        return self.loads(angles, speeds, accelerations, base_motion=base_motion)[1], single
 
     def require_fit(self, joints: int) -> None:
         """Raise InputError unless a motion has as many joints."""

@@ -24,6 +24,7 @@ from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Redistribution
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
@@ -235,9 +236,15 @@ class StandingParallelRobot(ParallelMechanism):
         return form.measure_names
 
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        process: np.ndarray | None = None,
+        base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n), N or N m, and the total wrench (N, 6) on the base about its centre of mass."""
+        _require_rest(base_motion)
         forces, wrenches = self._loads(q, qd, qdd)
         return forces, wrenches
 
@@ -275,7 +282,12 @@ class NumericParallelRobot(ParallelMechanism):
         return ("platform",)
 
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        process: np.ndarray | None = None,
+        base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n_a), N or N m, and the total wrench (N, 6) on the base about its centre of mass.
 
@@ -283,6 +295,7 @@ class NumericParallelRobot(ParallelMechanism):
             InputError: a pose is out of reach.
             SolverError: a singular pose, with its type.
         """
+        _require_rest(base_motion)
         robot, load, g = self.robot, self.load, self._gravity
         forces, own = np.empty((len(q), len(self._drives))), np.empty((len(q), 6))
         for k, (z, joints) in enumerate(self._joints(q)):
@@ -345,6 +358,12 @@ def _require_motors(motors: Motors, m: int) -> None:
         motors.power(np.zeros((1, m)), np.zeros((1, m)))
     except InputError as error:
         raise InputError(f"motors: the robot has {m}: {error}") from None
+
+
+def _require_rest(base_motion: BaseMotion | None) -> None:
+    """Raise InputError if the base of a parallel robot moves."""
+    if base_motion is not None:
+        raise InputError("base_motion: of arms only; the base of a parallel robot has to rest")
 
 
 def _further_limits(limits: PlatformLimits, measures: Sequence[str], m: int) -> FurtherLimits:

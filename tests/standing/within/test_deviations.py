@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
@@ -41,7 +42,7 @@ def states(rng, count, n=6):
     return rng.uniform(-ends, ends, (count, 3 * n))
 
 
-def built_anew(robot, own: Deviations, theta, s):
+def built_anew(robot, own: Deviations, theta, s, base_motion=None):
     """Wrench (6,) of a robot made with the deviations, about the nominal centre of mass."""
     parts = {name: theta[at] for name, at in own.places.items()}
     support = robot.support
@@ -56,14 +57,15 @@ def built_anew(robot, own: Deviations, theta, s):
     held = Payload(share * held.mass, centre, share * held.inertia)
     moved = support.center_of_mass + parts["center_of_mass"]
     mass = support.mass * (1 + parts["base_mass"][0])
-    base = Support(support.contacts, mass=mass, center_of_mass=moved, gravity=gravity)
+    inertia = (1 + parts["base_mass"][0]) * support.inertia
+    base = Support(support.contacts, mass=mass, center_of_mass=moved, gravity=gravity, inertia=inertia)
     q, qd, qdd = np.split(s, 3)
     late, pace = parts["delay"], 1 + parts["speed"][0]
     q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
     state = q[None], np.sqrt(pace) * qd[None], pace * qdd[None]
 
     def wrench(model):
-        return Robot(model, base, robot.motors).loads(*state)[1][0]
+        return Robot(model, base, robot.motors).loads(*state, base_motion=base_motion)[1][0]
 
     total = wrench(arm.with_payload(held))
     point = wrench(arm.with_payload(Payload(1.0))) - wrench(arm)  # linear in what is held
@@ -82,6 +84,17 @@ def test_the_wrench_is_that_of_a_robot_built_anew(robot, cases):
     found = own.wrench(s, theta)[0]
     for row in range(5):
         expected = built_anew(robot, own, theta[row], s[row])
+        assert np.allclose(found[row], expected, rtol=1e-10, atol=1e-10)
+
+
+def test_the_wrench_on_a_moving_base_is_that_of_a_robot_built_anew(robot):
+    rng, own = np.random.default_rng(3), WorstCase(robot, WIDE, drives=True).deviations
+    s, motions = states(rng, 3), rng.normal(size=(3, 9))
+    off = random_deviations(own, rng, 3)
+    found = own.wrench(s, off + own.moving(motions).nominal(3))[0]
+    for row in range(3):
+        motion = BaseMotion(*motions[row].reshape(3, 3))
+        expected = built_anew(robot, own, off[row], s[row], motion)
         assert np.allclose(found[row], expected, rtol=1e-10, atol=1e-10)
 
 

@@ -30,14 +30,15 @@ class Deviations:
     Args:
         robot: on its base.
         tolerance: of it.
+        drives: whether the base may move, see :meth:`moving`.
 
     Attributes:
         low, high: (size,) ends of those that are intervals; zero for tilts and pushes.
         places: slices of theta by name.
     """
 
-    def __init__(self, robot: Robot, tolerance: Uncertainty) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, tolerance: Uncertainty, drives: bool = False) -> None:
+        self.robot, self._drives = robot, drives
         self.places: dict[str, slice] = {}
         for name, (least, _) in self._ends(tolerance).items():
             self.places[name] = slice(self.size, self.size + len(least))
@@ -66,8 +67,18 @@ class Deviations:
         other.low, other.high = ends
         return other
 
+    def moving(self, motions: np.ndarray) -> Deviations:
+        """The same of N states whose base moves as in rows (N, 9) of `BaseMotion`, which is then nominal."""
+        _ = self.wrench, self._first  # made once, they serve all copies
+        other = copy(self)
+        other._nominal = np.zeros((len(motions), self.size))
+        parts = zip(_MOTION, (-1.0, 1.0, 1.0), np.split(motions, 3, axis=1), strict=True)
+        for name, sign, values in parts:  # an accelerated base is one in another gravity
+            other._nominal[:, self.places[name]] = sign * values
+        return other
+
     def nominal(self, count: int) -> np.ndarray:
-        """Deviations (count, size) of nominal states: zero but for payloads, see :meth:`loaded`."""
+        """Deviations (count, size) of nominal states: zero but for payloads and motions of the base."""
         return np.zeros((count, self.size)) if self._nominal is None else self._nominal.copy()
 
     def _set(self, tolerance: Uncertainty) -> None:
@@ -100,6 +111,7 @@ class Deviations:
             name: pair for name, pair in ends.items() if np.any(pair) or name == "extra_mass"
         }  # one at least
         sizes = {"gravity": own.tilt, "push": own.push, "base_push": own.base_push}
+        sizes |= dict.fromkeys(_MOTION, 1.0) if self._drives else {}
         return found | {name: (np.zeros(3), np.zeros(3)) for name, size in sizes.items() if size}
 
     # --- physics ------------------------------------------------------------------------------------------
@@ -115,6 +127,15 @@ class Deviations:
             return theta[self.places[name]] if name in self.places else cs.SX.zeros(size)
 
         support, gravity = robot.support, cs.SX(robot.support.gravity) + part("gravity", 3)
+        spin = {name: theta[self.places[name]] for name in ("spin", "spin_change") if name in self.places}
+
+        def pull(place: cs.SX) -> cs.SX:
+            """Gravity less the acceleration of a place of the base."""
+            if not spin:
+                return gravity
+            w, change = spin["spin"], spin["spin_change"]
+            return gravity - cs.cross(change, place) - cs.cross(w, cs.cross(w, place))
+
         q, qd, qdd, *acting = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
         late = part("delay", n)  # exact as long as the acceleration is constant
         q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
@@ -136,12 +157,16 @@ class Deviations:
             )
             pressed, twisted = (turn @ own for own in cs.vertsplit(acting[0], 3))
         _, wrench = newton_euler(
-            arm, q, qd, qdd, gravity, pressed, twisted, cs.SX(support.center_of_mass),
-            scales=1 + part("arm_mass", len(arm.masses)), carried=bodies,
+            arm, q, qd, qdd, pull(cs.SX(arm.mount_position)), pressed, twisted, cs.SX(support.center_of_mass),
+            scales=1 + part("arm_mass", len(arm.masses)), carried=bodies, **spin,
         )  # fmt: skip
-        weight = support.mass * (1 + part("base_mass", 1)) * gravity
+        share, shift = 1 + part("base_mass", 1), part("center_of_mass", 3)
+        weight = support.mass * share * pull(cs.SX(support.center_of_mass) + shift)
         force = weight + part("base_push", 3)  # both act at the base's centre of mass, wherever that is
-        moment = cs.cross(part("center_of_mass", 3), force)
+        moment = cs.cross(shift, force)
+        if spin:
+            inertia, w = cs.SX(support.inertia), spin["spin"]
+            moment = moment - share * (inertia @ spin["spin_change"] + cs.cross(w, inertia @ w))
         push, tool = part("push", 3), chain(arm, q)[1][-1] - cs.SX(support.center_of_mass)
         return s, theta, wrench + cs.vertcat(force + push, moment + cs.cross(tool, push))
 
@@ -205,7 +230,7 @@ class Deviations:
                 theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
         if "gravity" in self.places:
             at = self.places["gravity"]
-            theta[:, at] = least_tilt(slopes[:, at], self.robot.support.gravity, self.tolerance.tilt)
+            theta[:, at] += least_tilt(slopes[:, at], self.robot.support.gravity, self.tolerance.tilt)
         return theta
 
     def missed(
@@ -244,7 +269,7 @@ class Deviations:
     # --- words --------------------------------------------------------------------------------------------
 
     def words(self, theta: np.ndarray) -> str:
-        """Deviations (size,) by name: "tilt 0.5 deg towards -y, payload +0.1 kg"."""
+        """Deviations (size,) from a base at rest by name: "tilt 0.5 deg towards -y, payload +0.1 kg"."""
         found = []
         parts = {name: theta[at] for name, at in self.places.items()}
         if np.any(change := parts.get("gravity", np.zeros(3))):
@@ -280,7 +305,8 @@ class Deviations:
         return ", ".join(found)
 
 
-_FREE = ("gravity", "push", "base_push")
+_MOTION = ("gravity", "spin", "spin_change")
+_FREE = (*_MOTION, "push", "base_push")
 _MASSES = {"base_mass": "base mass", "arm_mass": "link", "payload_mass": "payload"}
 
 
@@ -311,6 +337,6 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def deviations_of(robot: Robot, tolerance: Uncertainty) -> Deviations:
+def deviations_of(robot: Robot, tolerance: Uncertainty, drives: bool = False) -> Deviations:
     """Those of a robot, made once."""
-    return Deviations(robot, tolerance)
+    return Deviations(robot, tolerance, drives)

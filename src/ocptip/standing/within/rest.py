@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -202,8 +202,24 @@ def _fixed_and_hanging(support: Support, loads: Sequence[Load]) -> tuple[np.ndar
     return fixed, weights
 
 
+class CaseWithin(Protocol):
+    """A base under loads, within an uncertainty; deviations are of a type that it alone knows."""
+
+    def tip(self) -> tuple[float, Any]:
+        """GN at the worst, and the deviations there."""
+        ...
+
+    def slip(self) -> tuple[float, Any]:
+        """GT at the worst, and the deviations there."""
+        ...
+
+    def words(self, off: Any) -> str:
+        """Deviations in words."""
+        ...
+
+
 def found_within(
-    cases: Sequence[Callable[[Uncertainty], RestCase]],
+    cases: Sequence[Callable[[Uncertainty], CaseWithin]],
     tolerance: Uncertainty,
     searched: Sequence[str],
 ) -> WithinAtRest:

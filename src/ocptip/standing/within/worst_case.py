@@ -63,6 +63,7 @@ class WorstCase:
     Args:
         robot: on its base.
         tolerance: of it.
+        drives: whether the base may move, see :meth:`moving`.
 
     Attributes:
         footing: the base on contacts with the minimum friction.
@@ -75,10 +76,10 @@ class WorstCase:
         InputError: the tolerance does not fit the robot, or the robot is no arm.
     """
 
-    def __init__(self, robot: StandingMechanism, tolerance: Uncertainty) -> None:
+    def __init__(self, robot: StandingMechanism, tolerance: Uncertainty, drives: bool = False) -> None:
         if not isinstance(robot, Robot):
             raise InputError("tolerance: parallel robots have only damping in [tolerance] (--tolerance none)")
-        self.deviations: Deviations = deviations_of(robot, tolerance)
+        self.deviations: Deviations = deviations_of(robot, tolerance, drives)
         self.footing = robot.weakest(tolerance)
         self.reference = robot.tip_over.reference_moment or 0.0
         self._map = TipMap(self.footing.tip_over)
@@ -102,6 +103,15 @@ class WorstCase:
         """
         other = copy(self)
         other.deviations = self.deviations.loaded(factors)
+        return other
+
+    def moving(self, motions: np.ndarray) -> WorstCase:
+        """The worst case of N states whose base moves as in rows (N, 9) of `BaseMotion`.
+
+        For `moments`, `least` and `slip` of exactly these states.
+        """
+        other = copy(self)
+        other.deviations = self.deviations.moving(motions)
         return other
 
     def up_to(self, GT: float) -> WorstCase:
