@@ -143,10 +143,11 @@ def test_above_one_the_friction_needed_is_a_number_of_its_own(capsys, tmp_path):
     assert data["GN"] == data["tip_ratio"]
     assert data["lift_acceleration_m_s2"] == 0
     assert data["friction_needed"] == pytest.approx(240 / (0.3 * abs(data["wrench"][2])), abs=1e-6)
-    assert "1.63 times the friction would hold it" in text
+    assert data["friction_missing_N"] == pytest.approx(240 - 0.3 * abs(data["wrench"][2]), abs=1e-4)
+    assert "Friction used   163 %: 92.8 N of tangential force are missing" in text
     path.write_text(path.read_text().replace("240", "24"))
     _, data, text = _stand(capsys, path)
     assert data["friction_needed"] == pytest.approx(data["GT"], abs=1e-7)
-    assert "times the friction" not in text
+    assert "missing" not in text
     path.write_text(path.read_text().replace("friction = 0.3", "friction = 0"))
     assert _stand(capsys, path)[1]["friction_needed"] is None

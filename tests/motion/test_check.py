@@ -137,9 +137,10 @@ def test_a_motion_that_slides_is_told_the_friction_that_it_needs():
     checked = check_motion(robot.varied(support=robot.support.varied(smooth)), motion)
     worst = checked.worst["GT"]
     assert worst.value > 1
-    factor = float(worst.detail.split()[0])
+    factor = checked.contacts.friction.value
     assert 1 < factor <= 2 * (1 + 1e-3)  # of the instant at which it slides fastest
-    assert worst.detail.endswith("times the friction would hold it")
+    assert worst.detail.startswith(f"friction used {100 * factor:.0f} %: ")
+    assert worst.detail.endswith("N of tangential force are missing")
     assert worst.detail in checked.violations[[v.startswith("GT") for v in checked.violations].index(True)]
 
 

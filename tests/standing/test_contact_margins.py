@@ -89,6 +89,7 @@ def test_parts_together_are_the_whole(case):
         "least_moment_Nm",
         "least_edge_distance_m",
         "friction_use",
+        "friction_missing_N",
         "normal_forces_unique",
         "least_force_if_feet_give_alike_N",
         "equal_compliance",

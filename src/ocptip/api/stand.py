@@ -22,7 +22,7 @@ from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, 
 from ocptip.reserves.classical import ClassicalMeasures
 from ocptip.reserves.equal_compliance import EqualSharing, equal_sharing, face_each_other, reported_slip
 from ocptip.reserves.force_sets import ForceSets
-from ocptip.reserves.friction_needed import friction_needed
+from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.task_files.scene import Scene, read_scene
@@ -252,12 +252,12 @@ class Standing:
         return ClassicalMeasures.under(self.scene.wrench[None], self.tip.tip_over, forces, centers)[0]
 
     @cached_property
-    def friction_needed(self) -> float | None:
-        """Factor on the friction with which the contacts just hold the base; None if it is not known."""
+    def friction_demand(self) -> FrictionDemand | None:
+        """The friction that holds the base, and the force that is missing; None where it is not known."""
         if self.scene.planar or not self.state.solved:
             return None
-        needed = friction_needed(self.scene.support, self.scene.wrench)
-        return needed if np.isfinite(needed) else None
+        demand = FrictionDemand.of(self.scene.support, self.scene.wrench)
+        return None if np.isnan(demand.factor) else demand
 
     @property
     def normal_forces(self) -> np.ndarray:
@@ -331,7 +331,11 @@ class Standing:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
-        state, changes = self.state, [one.to_dict() for one in self.sensitivities]
+        state, demand, changes = (
+            self.state,
+            self.friction_demand,
+            [one.to_dict() for one in self.sensitivities],
+        )
         axis, counterexample = self.nearest_axis, self.verdict.counterexample
         return {
             "scene": self.scene.name,
@@ -369,7 +373,8 @@ class Standing:
             "lift_acceleration_m_s2": self.tip.lift_acceleration[0],
             "slip_ratio": self.slip.slip_ratio[0],
             "slide_acceleration_m_s2": self.slip.slide_acceleration[0],
-            "friction_needed": self.friction_needed,
+            "friction_needed": demand.factor if demand and np.isfinite(demand.factor) else None,
+            "friction_missing_N": demand and demand.missing,
             "tipping_axis": axis,
             **({"classical": self.classical.to_dict()} if self.classical else {}),
             "wrench": self.scene.wrench,
@@ -382,8 +387,13 @@ class Standing:
 
     @property
     def nearest_axis(self) -> dict[str, Any] | None:
-        """The tipping axis with the minimum moment margin, N m; contacts from 1; None without one."""
+        """The tipping axis with the minimum moment margin, N m; contacts from 1; None without one.
+
+        Where the base tips the margin is negative: so much is missing.
+        """
         index, axes = int(self.tip.nearest_axis[0]), self.tip.tip_over.axes
+        if index >= 0:
+            index = int(np.argmin(self.tip.margins[0]))
         if not 0 <= index < len(axes):
             return None
         axis = axes[index]
@@ -391,5 +401,5 @@ class Standing:
             "contacts": [k + 1 for k in axis.contacts],
             "point": axis.point,
             "direction": axis.direction,
-            "moment_reserve": self.tip.moments[0, index],
+            "moment_reserve": self.tip.margins[0, index],
         }

@@ -37,6 +37,12 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{value + 0.0:.{digits}g} {unit}"
 
 
+def margin_text(value: float, unit: str, digits: int = 3) -> str:
+    """A margin, and below zero what is missing: "27.1 N m", "-12.3 N m: 12.3 N m are missing"."""
+    text = quantity(value, unit, digits)
+    return f"{text}: {text[1:]} are missing" if value < 0 else text
+
+
 def with_error(value: float, half: float, unit: str = "") -> str:
     """A value and half the width of its interval, to two digits of that: "0.208 +- 0.0045 kg"."""
     unit = f" {unit}" if unit else ""

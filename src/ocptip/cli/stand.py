@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.api.stand import Standing, stand
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import NOISE, percent, quantity, ratio, table, without_noise
+from ocptip.basics.text import NOISE, margin_text, percent, quantity, ratio, table, without_noise
 from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import changes_table, named, under
 from ocptip.cli.terminal import say_if_compiling
@@ -21,7 +21,6 @@ from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
 from ocptip.numerics.jit.compiled import interpreted
-from ocptip.reserves.friction_needed import needed_text
 from ocptip.task_files.scene import read_scene
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -143,6 +142,8 @@ class StandReport(GatedReport):
         if np.isfinite(found.slip.GT[0]):
             full = found.redistribution == "full"
             used = _share_text(found.slip.GT[0])
+            if found.slip.slide_acceleration[0] > 0 and (demand := found.friction_demand):
+                used = demand.used
             rows.append(("Friction used", used + (", shared optimally" if full else "")))
         if found.equal:
             used = _share_text(found.equal.GT[0])
@@ -172,8 +173,6 @@ class StandReport(GatedReport):
         found = self.found
         state, solver = found.state, found.verdict.state
         lines = self._indices() if self.verbose else []
-        if found.slip.slide_acceleration[0] > 0 and found.friction_needed:
-            lines.append(("friction", needed_text(found.friction_needed)))
         if found.remark:
             lines.append(("note", found.remark))
         if found.feet:
@@ -255,4 +254,6 @@ def _axis_text(found: Standing) -> str:
     noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
     # Friction and inertia of a base that slides change its normal forces.
     moves = ", of the base as it slides" if found.slip.slide_acceleration[0] > 0 else ""
-    return f"{quantity(axis['moment_reserve'], 'N m')} (axis through {noun} {through}{moves})"
+    about = f"(axis through {noun} {through}{moves})"
+    margin, _, missing = margin_text(axis["moment_reserve"], "N m", 4).partition(": ")
+    return f"{margin} {about}{missing and f': {missing}'}"

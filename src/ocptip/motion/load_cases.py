@@ -16,7 +16,6 @@ import numpy as np
 from ocptip.basics.errors import finite_array
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_normal_forces
-from ocptip.reserves.tipping import moment_at
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import Robot
 
@@ -185,14 +184,13 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
     pairs = list(product(range(len(downhill)), range(len(towards))))
     wrenches = np.vstack([loads.wrenches(gravities[i], payload, push * towards[k]) for i, k in pairs])
     states = robot.contact_states(wrenches)
-    GN = robot.tip_over.evaluate(states).GN
-    GT = _slips(robot, states)
-    reference, worst = robot.tip_over.reference_moment, float(np.max(GN))
-    margin = None if reference is None else moment_at(worst, reference)
+    tip = robot.tip_over.evaluate(states)
+    GN, GT = tip.GN, _slips(robot, states)
+    margin = None if robot.tip_over.reference_moment is None else float(np.min(tip.margins))
     use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
     i, k = pairs[int(np.argmax(use)) // len(loads.process)]
     return LoadCase(
-        name, float(payload), float(tilt), float(push), worst, float(np.max(GT)),
+        name, float(payload), float(tilt), float(push), float(np.max(GN)), float(np.max(GT)),
         float(np.min(reported_normal_forces(states))), bool(np.all(use < 1)),
         tuple(downhill[i].tolist()), tuple(towards[k].tolist()), margin,
     )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ocptip.motion.check import MotionCheck
@@ -65,7 +65,8 @@ ZERO_MOMENT_POINT, TORQUE, CLEARANCE = "zero_moment_point_to_edge_m", "torque_us
 def motion_margins(robot: StandingMechanism, checked: MotionCheck) -> tuple[MotionMargin, ...]:
     """The margins of a checked motion.
 
-    The tip-over index GN = M0 / (M0 + M) of a margin M is turned back into N m with M0 of the base.
+    The tip-over index GN = M0 / (M0 + M) of a margin M is turned back into N m with M0 of the base. Beyond
+    the limits a tipping margin is negative. The friction used is then the factor on it that would hold.
 
     Args:
         robot: on its base; of a cycle that of any segment.
@@ -110,9 +111,13 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         )
     slip = contacts.friction
     nominal = slip and At(slip.value, slip.time, slip.contacts)
+    worst_slip = of(SLIP_WITHIN)
+    if worst_slip and checked.within and worst_slip.value > 1:  # GT above 1 counts an acceleration
+        factor = checked.within.slip.factor
+        worst_slip = replace(worst_slip, value=factor if math.isfinite(factor) else 1.0)
     if "GT" in worst:
         limits = worst["GT"].limit, limit(SLIP_WITHIN)
-        yield MotionMargin(FRICTION, nominal, of(SLIP_WITHIN), *limits, False, used("GT", SLIP_WITHIN))
+        yield MotionMargin(FRICTION, nominal, worst_slip, *limits, False, used("GT", SLIP_WITHIN))
     # Rigid feet that can share the load differently: as if equally compliant, where one may have to pull.
     force, within = contacts.alike or force, checked.within
     worst_force = within and (within.alike or within.foot_force)

@@ -30,13 +30,18 @@ REFERENCE_SHARE = 0.1
 
 
 def moment_at(index: float, reference: float | None) -> float:
-    """Minimum moment about a tipping axis, N m, that gives this tip-over index; 0 where the base tips.
+    """Minimum moment about a tipping axis, N m, that gives this index: the inverse of `TipOver.ratio`.
+
+    Negative where the base tips: so much is missing. An index above 1 that counts the acceleration of what
+    lifts does not tell.
 
     Args:
-        index: GN = M0 / (M0 + M).
+        index: GN = M0 / (M0 + M), above 1 it is 1 - M / M0.
         reference: M0, N m; None where nothing tips.
     """
-    return reference * (1 / index - 1) if reference and 0 < index < 1 else 0.0
+    if not reference or index <= 0:
+        return 0.0
+    return reference * (1 / index - 1 if index < 1 else 1 - index)
 
 
 class TipOver:
@@ -160,6 +165,18 @@ class TipOver:
             tip_over=self,
             slopes=slopes,
         )
+
+    def moments_of(self, wrenches: np.ndarray, normal_forces: np.ndarray) -> np.ndarray:
+        """(N, axes) N m that can be added to wrenches (N, w), negative where the base tips.
+
+        Args:
+            wrenches: N and N m about the centre of mass.
+            normal_forces: (N, n), N, see `AddableMoments.found`.
+        """
+        addable = self.addable_moments
+        if self.on_plane:
+            return wrenches @ addable.slope.T + addable.offset
+        return addable(wrenches, normal_forces)[0]
 
     def _in_general_position(self, states: ContactStates) -> tuple[np.ndarray, np.ndarray]:
         """Moments (N, axes) and derivatives (N, axes, 6) with respect to what the contact forces balance.
@@ -298,16 +315,36 @@ class TipOverReserve:
         return self.slopes @ balanced
 
     @cached_property
+    def margins(self) -> np.ndarray:
+        """(N, axes) N m that can be added about the axes; where the base tips, negative: so much is missing.
+
+        A base that tips is not in equilibrium: its normal forces, and so `moments`, belong to its motion.
+        Missing is the couple that would have to be added to the load. A base that lifts only because it
+        slides misses none.
+        """
+        margins, rows = np.maximum(self.moments, 0.0), np.flatnonzero(self.lifting_contact >= 0)
+        if len(rows) and self.tip_over.axes and not self.tip_over.free_rotation:
+            states = self.states.select(rows)
+            moments = self.tip_over.moments_of(states.wrenches, states.contact_forces[:, :, 0])
+            tips = np.min(moments, axis=1) < 0
+            margins[rows[tips]] = moments[tips]
+        return margins
+
+    @cached_property
     def edge_distances(self) -> np.ndarray:
         """(N,) distance of the zero-moment point from the nearest edge of the support polygon, m.
 
-        Moments of normal forces about the edges, divided by the sum of the forces. NaN where contacts are not
-        ordinary ones on one plane that bounds an area, or carry no load.
+        Moments of normal forces about the edges, divided by the sum of the forces; negative beyond the edge,
+        where the base tips. NaN where contacts are not ordinary ones on one plane that bounds an area, or
+        carry no load.
         """
         total = np.sum(self.states.contact_forces[:, :, 0], axis=1)
+        smallest = np.min(self.margins, axis=1, initial=np.inf)
+        if (tips := smallest < 0).any():  # contact forces are those of the motion: the load counts
+            normal = self.states.support.frames[0, :, 0]
+            total[tips] = -self.states.wrenches[tips, : len(normal)] @ normal
         known = self.tip_over.on_polygon & (total > 0)
-        smallest = np.min(self.moments, axis=1, initial=np.inf)
-        return np.divide(np.maximum(smallest, 0.0), total, out=np.full(len(total), np.nan), where=known)
+        return np.divide(smallest, total, out=np.full(len(total), np.nan), where=known)
 
     @cached_property
     def gradient(self) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ocptip.basics.text import percent, quantity
 from ocptip.reserves.equal_compliance import equal_sharing
+from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.standing.instants import Loaded
 
 _ALIKE = 1e-6
@@ -54,10 +55,14 @@ class ContactMargins:
     Attributes:
         force: minimum distance of a normal force from the end at which its contact lets go, N: for ordinary
             contacts the normal force. Rigid feet whose sharing is not determined: as if equally compliant.
-        moment: minimum moment left about a tipping axis, N m.
-        edge: minimum distance of the zero-moment point from the edge of the support polygon, m; only for
-            ordinary contacts on one plane.
-        friction: maximum share of a contact's friction in use, where forces are shared optimally.
+        moment: minimum moment left about a tipping axis, N m; negative where the base tips: so much is
+            missing.
+        edge: minimum distance of the zero-moment point from the edge of the support polygon, m, negative
+            beyond it; only for ordinary contacts on one plane.
+        friction: maximum share of a contact's friction in use, where forces are shared optimally; where the
+            base slides, the factor on the friction that would hold it.
+        missing: the tangential force that is missing at that instant, N; None unless the base slides, and
+            tangential forces would hold it.
         unique: the normal forces are determined; otherwise those of motion.csv are one possible sharing.
         weak: number of instants at which forces can hold the base, but the contact solver came upon a motion,
             see `contact.resting`; there may be more at which it did not.
@@ -77,6 +82,7 @@ class ContactMargins:
     first_weak: float = np.inf
     alike: Margin | None = None
     equal_friction: Margin | None = None
+    missing: Margin | None = None
 
     @classmethod
     def of(cls, at: Loaded, times: np.ndarray) -> ContactMargins:
@@ -86,16 +92,18 @@ class ContactMargins:
         weak = at.states.persistent & at.states.without_basis
         unique, equal = at.robot.slip.redistribution == "tangential", equal_sharing(at.states)
         force = equal.normal_forces if equal else tip.normal_reserves
+        needed, missing = _beyond_friction(at, times)
         return cls(
             force=_least(np.maximum(force, 0.0), times),
-            moment=None if tip_over.free_rotation else _least(np.maximum(tip.moments, 0.0), times, pairs),
+            moment=None if tip_over.free_rotation else _least(tip.margins, times, pairs),
             edge=_least(tip.edge_distances[:, None], times, [()]),
-            friction=_most(at.largest_slip.usage, times),
+            friction=needed or _most(at.largest_slip.usage, times),
             unique=unique,
             weak=int(np.count_nonzero(weak)),
             first_weak=float(np.min(times[weak], initial=np.inf)),
             alike=equal and _least(equal.if_all_pressed, times),
             equal_friction=equal and _most(equal.usage, times),
+            missing=missing,
         )
 
     def worse(self, other: ContactMargins) -> ContactMargins:
@@ -110,6 +118,7 @@ class ContactMargins:
             min(self.first_weak, other.first_weak),
             _smaller(self.alike, other.alike),
             _smaller(self.equal_friction, other.equal_friction, -1.0),
+            _smaller(self.missing, other.missing, -1.0),
         )
 
     @property
@@ -125,7 +134,7 @@ class ContactMargins:
 
     def later(self, seconds: float) -> ContactMargins:
         """These margins with their times shifted by `seconds`."""
-        names = ("force", "moment", "edge", "friction", "alike", "equal_friction")
+        names = ("force", "moment", "edge", "friction", "alike", "equal_friction", "missing")
         known = {name: margin for name in names if (margin := getattr(self, name))}
         shifted = {name: margin.later(seconds) for name, margin in known.items()}
         return replace(self, **shifted, first_weak=self.first_weak + seconds)
@@ -134,6 +143,7 @@ class ContactMargins:
         """Plain data for JSON; units are in the keys."""
         names = {"least_normal_force_N": self.force, "least_moment_Nm": self.moment}
         names |= {"least_edge_distance_m": self.edge, "friction_use": self.friction}
+        names |= {"friction_missing_N": self.missing}
         data = {name: margin and margin.to_dict() for name, margin in names.items()}
         first = self.first_weak if self.weak else None
         return {
@@ -156,6 +166,7 @@ class ContactMargins:
             ("minimum tipping margin", self.moment, lambda value: quantity(value, "N m", 3)),
             ("zero-moment point to the edge", self.edge, lambda value: quantity(1e3 * value, "mm", 3)),
             ("maximum friction used", self.friction, percent),
+            ("tangential force that is missing", self.missing, lambda value: quantity(value, "N", 3)),
             ("the same with equally compliant feet", self.equal_friction, percent),
         )
         return [f"{name} {text(own.value)} {own}" for name, own, text in named if own]
@@ -176,6 +187,21 @@ def _least(
         return Margin(value, float(times[i]), names[k])
     alike = np.flatnonzero(known[i] <= value + _ALIKE * abs(value))
     return Margin(value, float(times[i]), tuple(int(j) + 1 for j in alike))
+
+
+def _beyond_friction(at: Loaded, times: np.ndarray) -> tuple[Margin | None, Margin | None]:
+    """At the instant at which the base slides fastest: the factor on the friction that would hold it, and the
+    tangential force that is missing, N. None unless it slides, and such a factor or force is known.
+    """
+    k = int(np.argmax(np.nan_to_num(at.largest_slip.slide_acceleration)))
+    if not at.largest_slip.slide_acceleration[k] > 0:
+        return None, None
+    demand = FrictionDemand.of(at.states.support, at.states.wrenches[k])
+    needed, missing = (
+        Margin(value, float(times[k])) if np.isfinite(value) and value > least else None
+        for value, least in ((demand.factor, 1.0), (demand.missing, 0.0))
+    )
+    return needed, missing
 
 
 def _most(values: np.ndarray, times: np.ndarray) -> Margin | None:

@@ -36,8 +36,7 @@ class Margins:
         GN: tip-over index: from 1 on the base tips.
         GT: friction utilisation where forces are shared optimally: from 1 on the base slips.
         tipping_moment: N m that can be added about the nearest tipping axis. Infinite without an axis, zero
-            about a line of contacts. Where the base tips it is what is missing, negative, if all contacts lie
-            in one plane, else zero.
+            about a line of contacts. Where the base tips it is negative: so much is missing.
         tipping_contacts: (2,) the contacts of that axis, from 1; 0 for none.
         edge_distance: m, of the zero-moment point from the edge of the support polygon; NaN unless ordinary
             contacts lie in one plane.
@@ -106,7 +105,7 @@ class Margins:
             slips=~lifts & states.solved & ~states.persistent,
             GN=tip.GN,
             GT=slipping.GT,
-            tipping_moment=np.where(states.solved, _moments(states, tip_over, tip.moments), np.nan),
+            tipping_moment=np.where(states.solved, _moments(states, tip_over, tip.margins), np.nan),
             tipping_contacts=_pairs(tip_over)[tip.nearest_axis + 1],
             edge_distance=tip.edge_distances,
             normal_forces=shown.normal_forces,
@@ -161,11 +160,11 @@ def _pairs(tip_over: TipOver) -> np.ndarray:
     return np.array([(0, 0), *(sorted(k + 1 for k in axis.contacts) for axis in tip_over.axes)])
 
 
-def _moments(states: ContactStates, tip_over: TipOver, moments: np.ndarray) -> np.ndarray:
-    """(N,) N m left about the nearest axis; below zero where that follows from the wrench alone."""
+def _moments(states: ContactStates, tip_over: TipOver, margins: np.ndarray) -> np.ndarray:
+    """(N,) N m left about the nearest axis; on a plane the load alone decides, also where it moves."""
     if tip_over.free_rotation:
         return np.zeros(len(states))
     if (affine := tip_over.affine_moments) is not None:
         slope, offset = affine
         return np.min(states.wrenches @ slope.T + offset, axis=1)
-    return np.maximum(np.min(moments, axis=1, initial=np.inf), 0.0)
+    return np.min(margins, axis=1, initial=np.inf)

@@ -53,8 +53,8 @@ class Reserves:
 
     @property
     def moment(self) -> float:
-        """Minimum tipping margin, N m; NaN where nothing tips."""
-        return moment_at(self.GN, self.reference) if self.reference else float("nan")
+        """Minimum tipping margin, N m; 0 where the base tips, NaN where nothing does."""
+        return moment_at(min(self.GN, 1.0), self.reference) if self.reference else float("nan")
 
     def cells(self) -> list[str]:
         """Tipping margin, friction used and minimum foot force as people read them."""

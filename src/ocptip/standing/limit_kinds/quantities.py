@@ -11,7 +11,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ocptip.reserves.friction_needed import friction_needed, needed_text
+from ocptip.basics.text import margin_text
+from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import known
 from ocptip.reserves.tipping import TipMap, moment_at
 from ocptip.standing.footing import Footing
@@ -198,21 +199,28 @@ class TipOverQuantity(ContactQuantity):
             return self.measure(at)
         return self.footing.tip_over.ratio(np.min(self.moments(at.wrenches)[0], axis=1))
 
+    def detail(self, at: Instants) -> str:
+        """GN above 1 counts the acceleration of what lifts: the moment that is missing is another number."""
+        return "" if at.tip.GN[0] <= 1 else self._left(at)
+
+    def _left(self, at: Instants) -> str:
+        """The moment left or missing in a single instant, and about which contacts; empty without an axis."""
+        axes, margins = self.footing.tip_over.axes, at.tip.margins[0]
+        if not len(axes) or not np.isfinite(least := float(np.min(margins))):
+            return ""
+        first, second = sorted(axes[int(np.argmin(margins))].contacts)
+        return f"tipping margin {margin_text(least, 'N m')} about contacts {first + 1} and {second + 1}"
+
     def kept(self, at: Instants) -> bool:
         if self.affine:  # contact states are not needed
             return not self.width or bool(np.min(self.moments(at.wrenches)[0]) >= self.least_moment)
         return bool(np.all(self.measure(at) <= self.number))
 
     def refusals(self, at: Instants) -> list[str]:
-        tip, axes = at.tip, self.footing.tip_over.axes
-        if tip.GN[0] <= self.number:
+        if at.tip.GN[0] <= self.number:
             return []
-        index, where = int(tip.nearest_axis[0]), ""
-        if 0 <= index < len(axes):
-            first, second = sorted(axes[index].contacts)
-            where = f" (tipping axis through contacts {first + 1} and {second + 1}, moment margin "
-            where += f"{tip.moments[0, index]:.4g} N m)"
-        return [f"tip-over GN is {tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
+        where = f" ({left})" if (left := self._left(at)) else ""
+        return [f"tip-over GN is {at.tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
 
     def path_excess(self, at: Instants) -> float:
         if not self.width:
@@ -306,8 +314,8 @@ class SlipQuantity(ContactQuantity):
         """GT above 1 counts the acceleration of what slides: the friction needed is another number."""
         if not at.slip.GT[0] > 1:
             return ""
-        needed = friction_needed(self.footing.support, at.wrenches[0])
-        return "" if np.isnan(needed) else needed_text(needed)
+        demand = FrictionDemand.of(self.footing.support, at.wrenches[0])
+        return "" if np.isnan(demand.factor) else f"friction used {demand.used}"
 
     def kept(self, at: Instants) -> bool:
         return bool(np.all(self.footing.slip.above(at.wrenches, self.number) <= self.number))

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.text import quantity
+from ocptip.basics.text import margin_text, quantity
 from ocptip.reserves.equal_compliance import equal_normal_map
+from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import known
 from ocptip.standing.arm import Robot
 from ocptip.standing.contact_margins import Margin
@@ -49,6 +50,7 @@ class WorstInstant:
         left: what is left there, in words.
         bound: of GN: what it can be at most at this instant, with products of deviations that were not tried;
             None for GT, which is the worst result of a search.
+        factor: of GT: on the friction with which the contacts hold the base; NaN where it is not known.
     """
 
     value: float
@@ -56,13 +58,17 @@ class WorstInstant:
     how: str
     left: str
     bound: float | None
+    factor: float = np.nan
 
     def __str__(self) -> str:
         return f"{self.how}, at {self.time:.3f} s: {self.left}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return dict(vars(self))
+        own = dict(vars(self))
+        if not np.isfinite(own["factor"]):
+            del own["factor"]
+        return own
 
 
 @dataclass(frozen=True)
@@ -358,7 +364,7 @@ def _worst_tip(cases: WorstCase, at: DelayedStates) -> WorstInstant:
     missed = float(cases.deviations.missed(state, theta, slopes, max_delay)[0])
     moment = float(found.values[k])
     first, second = sorted(c + 1 for c in cases.footing.tip_over.axes[axes[k]].contacts)
-    left = f"{quantity(moment, 'N m', 3)} left about contacts {first} and {second}"
+    left = f"tipping margin {margin_text(moment, 'N m')} about contacts {first} and {second}"
     left += _kept(cases, state, theta)
     value, bound = (float(cases.tip_ratio(np.array(m))) for m in (moment, moment - missed))
     return WorstInstant(value, float(at.times[row]), _how(cases, found, k, at.words[row]), left, bound)
@@ -369,11 +375,13 @@ def _worst_slip(cases: WorstCase, at: DelayedStates) -> WorstInstant:
     at = at.some(np.argsort(-found.values, kind="stable")[:FROM_MORE])
     found = cases.slip(at.s, STARTS, max_delay=at.max_delay)
     k = int(np.argmax(found.values))
-    left = (
-        f"friction used {100 * found.values[k]:.3g} %{_kept(cases, at.s[k : k + 1], found.theta[k : k + 1])}"
-    )
-    how = _how(cases, found, k, at.words[k])
-    return WorstInstant(float(found.values[k]), float(at.times[k]), how, left, None)
+    value, state, theta = float(found.values[k]), at.s[k : k + 1], found.theta[k : k + 1]
+    used, factor = f"{100 * value:.3g} %", value
+    if value > 1:
+        demand = FrictionDemand.of(cases.footing.support, cases.deviations.wrench(state, theta)[0][0])
+        used, factor = demand.used, demand.factor
+    left = f"friction used {used}{_kept(cases, state, theta)}"
+    return WorstInstant(value, float(at.times[k]), _how(cases, found, k, at.words[k]), left, None, factor)
 
 
 def _how(cases: WorstCase, found: WorstDeviations, k: int, words: str) -> str:

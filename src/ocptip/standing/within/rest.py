@@ -22,8 +22,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import quantity
+from ocptip.basics.text import margin_text, quantity
 from ocptip.contact.support import Load, Support
+from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.tipping import TipMap, TipOver, moment_at
 from ocptip.standing.footing import Footing
 from ocptip.standing.tolerance import Uncertainty
@@ -102,6 +103,7 @@ class WithinAtRest:
         tolerance: the part of the uncertainty that counts.
         scope: name of the uncertainty.
         GN, GT: at the worst.
+        demand: of friction, there.
         GN_worst, GT_worst: what is off there, in words.
         stands: no contact is lost.
         reason: where one is, which quantity alone is too much and how much of it is not.
@@ -113,6 +115,7 @@ class WithinAtRest:
     scope: str
     GN: float
     GT: float
+    demand: FrictionDemand
     GN_worst: str
     GT_worst: str
     stands: bool
@@ -123,10 +126,11 @@ class WithinAtRest:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         own = {name: getattr(self, name) for name in ("GN", "GT", "GN_worst", "GT_worst", "stands", "reason")}
-        return {"tolerance": self.tolerance.to_dict(), **own, "ignored": list(self.ignored)}
+        missing = {"friction_missing_N": max(self.demand.missing, 0.0)}
+        return {"tolerance": self.tolerance.to_dict(), **own, **missing, "ignored": list(self.ignored)}
 
     def tipping_margin(self, reference: float) -> float:
-        """N m, at the worst, by M0 of GN, N m; 0 where the base tips."""
+        """N m, at the worst, by M0 of GN, N m; negative where the base tips: so much is missing."""
         return moment_at(self.GN, reference)
 
     def lines(self, reference: float | None) -> list[str]:
@@ -138,9 +142,9 @@ class WithinAtRest:
         verdict = "no contact is lost" if self.stands else f"A CONTACT IS LOST: {self.reason}"
         found = [f"{self.tolerance}: {verdict}"]
         if reference:
-            left = quantity(self.tipping_margin(reference), "N m")
+            left = margin_text(self.tipping_margin(reference), "N m", 4)
             found.append(f"tipping margin >= {left} ({self.GN_worst or 'nominal'})")
-        used = quantity(100 * self.GT, "%", 3) if self.GT <= 1 else "more than all of it"
+        used = quantity(100 * self.GT, "%", 3) if self.GT <= 1 else self.demand.used
         found.append(f"friction used <= {used} ({self.GT_worst or 'nominal'})")
         return found + ([f"not included at rest: {', '.join(self.ignored)}"] if self.ignored else [])
 
@@ -246,7 +250,8 @@ def found_within(
 
     reason, possible = ("", 1.0) if stands else why_not(tolerance, searched, kept)
     worst = first.words(tip), other.words(slip)
-    return WithinAtRest(tolerance, scope, GN, GT, *worst, stands, reason, possible, ignored)
+    demand = other.demand(slip)
+    return WithinAtRest(tolerance, scope, GN, GT, demand, *worst, stands, reason, possible, ignored)
 
 
 class RestCase:
@@ -315,6 +320,10 @@ class RestCase:
             slopes = -np.nan_to_num(reserve.gradient)
             offs = [self._worst(slope, off.gravity) for slope, off in zip(slopes, offs, strict=True)]
         return best, found
+
+    def demand(self, off: Off) -> FrictionDemand:
+        """Of friction, with these deviations."""
+        return FrictionDemand.of(self.footing.support, self._wrenches([off])[0])
 
     def words(self, off: Off) -> str:
         """The deviations in words: "base mass -0.5 kg, tilt 0.5 deg towards -y"."""
