@@ -8,6 +8,7 @@ import pytest
 import ocptip.motion.check as check_module
 import ocptip.reserves.slip as slip_module
 from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
@@ -142,6 +143,19 @@ def test_a_motion_that_slides_is_told_the_friction_that_it_needs():
     assert worst.detail.startswith(f"friction used {100 * factor:.0f} %: ")
     assert worst.detail.endswith("N of tangential force are missing")
     assert worst.detail in checked.violations[[v.startswith("GT") for v in checked.violations].index(True)]
+
+
+def test_weak_instants_are_counted_on_the_first_grid_whatever_is_refined(monkeypatch):
+    robot, motion = reference("A", "printed")
+    corners = [(x, y, 0.0) for x in (-0.25, 0.25) for y in (-0.2, 0.2)]
+    feet = [UnilateralContact(position=at, friction=0.08, facets=12) for at in corners]
+    robot, motion = robot.varied(support=robot.support.varied(feet)), motion.time_scaled(0.9)
+    refined = check_motion(robot, motion, step=0.02)
+    monkeypatch.setattr("ocptip.motion.check._ROUNDS", 1)
+    coarse = check_motion(robot, motion, step=0.02)
+    assert refined.samples > coarse.samples
+    assert refined.contacts.weak == coarse.contacts.weak > 0
+    assert refined.contacts.first_weak == coarse.contacts.first_weak
 
 
 def test_joint_limits_are_checked_exactly():

@@ -253,7 +253,8 @@ def _axis_text(found: Standing) -> str:
     through = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
     noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
     # Friction and inertia of a base that slides change its normal forces.
-    moves = ", of the base as it slides" if found.slip.slide_acceleration[0] > 0 else ""
+    slides = found.slip.slide_acceleration[0] > 0 and axis["moment_reserve"] >= 0
+    moves = ", of the base as it slides" if slides else ""
     about = f"(axis through {noun} {through}{moves})"
     margin, _, missing = margin_text(axis["moment_reserve"], "N m", 4).partition(": ")
     return f"{margin} {about}{missing and f': {missing}'}"

@@ -74,6 +74,11 @@ def floor_text(collision: dict[str, Any]) -> str:
     return ", ".join(planes)
 
 
+def broken_in_stops(headline: str) -> str:
+    """The verdict where stops of a motion break limits that the motion itself, with this headline, keeps."""
+    return f"LIMITS BROKEN in stops; the motion itself is {headline}"
+
+
 @dataclass(frozen=True)
 class MotionCheck:
     """Outcome of the check of a motion.
@@ -150,7 +155,7 @@ class MotionCheck:
         if self.within is not None:
             word += f"for {self.within.tolerance.scope}"
         word += self._if_equally_compliant + self._nominal_speeds + self.scope
-        return word if self.verified else f"LIMITS BROKEN in stops; the motion itself is {word}"
+        return word if self.verified else broken_in_stops(word)
 
     @property
     def _if_equally_compliant(self) -> str:
@@ -268,7 +273,8 @@ def check_motion(
         unsolved += found.unsolved
         uncertified += found.uncertified
         standing &= found.standing
-        contacts, ends = found.contacts.worse(contacts or found.contacts), found.ends
+        # The grid is refined for the limits that are asked for; what is counted must not depend on them.
+        contacts, ends = contacts.worse(found.contacts.uncounted) if contacts else found.contacts, found.ends
         for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
             if len(times):
                 grid.add(times, values)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ocptip.basics.text import quantity, table
-from ocptip.motion.check import MotionCheck
+from ocptip.motion.check import MotionCheck, broken_in_stops
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
@@ -150,7 +150,7 @@ class CheckedMotion:
         if self.verified:
             nominal = self.check.within and any(stops.kinds != "cancel" for stops in self.stops.values())
             return f"{own}; stops CHECKED at samples{' in the nominal model' if nominal else ''}"
-        return f"LIMITS BROKEN in stops; the motion itself is {own}"
+        return broken_in_stops(own)
 
     @property
     def broken(self) -> tuple[str, ...]:

@@ -64,8 +64,8 @@ class ContactMargins:
         missing: the tangential force that is missing at that instant, N; None unless the base slides, and
             tangential forces would hold it.
         unique: the normal forces are determined; otherwise those of motion.csv are one possible sharing.
-        weak: number of instants at which forces can hold the base, but the contact solver came upon a motion,
-            see `contact.resting`; there may be more at which it did not.
+        weak: number of instants of the first grid at which forces can hold the base, but the contact solver
+            came upon a motion, see `contact.resting`; there may be more at which it did not.
         first_weak: the first of them, s; infinite without any.
         alike: where the sharing of rigid feet is not determined: the minimum normal force of equally
             compliant feet, N, below zero if one would have to pull; it lifts then for a while, and the others
@@ -120,6 +120,11 @@ class ContactMargins:
             _smaller(self.equal_friction, other.equal_friction, -1.0),
             _smaller(self.missing, other.missing, -1.0),
         )
+
+    @property
+    def uncounted(self) -> ContactMargins:
+        """These margins without the weak instants, which are counted elsewhere."""
+        return replace(self, weak=0, first_weak=np.inf)
 
     @property
     def differs(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Uncertainty
@@ -42,6 +43,12 @@ class MovingCase:
         cases = self._cases.moving(self._motion)
         worst = cases.slip(self._s, starts=_STARTS)
         return float(worst.values[0]), (worst.theta - cases.deviations.nominal(1))[0]
+
+    def demand(self, off: np.ndarray) -> FrictionDemand:
+        """Of friction, with these deviations."""
+        cases = self._cases.moving(self._motion)
+        wrench = cases.deviations.wrench(self._s, cases.deviations.nominal(1) + off)[0][0]
+        return FrictionDemand.of(cases.footing.support, wrench)
 
     def words(self, off: np.ndarray) -> str:
         """The deviations in words."""

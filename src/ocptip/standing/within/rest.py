@@ -217,6 +217,10 @@ class CaseWithin(Protocol):
         """GT at the worst, and the deviations there."""
         ...
 
+    def demand(self, off: Any) -> FrictionDemand:
+        """Of friction, with these deviations."""
+        ...
+
     def words(self, off: Any) -> str:
         """Deviations in words."""
         ...
