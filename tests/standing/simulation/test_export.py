@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.bindings.clamps import ForceVariableHalfRigidClamp, RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.bodies import exists, real_bodies
@@ -143,7 +143,7 @@ def test_feet_that_give_have_their_mass_from_the_base():
     assert np.allclose(rigid[:6, :6], given_way[:6, :6], atol=1e-9)
 
 
-def test_rigid_clamps_have_two_jaws_and_preloaded_ones_are_refused():
+def test_clamps_have_two_jaws_and_those_on_springs_or_levers_are_refused():
     robot = ROBOTS["A"]
     own = robot.support
     clamp = RigidClamp(position=own.contacts[0].position, friction_upper=0.2, friction_lower=0.3)
@@ -151,8 +151,27 @@ def test_rigid_clamps_have_two_jaws_and_preloaded_ones_are_refused():
     model = mujoco.MjModel.from_xml_string(to_mjcf(robot.varied(support=support)))
     assert model.npair == 4
     assert sorted(model.pair_friction[:, 0]) == [0.2, 0.2, 0.2, 0.3]
-    with pytest.raises(InputError, match="contact 3: a force-constant-half-rigid-clamp has no model"):
-        to_mjcf(experiment_task("C").robot)
+    spring = ForceVariableHalfRigidClamp(
+        position=own.contacts[0].position, friction_upper=0.2, friction_lower=0.3, clamp_force=9.0
+    )
+    with pytest.raises(InputError, match="contact 1: a force-variable-half-rigid-clamp has no model"):
+        to_mjcf(robot.varied(support=own.varied([spring, *own.contacts[1:]])))
+
+
+def test_jaw_of_constant_force_presses_with_it_wherever_it_is():
+    robot = experiment_task("C").robot
+    model = mujoco.MjModel.from_xml_string(to_mjcf(robot))
+    data = mujoco.MjData(model)
+    jaw = model.joint("jaw3")
+    assert model.npair == 4
+    assert model.body_mass.sum() == pytest.approx(robot.mass + 0.03 * robot.support.mass, rel=1e-12)
+    for travel in (0.0, 0.02):
+        data.qpos[jaw.qposadr] = travel
+        mujoco.mj_forward(model, data)
+        force = data.qfrc_passive - data.qfrc_bias  # gravity and its compensation
+        assert force[jaw.dofadr] == pytest.approx(29.33, abs=1e-6)
+        assert data.xaxis[jaw.id] == pytest.approx([0, 0, -1])  # downwards onto the base
+    assert "jaws of clamps" in to_urdf(robot)
 
 
 def test_parallel_robots_are_refused():

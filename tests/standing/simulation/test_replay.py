@@ -139,6 +139,34 @@ def test_rigid_clamps_pull(plan):
     assert replay.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=5e-3)
 
 
+@pytest.mark.parametrize("case", ["C", pytest.param("F", marks=pytest.mark.slow)])
+def test_clamp_of_constant_force_holds_and_slips_as_the_library_says(case):
+    """K3 of cases C and F is pressed with 29.33 N: forces, and the friction with which the base slips."""
+    robot, motion = plan_of(f"{case}-effective")
+    part = Part(robot, motion)
+    worst = json.loads((ROOT / f"studies/results/plans/{case}-effective/plan.json").read_text())["worst"]
+    simulator, GT = Simulator((part,)), worst["GT"]["value"]
+    enough, too_little = (simulator.run(World(friction=f * GT)) for f in (1.05, 0.85))
+    beside = compared((part,), enough)
+    assert enough.stands
+    assert beside.stands
+    assert beside.rms < 1.0  # N
+    assert -29.34 < enough.forces[:, 2].min() == pytest.approx(beside.least[2], abs=2.0)
+    assert enough.slide < 0.02e-3 < 0.05e-3 < too_little.slide  # m
+
+
+def test_clamp_lets_go_beyond_its_force():
+    """A base that would tip without its clamp: the pressed foot lifts where the pull exceeds the force."""
+    robot, motion = plan_of("C-effective")
+    weaker = replace(robot.support.contacts[2], clamp_force=10.0)
+    support = robot.support.varied([*robot.support.contacts[:2], weaker])
+    replay = Simulator((Part(robot.varied(support=support), motion),)).run()
+    lifted = replay.heights[:, 2] > 0.5e-3
+    assert np.median(replay.forces[lifted, 2]) == pytest.approx(-10.0, abs=1.0)  # and the jaw's inertia
+    assert not replay.stands
+    assert replay.lift > 0.5e-3
+
+
 @pytest.mark.parametrize("rise", [0.02, 0.08])
 def test_s_curves_are_replayed_as_planned(plan, rise):
     """The ramps of plan A with accelerations that rise: slower, and forces without jumps."""

@@ -1,22 +1,19 @@
 """An arm on its base as a MuJoCo model (MJCF): free base, feet on the ground, arm, rotors, payload, motion.
 
 World axes are the base axes at the start. All masses are the model's, see `bodies`; a compliant foot is a
-small body on springs, whose mass is taken from the base.
+small body on springs, whose mass is taken from the base. What presses a clamp with a constant force is a body
+that slides along the normal, pushed by a spring of almost constant force.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.bindings.binding import Binding
-from ocptip.contact.bindings.clamps import RigidClamp
-from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import RigidBody, parallel_axis
 from ocptip.robots.bodies import ArmBodies, exists, real_bodies
@@ -26,6 +23,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.springs import Modes
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
+from ocptip.standing.simulation.jaws import jaws_of, pressed
 from ocptip.trajectories.trajectory import Trajectory
 
 BASE, PAYLOAD, PROCESS = "base", "payload", "process"
@@ -36,6 +34,8 @@ SENSOR = 2.5e-3  # m: so far below a sole is what measures its force, not that o
 STEP = 1e-4  # s
 FOOT_BODY = "foot"  # begins the name of a compliant foot
 FOOT = 0.03  # mass of a compliant foot over that of the base, from which it is taken
+JAW_BODY = "jaw"  # begins the name of what presses a clamp
+JAW = 0.03  # its mass over that of the base; gravity does not act on it
 _KEYS = 0.02  # s between keyframes
 _SERVO = 2 * np.pi * 20.0  # rad/s: natural frequency of the actuators
 _POINT = 1e-9  # kg m^2: moments of a point mass
@@ -45,42 +45,6 @@ RIGID = {"solref": [5 * STEP, 1.0], "solimp": [0.9, 0.9, 1e-3, 0.5, 2.0]}
 
 ON_SPRINGS = {"solref": [2 * STEP, 1.0], "solimp": [0.97, 0.97, 1e-3, 0.5, 2.0]}
 """Contact of a sole on springs, which is lighter."""
-
-
-@dataclass(frozen=True)
-class Jaw:
-    """One side of a contact that can push.
-
-    Attributes:
-        contact: number, from 0.
-        normal: (3,) direction in which the ground pushes the base.
-        friction: coefficient.
-    """
-
-    contact: int
-    normal: np.ndarray
-    friction: float
-
-    def name(self, what: str) -> str:
-        """Name of a geom, site or sensor."""
-        return f"{what}{self.contact + 1}"
-
-
-def jaws_of(contact: Binding, number: int) -> list[Jaw]:
-    """The surfaces that touch the base at a contact: the ground, or both jaws of a rigid clamp.
-
-    Raises:
-        InputError: rigid bodies that touch do not behave like this contact.
-    """
-    if isinstance(contact, UnilateralContact):
-        return [Jaw(number, np.asarray(contact.normal), contact.friction)]
-    if isinstance(contact, RigidClamp):
-        upper, lower, normal = contact.friction_upper, contact.friction_lower, np.asarray(contact.normal)
-        return [Jaw(number, normal, upper), Jaw(number, -normal, lower)]
-    raise InputError(
-        f"contact {number + 1}: a {contact.kind} has no model for a simulator (a jaw that presses with "
-        "a given force and rubs); feet and rigid clamps have"
-    )
 
 
 def require_exportable(robot: StandingMechanism) -> Robot:
@@ -104,7 +68,7 @@ def to_mjcf(
     """The robot on its base, and its motion as keyframes, whose controls are the actuators' references.
 
     Args:
-        robot: an arm on feet, which may give, or in rigid clamps.
+        robot: an arm on feet, which may give, or in clamps, rigid or with one jaw of constant force.
         motion: of it; None: the model alone, at joint values 0.
         name: of the model.
         begin: s, time of the first keyframe.
@@ -151,6 +115,12 @@ def remarks_of(robot: Robot) -> list[str]:
     found.append("solref, solimp, the sole's radius and the actuators' gains are numbers for the simulator")
     if robot.support.elastic is not None:
         found.append(f"compliant feet are bodies with {FOOT:g} of the base's mass each, taken from it")
+    if jaws := pressed(robot.support):
+        numbers = ", ".join(str(k + 1) for k in jaws)
+        found.append(
+            f"the jaw that presses contact {numbers} is a body for the simulator; it slides along the normal "
+            f"without weight, has {JAW:g} of the base's mass, and a spring of almost constant force pushes it"
+        )
     if rotors := real_bodies(robot.arm).rotors:
         joints = ", ".join(f"{rotor.joint + 1}" for rotor in rotors)
         found.append(
@@ -241,7 +211,17 @@ def _feet(
         for jaw, side in zip(jaws_of(own, k), ("", "_lower"), strict=False):
             foot, floor = jaw.name("foot") + side, jaw.name("ground") + side
             at = {"pos": text(own.position), "quat": text(_upright(jaw.normal))}
-            add(world, "geom", name=floor, type="plane", size="0.1 0.1 0.01", rgba="0.8 0.8 0.8 1", **at)
+            grey = {"rgba": "0.8 0.8 0.8 1"}
+            if jaw.force:
+                slider = add(world, "body", name=jaw.name(JAW_BODY), gravcomp="1", **at)
+                joint = add(slider, "joint", name=jaw.name(JAW_BODY), type="slide", axis="0 0 1")
+                _spring(joint, jaw.force, 0.0)
+                mass = JAW * support.mass
+                _inertial(slider, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
+                # A plane must not move; the face of this box is where the plane would be.
+                add(slider, "geom", name=floor, type="box", size="0.03 0.03 0.01", pos="0 0 -0.01", **grey)
+            else:
+                add(world, "geom", name=floor, type="plane", size="0.1 0.1 0.01", **grey, **at)
             centre = text(place + SOLE * jaw.normal)
             add(body, "geom", name=foot, type="sphere", size=text(SOLE), pos=centre)
             sliding = text([max(jaw.friction, 1e-5)] * 2 + [1e-3, 1e-5, 1e-5])
@@ -352,7 +332,7 @@ def _drives(root: ET.Element, robot: Robot, bodies: ArmBodies, start: np.ndarray
 
 
 def joint_order(robot: Robot, bodies: ArmBodies, values: np.ndarray) -> np.ndarray:
-    """Joint values or speeds (..., n) as all joints of the model have them: feet, then rotors and links.
+    """Joint values or speeds (..., n) as all joints of the model have them: feet, rotors and links, jaws.
 
     Offsets of joints that follow others are those of values.
     """
@@ -364,14 +344,15 @@ def joint_order(robot: Robot, bodies: ArmBodies, values: np.ndarray) -> np.ndarr
     for k in range(arm.links):
         found += [rotor.ratio * own[..., k] for rotor in bodies.rotors if rotor.joint == k]
         found.append(own[..., k])
-    return np.concatenate([np.zeros((*values.shape[:-1], feet)), np.stack(found, axis=-1)], axis=-1)
+    before, after = (np.zeros((*values.shape[:-1], n)) for n in (feet, len(pressed(robot.support))))
+    return np.concatenate([before, np.stack(found, axis=-1), after], axis=-1)
 
 
 def joint_offsets(robot: Robot, bodies: ArmBodies) -> np.ndarray:
     """The constant part of the joint values beside `joint_order`: offsets of joints that follow others."""
     found = joint_order(robot, bodies, np.zeros(robot.n))
     if (coupling := robot.arm.coupling) is not None:
-        at = len(found) - robot.arm.links - len(bodies.rotors)
+        at = np.count_nonzero(springs_of(robot.support))
         for k in range(robot.arm.links):
             at += sum(rotor.joint == k for rotor in bodies.rotors)
             found[at] = coupling.offsets[k]

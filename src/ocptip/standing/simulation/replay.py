@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, OcptipError
+from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.numerics.vectors import skew
 from ocptip.robots.bodies import real_bodies
@@ -30,6 +31,7 @@ from ocptip.standing.simulation.mjcf import (
     BASE,
     FOOT,
     FOOT_BODY,
+    JAW_BODY,
     ON_SPRINGS,
     PAYLOAD,
     PROCESS,
@@ -167,8 +169,9 @@ class Simulator:
         times = self.step * np.arange(count + 1) - BEFORE
         speeds = sum(_speeds(part.motion, times - part.begin, late) for part in parts)
         speeds = joint_order(robot, bodies, np.asarray(speeds))
-        feet = speeds.shape[1] - robot.arm.links - len(bodies.rotors)
-        controls = np.diff(speeds[:, feet:], axis=0) / self.step
+        feet = np.count_nonzero(springs_of(robot.support))
+        driven = slice(feet, feet + robot.arm.links + len(bodies.rotors))
+        controls = np.diff(speeds[:, driven], axis=0) / self.step
         data = mujoco.MjData(models[0])
         data.qpos[:3], data.qpos[3:7] = robot.support.center_of_mass, [1, 0, 0, 0]
         data.qpos[7:] = joint_order(robot, bodies, parts[0].motion.start) + joint_offsets(robot, bodies)
@@ -209,24 +212,21 @@ class Simulator:
     ) -> Replay:
         contacts = parts[0].robot.support.contacts
         count = len(contacts)
-        forces, heights, slides = (
-            np.zeros((len(sensed), count)),
-            np.zeros((len(sensed), count)),
-            np.zeros(count),
-        )
+        (forces, heights), slides = np.zeros((2, len(sensed), count)), np.zeros(count)
         at = 0
         for k, contact in enumerate(contacts):
-            jaws = 1 if isinstance(contact, UnilateralContact) else 2
-            place = sensed[:, at + 1 : at + 4]
-            for sign in (1, -1)[:jaws]:
+            signs = (1,) if isinstance(contact, UnilateralContact) else (1, -1)
+            place, held = sensed[:, at + 1 : at + 4], np.zeros(len(sensed), dtype=bool)
+            for sign in signs:
                 forces[:, k] += sign * sensed[:, at]
+                held |= sensed[:, at] > 0
                 at += 4
             away = place - place[0]
             height = (place - np.asarray(contact.position)) @ contact.normal + SENSOR
-            if jaws == 1:
+            if not isinstance(contact, RigidClamp):
                 heights[:, k] = np.maximum(height, 0.0)
             across = np.linalg.norm(away - (away @ contact.normal)[:, None] * contact.normal, axis=1)
-            slides[k] = np.max(across, where=forces[:, k] > 0, initial=0.0)
+            slides[k] = np.max(across, where=held, initial=0.0)
         middle = times[:-1] + 0.5 * self.step
         own = [part.begin + np.append(part.motion.event_times, part.end - part.begin) for part in parts]
         events = (np.concatenate(own)[:, None] + late[None]).ravel()
@@ -275,7 +275,7 @@ def prescribed(text: str, step: float) -> Any:
             spec.delete(what)
     spec.option.timestep = step
     for joint in spec.joints:
-        if joint.parent.name == BASE or joint.parent.name.startswith(FOOT_BODY):
+        if joint.parent.name == BASE or joint.parent.name.startswith((FOOT_BODY, JAW_BODY)):
             continue
         joint.armature = _PRESCRIBED
         motor = spec.add_actuator(name=joint.name, target=joint.name)

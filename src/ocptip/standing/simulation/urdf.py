@@ -87,6 +87,8 @@ def _lost(robot: Robot) -> list[str]:
         f"{getattr(c, 'friction', None) or getattr(c, 'friction_upper', 0):g}" for c in robot.support.contacts
     )
     found = [f"not in this file: friction of the feet ({friction}), the motion, the ground"]
+    if any(hasattr(c, "friction_upper") for c in robot.support.contacts):
+        found.append("not in this file: jaws of clamps that press the base onto the ground, and their forces")
     if robot.support.elastic is not None:
         found.append("not in this file: springs and dampers of the feet")
     if robot.arm.has_springs:
