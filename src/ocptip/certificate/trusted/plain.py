@@ -175,11 +175,13 @@ def require_cover(part: Mapping[str, Any], number: int, forces: tuple[int, ...],
     covered = len(ends) > 1 and ends[0] == -1 and ends[-1] == 1 and np.all(np.diff(ends) > 0)
     require(covered, f"cover: piece {number} is not covered")
     numbers(f"forces of piece {number}", part["forces"], (len(ends) - 1, *forces))
-    for row in part["directions"]:
-        require(len(row) == 6, "directions: an interval, a pair, 0 or 1 and three numbers are expected")
+    rows = part["directions"]
+    expected = "directions: an interval, a pair, 0 or 1 and three numbers are expected"
+    require(all(len(row) == 6 for row in rows), expected)
+    for row in rows:
         _index("directions", row[0], 0, len(ends) - 1)
         _index("directions", row[1], 0, pairs)
-        numbers("directions", row[2:], (4,))
+    numbers("directions", [row[2:] for row in rows] or np.empty((0, 4)), (len(rows), 4))
 
 
 def _require_contacts(contacts: Mapping[str, Any]) -> None:
@@ -224,4 +226,5 @@ def _rotations(name: str, value: Any, count: int) -> None:
 
 
 def _index(name: str, value: Any, least: int, end: int) -> None:
-    require(type(value) is int and least <= value < end, f"{name}: {value!r} is no number of one")
+    if not (type(value) is int and least <= value < end):
+        raise MalformedError(f"{name}: {value!r} is no number of one")
