@@ -7,6 +7,7 @@ from operator import attrgetter
 import numpy as np
 import pytest
 
+from ocptip.certificate import find
 from ocptip.certificate.checks import certified
 from ocptip.certificate.find import certify
 from ocptip.certificate.find_within import SearchWithin
@@ -90,6 +91,21 @@ def test_without_proof_of_late_joints_the_rest_is_proved(swing, proved, monkeypa
     assert not found_now.certified
     assert "clearance_worst_case" in found_now.sampled
     assert "clearance_worst_case" not in found_now.verdict.bounds
+
+
+def test_a_clearance_that_is_not_proved_is_claimed_lower_within_its_limit(swing, proved, monkeypatch):
+    """Sampled is 4 mm more than there is: no interval is short enough to prove that."""
+    robot, motion, limits = swing
+    worst, name = dict(proved[0].worst), "clearance_worst_case_m"
+    true = worst[name].value
+    worst[name] = replace(worst[name], value=true + 4e-3)
+    monkeypatch.setattr(find, "_LOWER_AFTER", 0)
+    monkeypatch.setattr(find, "_MOST", 1)
+    found = certify(robot, motion, limits, worst)
+    assert found.certified, found.missing
+    assert true - 1e-3 < found.verdict.bounds["clearance_worst_case"] < true
+    high = replace(limits, clearance_worst_case=true + 1e-3)
+    assert not certify(robot, motion, high, worst).holds
 
 
 def test_that_nothing_touches_is_proved_as_such(swing):

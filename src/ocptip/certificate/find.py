@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import count, product
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -53,6 +53,8 @@ _LONGEST = 0.01  # s, of the first intervals
 _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are tried
 _SHORTEST = 1e-5  # s: what is shorter is not divided
 _LEAST_LOSS, _LOSS_LATE = 1e-4, 1e-3  # m; of late joints
+_LOWER_AFTER = 2  # halvings of intervals that do not prove the clearance of delayed joints
+_SLIP_SLACK = 0.02  # of what is left of friction within an uncertainty: so much higher is claimed
 _HIGHER = 3  # times GT within a tolerance is claimed higher
 _LOST = 1.01  # of sampled reserves within a tolerance: beyond proof; those of GN may be a little too high
 _CLAIMED_WITHIN = {
@@ -60,6 +62,7 @@ _CLAIMED_WITHIN = {
     SLIP_WITHIN: "contacts within tolerance",
 }
 _ON_TIME = {"delay": 0.0, "overshoot": 0.0}
+_LATE_CLEARANCE = "clearance within tolerance"
 _OF_DRIVES = ("torque_ratio", TORQUES)
 _COVERED = {
     "GN",
@@ -96,7 +99,8 @@ def certify(
     bounds = _bounds(limits, worst, bool(robot.collision.labels))
     if within and SPEED_OF_POINTS in bounds:
         bounds[SPEED_OF_POINTS_WITHIN] = 1.0  # until the largest share is known, see `run`
-    search = _ProofSearch(described, motion, bounds, tolerance)
+    least = {CLEARANCE: getattr(limits, CLEARANCE)}
+    search = _ProofSearch(described, motion, bounds, tolerance, least)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
@@ -120,7 +124,10 @@ def _goal(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
         return HIGHEST
     value, limit = worst[name].value, getattr(limits, name)
     most = HIGHEST if limit >= NEARLY_LOST else max(limit, value * (1 + LOSS))
-    return min(value * (1 + LOSS_WITHIN), most, HIGHEST)
+    near = value * (1 + LOSS_WITHIN)
+    if name == SLIP_WITHIN:  # far from the limit a close bound takes most of the time
+        near = max(near, value + _SLIP_SLACK * (most - value))
+    return min(near, most, HIGHEST)
 
 
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
@@ -206,8 +213,9 @@ class _ProofSearch:
         motion: Trajectory,
         bounds: dict[str, float],
         tolerance: Mapping[str, Any] | None,
+        least: Mapping[str, float],
     ) -> None:
-        self.robot, self.bounds, self._fastest = robot, bounds, 0.0
+        self.robot, self.bounds, self._least, self._fastest = robot, bounds, least, 0.0
         self.motion = motion_data(motion)
         self.model = model_data(robot, self.motion["times"][-1][1])
         varying = robot.varying
@@ -234,9 +242,13 @@ class _ProofSearch:
         todo = np.array(piece), np.concatenate(start), np.concatenate(end)
         most = _MOST if self.checker.contacts.flat else _MOST_OFF_A_PLANE
         left, times = most * len(piece), np.array(self.motion["times"])
-        while len(todo[0]):
+        for halvings in count():
+            if not len(todo[0]):
+                break
             batch, margins = self._checked(*todo)
             fastest = 1 - margins.pop(CLAIMS_OF_POINTS[SPEED_OF_POINTS_WITHIN], np.ones(len(batch.piece)))
+            if halvings >= _LOWER_AFTER:
+                self._lower(margins)
             proved = np.all([margin >= 0 for margin in margins.values()], axis=0)
             self._done.append(batch.select(np.flatnonzero(proved)))
             long = (times[batch.piece, 1] - times[batch.piece, 0]) * (batch.end - batch.start) > 2 * _SHORTEST
@@ -251,6 +263,16 @@ class _ProofSearch:
             todo = np.r_[piece, piece], np.r_[start, middle], np.r_[middle, end]
         if SPEED_OF_POINTS_WITHIN in self.bounds:
             self.bounds[SPEED_OF_POINTS_WITHIN] = self._fastest + LOSS * max(self._fastest, 0.1)
+
+    def _lower(self, margins: dict[str, np.ndarray]) -> None:
+        """Claim the clearance of delayed joints that is proved, if that keeps the limit.
+
+        What one direction cannot separate for all delays does not become less in shorter intervals.
+        """
+        short = 1e-9 - float(np.min(margins.get(_LATE_CLEARANCE, np.inf)))
+        if 0 < short <= self.bounds.get(CLEARANCE, -np.inf) - self._least[CLEARANCE]:
+            self.bounds[CLEARANCE] -= short
+            margins[_LATE_CLEARANCE] = margins[_LATE_CLEARANCE] + short
 
     def run_within(
         self, limits: Limits, worst: Mapping[str, Worst], whole: dict[str, Any]
