@@ -93,8 +93,10 @@ class Form:
     def __add__(self, other: Form | np.ndarray | float) -> Form:
         if not isinstance(other, Form):
             other = Form.of(np.broadcast_to(other, self.r.shape))
-        first, second = alike(self.c, other.c)
-        c = first + second
+        least, most = sorted((self.c, other.c), key=len)
+        c = np.zeros((len(most), *np.broadcast_shapes(most.shape[1:], least.shape[1:])))
+        c += most
+        c[: len(least)] += least
         return Form(c, (self.r + other.r + U * np.abs(c).sum(axis=0)) * (1 + U) + TINY)
 
     def __sub__(self, other: Form | np.ndarray | float) -> Form:
@@ -107,7 +109,7 @@ class Form:
         first, second = alike(self.c, other.c)
         rank = max(first.ndim, second.ndim)
         a, b = (c.reshape(len(c), *[1] * (rank - c.ndim), *c.shape[1:]) for c in (first, second))
-        m, i, j = numbers_of(len(a))
+        m = numbers_of(len(a))[0]
         c = np.zeros(np.broadcast_shapes(a.shape, b.shape))
         for k in range(K):
             c[k:K] += a[k] * b[: K - k]
@@ -115,9 +117,16 @@ class Form:
             (a0, a1), (b0, b1) = (x[K : K + 2 * m].reshape(2, m, *x.shape[1:]) for x in (a, b))
             c[K : K + m] = a[0] * b0 + b[0] * a0
             c[K + m : K + 2 * m] = a[0] * b1 + a[1] * b0 + b[0] * a1 + b[1] * a0
-            both = (i != j).reshape(-1, *[1] * (rank - 1))
-            c[K + 2 * m :] = a[0] * b[K + 2 * m :] + b[0] * a[K + 2 * m :] + a0[i] * b0[j]
-            c[K + 2 * m :] += both * (a0[j] * b0[i])
+            row = K + 2 * m
+            for constant, bends in ((a[0], b[row:]), (b[0], a[row:])):
+                if bends.any():
+                    c[row:] += constant * bends
+            for i in range(m):  # e_i e_j with j = i ... m - 1 are neighbours
+                if a0[i].any():
+                    c[row : row + m - i] += a0[i] * b0[i:]
+                if b0[i].any():
+                    c[row + 1 : row + m - i] += b0[i] * a0[i + 1 :]
+                row += m - i
         size_a, size_b = _groups(np.abs(a), m), _groups(np.abs(b), m)
         A, B = size_a.sum(axis=0), size_b.sum(axis=0)
         dropped = _DROPPED[: len(size_a), : len(size_b)]
@@ -188,6 +197,11 @@ def joined(*forms: Form) -> Form:
     return Form(
         np.concatenate([alike(f.c, most)[0] for f in forms], axis=1), np.concatenate([f.r for f in forms])
     )
+
+
+def beside(forms: list[Form]) -> Form:
+    """Forms of as many numbers along their last axis."""
+    return Form(*(np.concatenate(parts, axis=-1) for parts in zip(*((f.c, f.r) for f in forms), strict=True)))
 
 
 def cos_sin(q: Form) -> tuple[Form, Form]:

@@ -75,6 +75,12 @@ class Rows:
     qdd: Form
     ends: np.ndarray
 
+    def some(self, rows: slice) -> Rows:
+        """Some of the combinations."""
+        q, qd, qdd = (Form(form.c[..., rows], form.r[..., rows]) for form in (self.q, self.qd, self.qdd))
+        number, interval, branches = self.number[rows], self.interval[rows], self.branches[:, rows]
+        return Rows(number, interval, branches, q, qd, qdd, self.ends[:, rows])
+
 
 class Late:
     """Possible states of joints that are delayed, and overshoot at acceleration steps.

@@ -13,7 +13,7 @@ Plain data and NumPy only.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -21,11 +21,24 @@ import numpy as np
 
 from ocptip.certificate.trusted.arm import Arm, crossed, turned
 from ocptip.certificate.trusted.bodies import bodies
-from ocptip.certificate.trusted.forms import BERNSTEIN, ORDER, Form, K, U, alike, joined, numbers_of, stack
+from ocptip.certificate.trusted.forms import (
+    BERNSTEIN,
+    ORDER,
+    Form,
+    K,
+    U,
+    alike,
+    beside,
+    joined,
+    numbers_of,
+    stack,
+)
 from ocptip.certificate.trusted.late import Rows
 
 _NODES = np.linspace(-1.0, 1.0, ORDER + 1)  # Bernstein coefficients of s
 _AT_ONCE = 8000  # functionals times rows
+_ROWS = 200  # whose terms are made at once: those of more leave the processor's cache, and take twice as long
+_BY_ROW = ("size", "error", "middle", "spread", "centre", "half")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +74,16 @@ class Terms:
 
     def some(self, rows: Any) -> Terms:
         """The terms of some rows."""
-        own = {
-            name: getattr(self, name)[..., rows]
-            for name in ("size", "error", "middle", "spread", "centre", "half")
-        }
+        own = {name: getattr(self, name)[..., rows] for name in _BY_ROW}
         parts, process = (Form(form.c[..., rows], form.r[..., rows]) for form in (self.parts, self.process))
         return Terms(self.low, self.high, self.masses, parts, process, self.tool, self.gravity, **own)
+
+    @classmethod
+    def joined(cls, groups: list[Terms]) -> Terms:
+        """The terms of the rows of some groups, one after the other."""
+        by_row = {name: np.concatenate([getattr(g, name) for g in groups], axis=-1) for name in _BY_ROW}
+        parts, process = beside([g.parts for g in groups]), beside([g.process for g in groups])
+        return replace(groups[0], parts=parts, process=process, **by_row)
 
     def in_box(self, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """As `Within.least`, of any wrench of the boxes: quicker, and less."""
@@ -110,6 +127,10 @@ class Within:
 
     def terms(self, at: Rows) -> Terms:
         """The terms of the wrench in these rows."""
+        groups = [at.some(slice(k, k + _ROWS)) for k in range(0, len(at.number), _ROWS)]
+        return Terms.joined([self._terms_of(group) for group in groups or [at]])
+
+    def _terms_of(self, at: Rows) -> Terms:
         own, arm = self._own, self._arm
         turns = arm.turns(at.q)
         frames = arm.frames(turns)[1:]
