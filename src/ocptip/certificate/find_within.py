@@ -22,6 +22,7 @@ from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
+_DENSE = 2  # switching times per longest interval, from which intervals do not end at them
 _MOST_COMBINATIONS = (81, 1000, 1000, 1000, 0)  # combinations of branches in round after round
 _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
 LOSS_WITHIN = 5e-3
@@ -177,6 +178,9 @@ class SearchWithin:
         late = self._sharing.late
         knots = self._knots[(self._knots > late.start) & (self._knots < late.end)]
         cuts = np.unique(np.concatenate([late.events, late.events + late.delay, knots]))
+        if len(cuts) > _DENSE * (late.end - late.start) / _LONGEST:
+            # any interval has switching times inside, short ones as well
+            cuts = np.array([late.start, *knots, late.end])
         cuts = np.append(cuts[:-1][np.diff(cuts) > _SHORTEST / 10], cuts[-1])
         ends = [np.zeros(1)]
         for a, b in pairwise(cuts):
