@@ -42,8 +42,7 @@ from scipy.optimize import brentq, least_squares
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.indices.metric import OperationEllipsoid, point_metric
-from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.numerics.vectors import skew
 from studies.common import ended, software, table

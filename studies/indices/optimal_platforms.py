@@ -30,8 +30,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.planar import PlanarPlatformPose
 from ocptip.indices.platforms.platform import PlatformFile, PlatformPose, StewartPlatform
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics

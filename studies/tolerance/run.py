@@ -27,9 +27,9 @@ from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
+from ocptip.motion.multi_start import with_rise_time
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.one_start import Search
-from ocptip.motion.rise_times import with_rise_time
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from ocptip.motion.check import check_motion
+from ocptip.motion.multi_start import LONGEST, SHORTEST, others, with_rise_time
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.rise_times import LONGEST, SHORTEST, others, with_rise_time
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty

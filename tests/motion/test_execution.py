@@ -19,8 +19,7 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
-from ocptip.trajectories.read import load_motion
-from ocptip.trajectories.read_points import motion_of_points
+from ocptip.trajectories.read import load_motion, motion_of_points
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import stand_in_plan
 from tests.quick import examples, some

@@ -20,9 +20,9 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.check import check_motion
 from ocptip.motion.multi_start import plan_segment
 from ocptip.motion.objective import TIME
-from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
+from ocptip.motion.stop_tables import StoppedPath
 from ocptip.motion.stops import check_stops
 from ocptip.motion.summary import CheckedMotion
 from ocptip.motion.task import MotionTask, refusals

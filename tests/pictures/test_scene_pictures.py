@@ -12,8 +12,7 @@ from PIL import Image
 from ocptip.basics.errors import InputError
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Load
-from ocptip.pictures.scene import draw_scene, plot_scene
-from ocptip.pictures.scene_panels import NEAREST
+from ocptip.pictures.scene import NEAREST, draw_scene, plot_scene
 from ocptip.pictures.style import BROKEN
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver

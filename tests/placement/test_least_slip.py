@@ -10,7 +10,7 @@ from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
-from ocptip.placement.least_slip import LeastSlip
+from ocptip.placement.estimates import LeastSlip
 from ocptip.reserves.slip import Slip
 from tests.quick import examples, some
 from tests.reserves.test_mixed_friction import least_use, random_case

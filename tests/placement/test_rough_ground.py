@@ -7,12 +7,12 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve
 from ocptip.contact.support import Support
 from ocptip.placement import place
+from ocptip.placement.estimates import NOT_HELD, edge_moments, friction_shares
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.ground import Bump, HeightField, Wave
 from ocptip.placement.limits.placed import LeastMoments, addable
 from ocptip.placement.problem import Weights
-from ocptip.placement.quick import NOT_HELD, edge_moments, friction_shares
 from ocptip.placement.search.physics import PatchPhysics
 from ocptip.placement.search.starts import best_branches, exact_scores, sample
 from ocptip.placement.terrain import plane, rough_ground

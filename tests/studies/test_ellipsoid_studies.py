@@ -12,8 +12,7 @@ from scipy.optimize import minimize
 
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.published.arms import irb_2000
 from studies.indices import anchor_ellipsoids, ellipsoid_size

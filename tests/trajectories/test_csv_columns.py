@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, InputWarning
-from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, columns_of
 from ocptip.trajectories.csv_time import time_columns
 from ocptip.trajectories.read import load_motion
+from ocptip.trajectories.read_csv import ACCELERATION, POSITION, SPEED, columns_of
 
 NAMES, UNITS = ["lift", "elbow", "elbow_2"], ["m", "rad", "rad"]
 

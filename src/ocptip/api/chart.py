@@ -22,9 +22,8 @@ from ocptip.basics.outputs import replace_folder
 from ocptip.basics.write import plain, versions
 from ocptip.pictures.load_chart import chart_picture
 from ocptip.standing.arm import Robot
-from ocptip.standing.largest_payload import LargestPayloads, largest_payloads
+from ocptip.standing.largest_payload import ChartCell, LargestPayloads, ReachBySector, largest_payloads
 from ocptip.standing.limits import Limits
-from ocptip.standing.load_chart import ChartCell, ReachBySector
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.tolerable import AT_REST
 

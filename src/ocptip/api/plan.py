@@ -41,8 +41,8 @@ from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
 from ocptip.numerics.time_limit import TimeBudget
-from ocptip.pictures.cycle import seen_plan
 from ocptip.pictures.plan import draw_plan
+from ocptip.pictures.plan_curves import seen_plan
 from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.trajectory import Trajectory

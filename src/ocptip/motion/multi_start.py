@@ -15,6 +15,13 @@ that the one before leaves open, and spends time only where that is likely to pa
 
 Jobs end in any order, but what begins depends on their results only: on ranks, and on the best motion after a
 fixed number of changes. So the plan is the same for any number of workers.
+
+Where acceleration steps count with their overshoot, S-curves cost less than trapezoidal profiles: after a
+step the base has to carry up to twice its load; with an S-curve only the effect of delayed joints, which
+falls with the rise time. So plans within such an uncertainty are S-curves if no rise time is given. Their
+rise time is about SHORTEST over the share of the margin that the uncertainty leaves at rest. Then the best
+motion is solved again with twice and half of it, while that costs less. It is also solved with trapezoidal
+profiles where its path promises nearly the same cost.
 """
 
 from __future__ import annotations
@@ -26,6 +33,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -36,11 +44,52 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import Attempt, Rough
 from ocptip.motion.planner.jobs import Job, Jobs
 from ocptip.motion.planner.one_start import Search, free_ends
-from ocptip.motion.rise_times import families, others
-from ocptip.motion.task import MotionTask, require_plannable
+from ocptip.motion.task import MotionTask, refusals, require_plannable
 from ocptip.motion.tolerated import tolerable, too_much
 from ocptip.numerics.threads import one_thread
+from ocptip.standing.arm import Robot
+from ocptip.standing.limit_kinds.worst_case import left_at_rest
 from ocptip.standing.tolerance import NONE, Uncertainty
+
+SHORTEST = 0.05
+"""Minimum rise time that is chosen, s: about a period of elastic parts; shorter ones let them ring as steps
+do.
+"""
+LONGEST = 0.4  # s
+
+
+def with_rise_time(task: MotionTask) -> MotionTask:
+    """The task with the rise time that is tried first; as it is where one is given, or none pays."""
+    if task.rise_times is not None or not _pays(task):
+        return task
+    left = left_at_rest(task.robot, task.limits.tolerance, np.array([task.start, task.goal]))
+    doublings = np.round(np.log2(1 / np.clip(left, SHORTEST / LONGEST, 1.0)))
+    return _possible(task, SHORTEST * 2**doublings) or task
+
+
+def families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
+    """Tasks with the rise times that are tried first; and, where these lead nowhere, as they are."""
+    risen = [with_rise_time(task) for task in tasks]
+    return [tasks] if risen == tasks else [risen, tasks]
+
+
+def others(chosen: MotionTask) -> list[MotionTask]:
+    """The task with the rise times next to the present one: twice, half, and none."""
+    rise = max(cast(tuple[float, ...], chosen.rise_times or (0.0,)))
+    found = [other for other in (2 * rise, 0.5 * rise) if SHORTEST <= other <= LONGEST]
+    tasks = [_possible(chosen, other) for other in (*found, 0.0)] if rise else []
+    return [one for one in tasks if one is not None]
+
+
+def _pays(task: MotionTask) -> bool:
+    limits = task.limits
+    return bool(limits.tolerance.overshoot) and isinstance(task.robot, Robot) and not limits.stoppable
+
+
+def _possible(task: MotionTask, rise: float) -> MotionTask | None:
+    risen = replace(task, rise_times=float(rise))
+    return None if refusals(risen, at_rest=False) else risen
+
 
 FINISHED = 3  # of the starts, the most promising ones; more only if none is verified
 HOPS = 4  # random changes of the best motion that are tried at once

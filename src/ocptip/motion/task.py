@@ -53,7 +53,7 @@ class MotionTask:
             planner chooses the posture where enough joints are optimised (`planner.free_ends`).
         stops: how the robot is stopped, for checks of stops; a plan includes them where `limits.stops` does.
         rise_times: s, within which the joints' accelerations rise and fall (S-curves): one for all, or (n,);
-            0 or none: trapezoidal profiles. None: the planner chooses, see `ocptip.motion.rise_times`.
+            0 or none: trapezoidal profiles. None: the planner chooses, see `ocptip.motion.multi_start`.
     """
 
     is_cycle: ClassVar[bool] = False

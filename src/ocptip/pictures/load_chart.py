@@ -10,7 +10,7 @@ import numpy as np
 
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, png
-from ocptip.standing.load_chart import ChartCell, ReachBySector
+from ocptip.standing.largest_payload import ChartCell, ReachBySector
 
 _EMPTY, _COLORS = "#e8e8e8", "YlGnBu"
 _ARC = 24  # points of a sector

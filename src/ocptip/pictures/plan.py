@@ -18,11 +18,9 @@ from ocptip.motion import margins as kinds
 from ocptip.motion.margins import MotionMargin
 from ocptip.motion.summary import TITLES, at_text
 from ocptip.pictures import style
-from ocptip.pictures.clearance import draw_clearance
-from ocptip.pictures.feet import feet_figure
+from ocptip.pictures.elastic import feet_figure, gears_figure
 from ocptip.pictures.frame import hull, new_figure, save_figures
-from ocptip.pictures.gears import gears_figure
-from ocptip.pictures.plan_curves import PlanCurves
+from ocptip.pictures.plan_curves import PlanCurves, draw_clearance
 from ocptip.pictures.sketch import draw_postures
 from ocptip.pictures.style import Quantity
 from ocptip.reserves.tipping import moment_at

@@ -8,12 +8,59 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.cycles.check import CycleCheck
+from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import MotionMargin, motion_margins
 from ocptip.motion.output import sample_motion
 from ocptip.motion.plan_files import samples_joined
+from ocptip.pictures.style import MEMBERS, NOMINAL
 from ocptip.reserves.equal_compliance import reported_normal_forces
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class _Task:
+    """The attributes of a task that figures read."""
+
+    name: str
+    robot: StandingMechanism
+    limits: Limits
+    reference: None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """The attributes of a plan that figures read.
+
+    Attributes:
+        task, motion, check: of the whole.
+        segments: begin and end of each motion, s, and what to call it.
+        segment_limits: of each.
+    """
+
+    task: Any
+    motion: Trajectory
+    check: MotionCheck
+    segments: tuple[tuple[float, float, str], ...] = ()
+    segment_limits: tuple[Limits, ...] = ()
+
+
+def seen_plan(task: Task, motion: Trajectory, check: CycleCheck) -> Any:
+    """The plan that figures draw: of a motion, of a cycle, or of its first segments."""
+    if not task.is_cycle:
+        return _Plan(task, motion.segments[0], check.whole)
+    rows = []
+    for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
+        payload = segment.task.robot.payload
+        name = f"{segment.name}, {payload.mass:.4g} kg" if payload else segment.name
+        rows.append((float(begin), float(begin) + own.end, name))
+    seen = _Task(task.name, task.robot, task.limits)
+    limits = tuple(segment.task.limits for segment in task.segments[: len(rows)])
+    return _Plan(seen, motion, check.whole, tuple(rows), limits)
+
 
 _POINTS = 400  # of curves of the worst case
 _STEP = 1e-5  # s
@@ -29,7 +76,7 @@ class PlanCurves:
         reference: samples of the reference motion, if there is one.
     """
 
-    plan: Any  # a MotionPlan, or what `ocptip.pictures.cycle` makes of a cycle
+    plan: Any  # a MotionPlan, or what `ocptip.pictures.plan_curves` makes of a cycle
     samples: MotionSamples
     reference: MotionSamples | None = None
 
@@ -173,3 +220,41 @@ def _with_rests(robot: StandingMechanism, motion: Trajectory, samples: MotionSam
         for time, q in zip((0.0, motion.end), angles, strict=True)
     )
     return samples_joined([before, samples, after])
+
+
+_REST = "#7a7a7a"
+_SHOWN = len(MEMBERS)  # pairs with colours of their own; the others are one
+
+
+def nearest_pairs(robot: StandingMechanism, samples: MotionSamples) -> tuple[np.ndarray, list[str]]:
+    """Numbers (N,) of the nearest pairs at all instants, and their names, those nearest for longest first."""
+    found = robot.collision.nearest(samples.angles)
+    names = np.array([str(label) for label in robot.collision.labels])[found.pairs]
+    unique, first, counts = np.unique(names, return_index=True, return_counts=True)
+    order = np.lexsort((first, -counts))
+    rank = np.empty(len(order), dtype=int)
+    rank[order] = np.arange(len(order))
+    return rank[np.searchsorted(unique, names)], [str(name) for name in unique[order]]
+
+
+def draw_clearance(ax: Any, robot: StandingMechanism, samples: MotionSamples) -> bool:
+    """Minimum distances, mm, in the colour of the pair; False, and a note, where nothing was checked."""
+    if not np.isfinite(samples.clearances).any():
+        ax.text(0.5, 0.5, "collision not checked", ha="center", va="bottom", transform=ax.transAxes)
+        return False
+    which, names = nearest_pairs(robot, samples)
+    gaps = 1e3 * samples.clearances
+    for k, name in enumerate([*names[:_SHOWN], "other pairs"]):
+        own = which == k if k < _SHOWN and k < len(names) else which >= _SHOWN
+        if name == "other pairs" and not own.any():
+            continue
+        ends = own | np.roll(own, 1) & (np.arange(len(own)) > 0)  # up to where the next pair begins
+        color = _REST if name == "other pairs" else MEMBERS[k]
+        line_style = {
+            **NOMINAL,
+            "color": color,
+            "label": name if name == "other pairs" else f"between {name}",
+            "gid": f"clearance-{k + 1}",
+        }
+        ax.plot(samples.times, np.where(ends, gaps, np.nan), **line_style)
+    return True

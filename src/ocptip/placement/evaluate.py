@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ocptip.contact.states import ContactStates
-from ocptip.placement.least_slip import LeastSlip
+from ocptip.placement.estimates import ROUNDS, LeastSlip, edge_moments, friction_shares
 from ocptip.placement.limits.arm import Clearance
 from ocptip.placement.limits.base import Ground
 from ocptip.placement.limits.contact import TipOverLimit
@@ -22,7 +22,6 @@ from ocptip.placement.limits.judged import ConstraintRows, PlacedBase, TaskEvalu
 from ocptip.placement.limits.kinds import BASE_LIMITS, TASK_LIMITS
 from ocptip.placement.limits.limit import PlacementLimit
 from ocptip.placement.problem import CRITERIA, PlacementProblem
-from ocptip.placement.quick import ROUNDS, edge_moments, friction_shares
 from ocptip.placement.stand import Stand, Stood
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap
@@ -102,7 +101,7 @@ class Evaluator:
             clearances: check collisions.
             fast: friction utilisation only with the contact solver's normal forces, which is an upper bound
                 where they may be redistributed (four or more contacts with the same normal); where feet
-                conform to the ground estimates of GN and GT (`ocptip.placement.quick`).
+                conform to the ground estimates of GN and GT (`ocptip.placement.estimates`).
         """
         problem, cases, N = self.problem, self.cases[task], len(q)
         stand = problem.stands[patch]

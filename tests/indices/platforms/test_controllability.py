@@ -8,8 +8,7 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
 from ocptip.indices.platforms.reviewed import best_complex, manipulability
 from studies.indices.designs.flight_simulator import FlightSimulator

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import platform_conditioning
 from tests.indices.sample_platforms import (
     LEGS,
     SEEDS,

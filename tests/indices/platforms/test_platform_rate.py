@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import platform_conditioning
 from ocptip.indices.platforms.platform import StewartPlatform
 from ocptip.indices.platforms.rate import rate_platform
 from studies.indices.designs.flight_simulator import FlightSimulator

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.metric import OperationEllipsoid, point_metric
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.indices.platforms.reviewed import (
     best_complex,

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import InputError
 from ocptip.indices.encodings import ratio_constraint
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.planar import PlanarPlatformPose
 from ocptip.indices.platforms.platform import StewartPlatform
 from ocptip.indices.platforms.reviewed import best_complex, manipulability, rigidity_rate

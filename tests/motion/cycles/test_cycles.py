@@ -26,9 +26,8 @@ from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import drives_of, samples_joined, task_samples, write_plan
 from ocptip.motion.source import TASK
 from ocptip.motion.tolerated import robustness, tolerated
-from ocptip.pictures.cycle import seen_plan
 from ocptip.pictures.plan import _ground, moment_at
-from ocptip.pictures.plan_curves import PlanCurves
+from ocptip.pictures.plan_curves import PlanCurves, seen_plan
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.controllers import CONTROLLERS

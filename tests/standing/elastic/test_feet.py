@@ -13,7 +13,7 @@ from ocptip.standing.elastic import springs as on_springs
 from ocptip.standing.elastic.feet import on_its_feet, softest_feet
 from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.feet import FootForceLimit, FootLiftLimit, JumpFootForceLimit
+from ocptip.standing.limit_kinds.elastic import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import overshoot_of

@@ -7,7 +7,7 @@ import pytest
 
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.braking import brake
-from ocptip.standing.limit_kinds.brakes import closing_of
+from ocptip.standing.limit_kinds.stops import closing_of
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, stops_of_motion
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES

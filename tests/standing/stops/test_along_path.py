@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
-from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation
+from ocptip.motion.stop_tables import StoppedPath
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.model import JointLimits
 from ocptip.standing.arm import Robot

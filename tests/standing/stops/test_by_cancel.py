@@ -12,8 +12,8 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.cancels import rounded_down, safe_decelerations
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
-from ocptip.standing.limit_kinds.cancel import WorstCancelLimit
 from ocptip.standing.limit_kinds.limit import Sampled
+from ocptip.standing.limit_kinds.stops import WorstCancelLimit
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion, stop_states
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.cancelled import worst_of_cancels

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.lines import klein_form
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import platform_conditioning
 from studies.indices.designs.isotropic_families import IsotropicFamily, LineGroup, isotropic_u1, isotropic_u2
 from tests.quick import examples
 

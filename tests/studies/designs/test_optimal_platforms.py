@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import StewartPlatform
 from studies.indices.designs.optimal_domains import main_roots, special_limit
 from studies.indices.designs.optimal_planar import optimal_planar_angle

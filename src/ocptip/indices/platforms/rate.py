@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import finite_array, rotation_matrix
 from ocptip.indices.meanings import PLATFORM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import MINIMUM_LEGS, StewartPlatform
 from ocptip.indices.platforms.reviewed import (
     BestComplex,

@@ -9,9 +9,9 @@ import numpy as np
 from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.planner.profiles import Layout
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.brakes import BrakeLimit
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import Limit
+from ocptip.standing.limit_kinds.stops import BrakeLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.ramps import RampCommand

@@ -8,11 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit_kinds.brakes import BrakeLimit
-from ocptip.standing.limit_kinds.cancel import CancelLimit, WorstCancelLimit, cancel_of
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit, LateClearanceLimit
-from ocptip.standing.limit_kinds.drives import RingingLimit
-from ocptip.standing.limit_kinds.feet import FootForceLimit, FootLiftLimit, JumpFootForceLimit
+from ocptip.standing.limit_kinds.elastic import (
+    FootForceLimit,
+    FootLiftLimit,
+    JumpFootForceLimit,
+    RingingLimit,
+)
 from ocptip.standing.limit_kinds.jumps import JumpLimit
 from ocptip.standing.limit_kinds.limit import (
     TOLERANCE,
@@ -26,8 +28,8 @@ from ocptip.standing.limit_kinds.limit import (
     Worst,
 )
 from ocptip.standing.limit_kinds.nominal import NominalLimit
-from ocptip.standing.limit_kinds.path_stops import StopLimit
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
+from ocptip.standing.limit_kinds.stops import BrakeLimit, CancelLimit, StopLimit, WorstCancelLimit, cancel_of
 from ocptip.standing.limit_kinds.worst_case import WorstCaseLimit, WorstTorqueLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism

@@ -1,7 +1,7 @@
 """Quantities of the contacts that limits are about in several scenarios: functions of the wrench on the base.
 
-A limit is a quantity in a scenario with a bound. The scenarios are in `nominal`, `jumps`, `path_stops`,
-`brakes` and `drives`: they say which wrenches there are. A quantity says how bad these are, with derivatives.
+A limit is a quantity in a scenario with a bound. The scenarios are in `nominal`, `jumps`, `stops` and
+`elastic`: they say which wrenches there are. A quantity says how bad these are, with derivatives.
 Its badness is a number per row of a program, the greater the worse.
 """
 

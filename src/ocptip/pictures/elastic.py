@@ -1,4 +1,4 @@
-"""Figure of a motion with elastic joints: vibration of the gripper, forces beside those with stiff gears."""
+"""Figures of a motion on springs: forces and gaps of compliant feet, and vibration of elastic joints."""
 
 from __future__ import annotations
 
@@ -9,12 +9,53 @@ import numpy as np
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure
 from ocptip.standing.elastic.drives import SETTLED, DriveMotion
+from ocptip.standing.elastic.feet import FeetMotion
 from ocptip.standing.mechanism import StandingMechanism
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MOST_POINTS = 1500
+_MOST_POINTS = 4000
+
+
+def feet_figure(title: str, found: FeetMotion, times: np.ndarray, shared: np.ndarray) -> Figure:
+    """Normal forces and gaps over time.
+
+    Args:
+        title: name of the task.
+        found: the motion on its feet.
+        times: (N,), s, of `shared`.
+        shared: (N, n) normal forces without swings, N.
+    """
+    figure, course = new_figure(10.5, 6.4), found.course
+    style.head(figure, f"{title}: forces and gaps of compliant feet")
+    forces, gaps = figure.subplots(2, 1, sharex=True)
+    some = np.unique(np.linspace(0, len(course.times) - 1, _MOST_POINTS).astype(int))
+    for k in range(shared.shape[1]):
+        line_style = style.member(k)
+        label = "without swings" if k == 0 else None
+        dotted = {**style.REFERENCE, "color": line_style["color"]}
+        forces.plot(times, shared[:, k], **dotted, label=label, gid=f"shared-{k + 1}")
+        own = course.forces[some, k, 0]
+        forces.plot(
+            course.times[some], own, **line_style, lw=1.2, label=f"foot {k + 1}", gid=f"force-{k + 1}"
+        )
+        gap = 1e3 * course.gaps[some, k]
+        gaps.plot(course.times[some], gap, **line_style, lw=1.2, label=f"foot {k + 1}", gid=f"gap-{k + 1}")
+    for ax in (forces, gaps):
+        ax.axvline(found.end, color=style.NOTE, lw=1.0, zorder=0, label="end of the motion", gid="end")
+        ax.set_ylim(bottom=0.0)
+    first, second = found.lines()[:2]
+    style.finish(forces, f"Normal forces: {first};\n{second}", style.FOOT_FORCE.label)
+    lifts = "" if found.lifts or found.falls else ": no foot lifts"
+    style.finish(gaps, f"Gaps below feet{lifts}", "height above the ground [mm]", "time [s]")
+    return figure
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DRIVE_POINTS = 1500
 
 
 def gears_figure(
@@ -32,7 +73,7 @@ def gears_figure(
     figure, course = new_figure(10.5, 6.4), found.course
     style.head(figure, f"{title}: vibration of elastic joints")
     vibration, forces = figure.subplots(2, 1, sharex=True)
-    some = np.unique(np.linspace(0, len(course.times) - 1, _MOST_POINTS).astype(int))
+    some = np.unique(np.linspace(0, len(course.times) - 1, _DRIVE_POINTS).astype(int))
     own = course.forces[some, :, 0]
     if course.wrenches.shape[1]:
         own = robot.contact_states(course.wrenches[some]).contact_forces[:, :, 0]
