@@ -35,6 +35,36 @@ def test_nothing_is_found_where_nothing_is(seed):
         assert one.left == pytest.approx(one.rms, rel=0.05)
 
 
+def test_normal_forces_stand_beside_those_of_the_plan():
+    """Of three rigid feet: force and moment balance of the base about them, by hand."""
+    recording, base = recorded(0), predictor().robot.support
+    state = predictor().state(recording.times - 0.1234567, np.zeros(6), np.zeros(25))
+    wrench = predictor().robot.loads(state.q, state.qd, state.qdd)[
+        1
+    ]  # with the weight, about the base's centre
+    rows = np.array([[1.0, arm[1], -arm[0]] for arm in base.arms]).T
+    loads = -wrench[:, 2:5]
+    heights = base.arms[0, 2]
+    loads[:, 1] -= heights * wrench[:, 1]
+    loads[:, 2] += heights * wrench[:, 0]
+    expected = np.linalg.solve(rows, loads.T).T
+    rng = np.random.default_rng(1)
+    feet = [
+        Signal(f"normal{k + 1}", "feet", k, expected[:, k] + 0.2 * rng.normal(size=len(expected)))
+        for k in range(3)
+    ]
+    found = compare(replace(recording, signals=(*recording.signals, *feet)), predictor())
+    assert found.agrees
+    signals = {one.name: one for one in found.signals if one.kind == "feet"}
+    assert list(signals) == ["normal1", "normal2", "normal3"]
+    for k, one in enumerate(signals.values()):
+        assert one.rms == pytest.approx(0.2, rel=0.1)
+        np.testing.assert_allclose(one.predicted[100:-100], expected[100:-100, k], atol=0.3)
+    strange = Signal("normal4", "feet", 3, expected[:, 0])
+    with pytest.raises(InputError, match="normal4: the robot has 3 contacts"):
+        compare(replace(recording, signals=(*recording.signals, strange)), predictor())
+
+
 @pytest.mark.parametrize("link", [1, 2, 3, 5])
 def test_a_mass_is_found_with_its_size(link):
     found = compare(recorded(link, robot=heavier(link, 1.05)), predictor())

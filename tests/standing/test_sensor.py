@@ -57,9 +57,7 @@ def test_a_force_plate_under_the_feet_carries_all():
 
 def test_a_file_names_its_sensor(tmp_path):
     path = tmp_path / "task.toml"
-    path.write_text(
-        'case = "A"\n[sensor]\nname = "kms"\nposition = [0, 0, -0.02]\nrpy_deg = [180, 0, 0]\nmass = 0.164\n'
-    )
+    path.write_text('case = "A"\n[sensor]\nname = "kms"\nposition = [0, 0, -0.02]\nrpy_deg = [180, 0, 0]\n')
     task = load_task(path)
     samples = sample_motion(task.robot, task.reference, 0.05)
     write_motion_csv(tmp_path / "motion.csv", samples)
@@ -68,9 +66,17 @@ def test_a_file_names_its_sensor(tmp_path):
     arm = task.robot.mass - task.robot.support.mass
     assert samples.sensor[0, 2] == pytest.approx(row["kms_fz_N"], rel=1e-14)
     at_rest = task.robot.samples_of([0.0], [task.start], np.zeros((1, 6)), np.zeros((1, 6)))
-    assert at_rest.sensor[0, 2] == pytest.approx(9.81 * (arm + 0.164), rel=1e-9)
+    assert at_rest.sensor[0, 2] == pytest.approx(9.81 * (arm + 0.164), rel=1e-9)  # adapter of (6.13)
     assert task.source is not None
     assert "kms" in task.source.text("A", task.limits, task.objective)
+
+
+def test_the_adapter_of_a_case_may_be_another(tmp_path):
+    path = tmp_path / "task.toml"
+    for line, mass in (("", 0.164), ("mass = 0", 0.0), ("mass = 0.5", 0.5)):
+        path.write_text(f'case = "A"\n[sensor]\n{line}\n')
+        assert load_task(path).robot.sensor.mass == pytest.approx(mass)
+    assert experiment_task("A").robot.sensor.mass == 0.0  # where the arm is mounted, above the adapter
 
 
 @pytest.mark.parametrize(

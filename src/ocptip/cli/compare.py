@@ -20,7 +20,7 @@ from ocptip.cli.stand import check_plot_target
 from ocptip.measured.compare import LEVEL
 from ocptip.measured.contact_losses import losses_text
 from ocptip.measured.prediction import Predictor
-from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED
+from ocptip.measured.recording import ANGLE, FOOT, GRIPPER, POWER, SPEED
 from ocptip.measured.signals import Finding
 
 _WORDS = {
@@ -140,7 +140,7 @@ def unit_of(predictor: Predictor, kind: str, index: int) -> tuple[str, float]:
         return ("deg" if turns else "mm") + "/s" * (kind == SPEED), 180 / math.pi if turns else 1e3
     if kind == "torques":
         return predictor.robot.motor_units[index], 1.0
-    return ("N" if index < 3 else "N m"), 1.0
+    return ("N" if index < 3 or kind == FOOT else "N m"), 1.0
 
 
 def _share(share: float) -> str:

@@ -19,7 +19,7 @@ from ocptip.measured import causes
 from ocptip.measured.base_motion import base_motion
 from ocptip.measured.causes import CLOCK, Possible
 from ocptip.measured.clocks import AROUND, FOLLOWING, distance, find_clock
-from ocptip.measured.comparison import Comparison, beside, energies, gripper_deviation
+from ocptip.measured.comparison import Comparison, beside, energies, foot_forces, gripper_deviation
 from ocptip.measured.prediction import DAMPING, Elasticity, Predictor, State
 from ocptip.measured.recording import ANGLE, KINDS, POWER, SPEED, TORQUE, WRENCH, Recording, Signal
 from ocptip.measured.regression import Block, Explanation, explain, whitened
@@ -414,6 +414,7 @@ class _Comparing:
                 predicted = predictor.signal(one.kind, one.index, nominal)
                 compared.append(beside(one, predicted, times, lag, still, self.left.get(one.name)))
         noises = {one.name: one.noise for one in compared}
+        compared += foot_forces(recording, predictor, nominal, times, self._away(found.clock))
         groups = [[one.name for one in recording.of(kind)] for kind in _GROUPS]
         count = max(sum(len(group) for group in groups), 1)
         self.findings += noisy(noises, groups, self.level / count)

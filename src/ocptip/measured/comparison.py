@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.measured.base_motion import BaseShift
 from ocptip.measured.contact_losses import ContactLoss
-from ocptip.measured.prediction import Predictor
-from ocptip.measured.recording import ANGLE, GRIPPER, POWER, Recording, Signal
+from ocptip.measured.prediction import Predictor, State
+from ocptip.measured.recording import ANGLE, FOOT, GRIPPER, POWER, Recording, Signal
 from ocptip.measured.signals import Finding, noise_of
+from ocptip.reserves.equal_compliance import reported_normal_forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +155,33 @@ def beside(
         float(np.ptp(predicted)), noise_of(np.nan_to_num(own), steady & np.isfinite(own)),
         float("nan") if left is None else float(np.sqrt(np.nanmean(left**2))),
     )  # fmt: skip
+
+
+def foot_forces(
+    recording: Recording, predictor: Predictor, state: State, times: np.ndarray, still: np.ndarray
+) -> list[ComparedSignal]:
+    """Recorded normal forces beside those of `motion.csv`: of equally compliant feet where it is open.
+
+    Causes of their differences are not searched: `identify` does so.
+
+    Args:
+        recording: with or without such signals.
+        predictor: of the plan.
+        state: of it, at the samples.
+        times, still: see `beside`.
+
+    Raises:
+        InputError: a signal of a contact that the robot does not have.
+    """
+    signals, robot = recording.of(FOOT), predictor.robot
+    if not signals:
+        return []
+    for one in signals:
+        if one.index >= robot.support.n_contacts:
+            raise InputError(f"recording: {one.name}: the robot has {robot.support.n_contacts} contacts")
+    wrenches = robot.loads(state.q, state.qd, state.qdd, robot.acting(times))[1]
+    forces = reported_normal_forces(robot.contact_states(wrenches))
+    return [beside(one, forces[:, one.index], times, float("nan"), still, None) for one in signals]
 
 
 def gripper_deviation(recording: Recording, predictor: Predictor, q: np.ndarray) -> np.ndarray | None:

@@ -14,7 +14,7 @@ Known quantities, with a unit at the end of the name, which may be in brackets (
   `base_yaw`; deg, rad
 - tangential shifts of contacts 1, 2, ...: `dx1`, `dy1`, ...; m, mm
 - switches at contacts 1, 2, ...: `contact1`, ...; numbers or V, closed above half of their maximum
-- normal forces of contacts 1, 2, ...: `normal1`, ...; N (`identify` uses them, `compare` does not)
+- normal forces of contacts 1, 2, ...: `normal1`, ...; N
 
 NAME is that of a joint, SENSOR that of the task's `[sensor]`. The columns of `motion.csv` are among these.
 Without a unit numbers are SI, but for angles, which must say theirs. All other
@@ -83,7 +83,7 @@ class Signal:
 
     Attributes:
         name: without unit: `q1`, `tau2`, `fz`, `power`, `gripper_x`, `base_yaw`, `dx3`.
-        kind: one of `KINDS`, or `FOOT`, which is not compared.
+        kind: one of `KINDS`, or `FOOT`, of which no cause is searched.
         index: within its kind, from 0: joint, axis or contact (twice its number, + 1 for dy); of power 0 for
             the total and the number of the drive else.
         values: (N,), SI; nan where the sample is missing.

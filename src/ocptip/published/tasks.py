@@ -21,6 +21,9 @@ JOINTS = (0, 1, 2)  # with three commands each; the others follow in one ramp
 PRINTED_LIMITS = Limits(clearance=0.0)
 """Thesis M asks for no collision, (4.29) to (4.32), and for no distance beyond that."""
 
+ADAPTER_MASS = published_data("base")["KMS_adapter_mass_g"] / 1000
+"""kg: of the adapter between the force-torque sensor and the first module (6.13)."""
+
 _FACETS = 12
 
 

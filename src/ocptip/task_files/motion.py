@@ -24,7 +24,7 @@ from ocptip.motion.source import speed_table
 from ocptip.motion.stop_rules import Kinds, StopRules
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import case_names
-from ocptip.published.tasks import BASES, experiment_task
+from ocptip.published.tasks import ADAPTER_MASS, BASES, experiment_task
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.opened import opened
 from ocptip.standing.arm import Robot
@@ -309,7 +309,8 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
     speeds = speed_limits(data.table("limits"))
     if not (speeds or any(key in data for key in _OF_CASES)) or not isinstance(robot, Robot):
         return task
-    arm, sensor = robot.arm.with_process(read_process(data)), read_sensor(data, robot.sensor.position)
+    arm = robot.arm.with_process(read_process(data))
+    sensor = read_sensor(data, robot.sensor.position, ADAPTER_MASS)
     with data.table("motors") as motors:
         arm = arm.with_gears(read_gears(motors, arm))
     with data.table("limits").at(speed_limits="point_speed"):

@@ -181,15 +181,18 @@ SENSOR = Keys(
         "position": schema.vector("Origin, base axes.", "m", 3, otherwise="where the robot is mounted"),
         **schema.rotation("Axes of the sensor to those of the base", default="parallel to the base"),
         "mass": schema.number(
-            "Mass of what of the base rests on the sensor.", "kg", bound=">= 0", default=0.0
+            "Mass of what of the base rests on the sensor.",
+            "kg",
+            bound=">= 0",
+            otherwise="0; of a published case its adapter, 0.164",
         ),
         "center_of_mass": schema.vector("Where that mass is, base axes.", "m", 3, otherwise="at the sensor"),
     },
 )
 
 
-def read_sensor(data: Table, mount: np.ndarray) -> WrenchSensor | None:
-    """The sensor of a file, if it has one; by default where the mechanism is mounted, (3,), m.
+def read_sensor(data: Table, mount: np.ndarray, mass: float = 0.0) -> WrenchSensor | None:
+    """The sensor of a file, if it has one; by default at `mount`, (3,), m, with `mass`, kg, on it.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
@@ -202,6 +205,6 @@ def read_sensor(data: Table, mount: np.ndarray) -> WrenchSensor | None:
         table.get("position", mount),
         name=table["name"],
         rotation=table.rotation("", np.eye(3)),
-        mass=table["mass"],
+        mass=table.get("mass", mass),
         center_of_mass=table["center_of_mass"],
     )
