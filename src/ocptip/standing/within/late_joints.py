@@ -307,11 +307,17 @@ def worst_options(
     number = np.repeat(np.sum(~np.isnan(options[..., 0]), axis=2)[:, None] - 1, len(each), axis=1)
     values, slopes = np.empty((count, len(each))), np.empty((count, len(each), 3 * n))
     row, which = (own.ravel() for own in np.indices((count, len(each))))
+    few = count if most is None else most
     for turn in range(1 + _CHOICES):
         chosen = options[row[:, None], np.arange(n), number[row, which]]  # (R, n, 4)
         states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
         states = np.hstack([states, acting[row]])
-        values[row, which], found = cases.function(states, each[which], chosen[..., 3])
+        if few < count:  # the same cases for every function; what is asked is which instants come first
+            own = np.s_[:: len(each)]
+            found = cases.estimated(states[own], each.tolist(), chosen[own, :, 3])
+            values[row, which], found = found[0].ravel(), found[1].reshape(len(row), -1)
+        else:
+            values[row, which], found = cases.function(states, each[which], chosen[..., 3])
         slopes[row, which] = found[:, : 3 * n]
         if turn < _CHOICES:
             over = slopes[row, which].reshape(-1, 3, n)
@@ -319,11 +325,11 @@ def worst_options(
             gains = np.where(np.isnan(gains), -np.inf, gains)
             gained = np.sum(np.max(gains, axis=2), axis=1) - np.einsum("rsj,rjs->r", over, chosen[..., :3])
             number[row, which] = np.argmax(gains, axis=2)
-            if most is not None and most < count:
+            if few < count:
                 estimated = np.zeros((count, len(each)))
                 estimated[row, which] = values[row, which] + gained
                 ranks = np.argsort(np.argsort(-estimated, axis=0, kind="stable"), axis=0)
-                kept, most = ranks[row, which] < most, None
+                kept, few = ranks[row, which] < few, count
                 row, which, gained = row[kept], which[kept], gained[kept]
             if matters is not None:
                 values[row, which] += gained
