@@ -1,7 +1,7 @@
 """Signed distances of pairs of convex solids on moving bodies, with derivatives.
 
 coal finds the nearest points and the direction n between them; a pair that is certainly farther apart than
-anybody asks for is answered with a lower bound from enclosing capsules, all pairs and instants at once.
+anybody asks for is answered with a lower bound.
 
 The derivatives are those of min |b - a| over the features (point, edge, face) on which the nearest points
 slide: the slope is n . (b - a)' of the points as if fixed to their bodies (envelope theorem), the curvature
@@ -13,20 +13,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as cs
 import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.collision.bounds import DistanceBounds
 from ocptip.robots.collision.gaps import Contact
-from ocptip.robots.collision.shapes import HalfSpace, Shape, enclosing_capsule
+from ocptip.robots.collision.shapes import Shape
 from ocptip.robots.pinocchio import load_coal
 
 RESTING = -1
 """The body that does not move."""
 
 _NEAREST = 2e-3  # m: of nearer (or overlapping) features the curvature is that at this distance
-_TINY = 1e-12
 _AT_ONCE = 32  # states: what is computed of so many fits into a cache
 
 
@@ -48,7 +49,6 @@ class Distances:
     ) -> None:
         y, weights = cs.SX.sym("y", frames.numel_in(0)), cs.SX.sym("weights", frames.numel_out(0))
         values = frames(y)
-        self.pairs = tuple(pairs)
         self._frames = BatchFunction(frames)
         self._moving = frames.numel_out(0) // 12  # reshape cannot infer it where there are no states
         self._slopes = BatchFunction(cs.Function("slopes", [y], [cs.jacobian(values, y)]))
@@ -59,15 +59,23 @@ class Distances:
         self._solids = [shape.solid() for shape in self._shapes]
         self._turns = np.array([shape.rotation for shape in self._shapes]).reshape(-1, 3, 3)
         self._shifts = np.array([shape.position for shape in self._shapes]).reshape(-1, 3)
-        self._bounds = _Bounds(self._shapes, self._bodies)
+        self._bounds = DistanceBounds(self._shapes, self._bodies)
+        self._of(pairs)
         self._coal = load_coal()
-        self._request = self._coal.DistanceRequest()
+        self._own = [self._coal.Transform3s(shape.rotation, shape.position) for shape in self._shapes]
+        self._request, self._quick = self._coal.DistanceRequest(), self._coal.DistanceRequest()
         self._request.enable_signed_distance = True
+        self._quick.enable_signed_distance = False  # the other takes long where solids overlap
+
+    def _of(self, pairs: Sequence[tuple[int, int]]) -> None:
+        self.pairs = tuple(pairs)
+        self._both = np.array(self.pairs, dtype=int).reshape(-1, 2)
+        self._bounds = self._bounds.of(self._both)
 
     def of(self, pairs: Sequence[tuple[int, int]]) -> Distances:
         """Distances of other pairs of the same solids."""
         other = copy(self)
-        other.pairs = tuple(pairs)
+        other._of(pairs)
         return other
 
     def gaps(self, y: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
@@ -91,7 +99,7 @@ class Distances:
         found = np.empty((len(y), len(begins)))
         for begin in range(0, len(y), _AT_ONCE):
             axes, origins = self._poses(y[begin : begin + _AT_ONCE])
-            gaps = self._bounds(axes, origins, self.pairs)[:, order]
+            gaps = self._bounds(axes, origins)[:, order]
             near = gaps < np.broadcast_to(below, len(order))[order]
             first = gaps == np.minimum.reduceat(gaps, begins, axis=1)[:, own]
             most = np.inf
@@ -102,6 +110,29 @@ class Distances:
             found[begin : begin + _AT_ONCE] = np.minimum.reduceat(gaps, begins, axis=1)
         return found
 
+    def proved(self, y: np.ndarray, least: float, needed: np.ndarray) -> np.ndarray | None:
+        """See `Collisions.proved`; the first distance below `least` ends it, of the nearest pairs first."""
+        axes, origins = self._poses(y)
+        bounds = self._bounds(axes, origins)
+        states, pairs = np.nonzero(bounds < needed)
+        order = np.argsort(bounds[states, pairs], kind="stable")
+        kept, result, poses = np.ones(len(y), dtype=bool), self._coal.DistanceResult(), dict[Any, Any]()
+        for state, pair in zip(states[order].tolist(), pairs[order].tolist(), strict=True):
+            a, b = self.pairs[pair]
+            for solid in (a, b):
+                if (state, solid) not in poses:
+                    at = state, self._bodies[solid]
+                    poses[state, solid] = self._coal.Transform3s(axes[at], origins[at]) * self._own[solid]
+            result.clear()
+            gap = self._coal.distance(
+                self._solids[a], poses[state, a], self._solids[b], poses[state, b], self._quick, result
+            )
+            if gap < least or gap <= 0:  # of overlapping solids coal does not say how much they overlap
+                return None
+            if gap < needed[pair]:
+                kept[state] = False
+        return kept
+
     def least(self, y: np.ndarray) -> Contact:
         """The nearest pair at each of N states (as many rows, in their order)."""
         parts = [self._least(y[begin : begin + _AT_ONCE]) for begin in range(0, len(y), _AT_ONCE)]
@@ -110,7 +141,7 @@ class Distances:
 
     def _least(self, y: np.ndarray) -> Contact:
         axes, origins = self._poses(y)
-        bounds = self._bounds(axes, origins, self.pairs)
+        bounds = self._bounds(axes, origins)
         states = np.arange(len(y))
         best = self._nearest(axes, origins, states, np.argmin(bounds, axis=1))
         found = bounds.copy()
@@ -139,7 +170,7 @@ class Distances:
         apart, own, slide, turned = self._moved(y, axes, origins, contact, features=True)
         weights = np.zeros((len(y), self._frames.function.numel_out(0)))
         for side, sign in ((0, -1.0), (1, 1.0)):
-            bodies = self._bodies[[self.pairs[k][side] for k in contact.pairs]]
+            bodies = self._bodies[self._both[contact.pairs, side]]
             moving = np.flatnonzero(bodies != RESTING)
             ends = contact.normals[moving, :, None] * own[moving, side, None, :]
             entries = np.concatenate([ends.reshape(-1, 9), contact.normals[moving]], axis=1)
@@ -181,7 +212,7 @@ class Distances:
         rows, distance = len(states), self._coal.distance
         result = self._coal.DistanceResult()  # of its own: threads may share this object
         distances, found = np.empty(rows), np.empty((rows, 3, 3)) if points else None
-        solids = np.array(self.pairs, dtype=int).reshape(-1, 2)[pairs]
+        solids = self._both[pairs]
         number = len(self._shapes)
         wanted, which = np.unique(states[:, None] * number + solids, return_inverse=True)
         state, solid = np.divmod(wanted, number)
@@ -220,7 +251,7 @@ class Distances:
         along, turned = np.zeros((rows, 3, 4)), np.zeros((rows, y.shape[1], 4))
         depth = np.zeros(rows)
         for side, sign in ((0, -1.0), (1, 1.0)):
-            solids = np.array([self.pairs[k][side] for k in contact.pairs], dtype=int)
+            solids = self._both[contact.pairs, side]
             bodies = self._bodies[solids]
             turn = axes[contact.states, bodies]
             points = contact.points[:, side].copy()
@@ -252,56 +283,6 @@ class _Slide:
 
     along: np.ndarray
     depth: np.ndarray
-
-
-class _Bounds:
-    """Lower bounds of the distances of pairs, from capsules that enclose the solids."""
-
-    def __init__(self, shapes: Sequence[Shape], bodies: np.ndarray) -> None:
-        self._bodies = bodies
-        self._flat = np.array([isinstance(shape, HalfSpace) for shape in shapes], dtype=bool)
-        self._ends, self._radii = np.zeros((len(shapes), 2, 3)), np.zeros(len(shapes))
-        self._planes = np.zeros((len(shapes), 4))
-        for s, shape in enumerate(shapes):
-            if isinstance(shape, HalfSpace):
-                normal = shape.rotation @ shape.normal
-                self._planes[s] = [*normal, shape.distance + normal @ shape.position]
-            else:
-                self._ends[s], self._radii[s] = enclosing_capsule(shape)
-
-    def __call__(self, axes: np.ndarray, origins: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
-        """(N, pairs), m, where the bodies have these poses."""
-        turn, origin = axes[:, self._bodies], origins[:, self._bodies]
-        ends = origin[:, :, None] + np.einsum("nsab,seb->nsea", turn, self._ends)
-        both = np.array(pairs, dtype=int).reshape(-1, 2)
-        first, second = both.T
-        result = between_lines(ends[:, first], ends[:, second])
-        result -= self._radii[first] + self._radii[second]
-        for side in (0, 1):
-            at = np.flatnonzero(self._flat[both[:, side]])
-            plane, solid = both[at, side], both[at, 1 - side]
-            normal = np.einsum("nsab,sb->nsa", turn[:, plane], self._planes[plane, :3])
-            level = self._planes[plane, 3] + np.einsum("nsa,nsa->ns", normal, origin[:, plane])
-            deepest = np.einsum("nsea,nsa->nse", ends[:, solid], normal).max(axis=2)
-            result[:, at] = level - deepest - self._radii[solid]
-        return result
-
-
-def between_lines(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Distances (...,), m, of line segments given by their ends (..., 2, 3), m.
-
-    Three exact steps give the nearest points, each within its segment.
-    """
-    start, along = first[..., 0, :], first[..., 1, :] - first[..., 0, :]
-    other, across = second[..., 0, :], second[..., 1, :] - second[..., 0, :]
-    between = start - other
-    a, b, e = (np.sum(u * v, axis=-1) for u, v in ((along, along), (along, across), (across, across)))
-    c, f = np.sum(along * between, axis=-1), np.sum(across * between, axis=-1)
-    a, e = np.maximum(a, _TINY), np.maximum(e, _TINY)
-    s = np.clip((b * f - c * e) / np.maximum(a * e - b * b, _TINY * a * e), 0, 1)
-    t = np.clip((b * s + f) / e, 0, 1)
-    s = np.clip((b * t - c) / a, 0, 1)
-    return np.linalg.norm(between + s[..., None] * along - t[..., None] * across, axis=-1)
 
 
 def _joined(*parts: Contact) -> Contact:

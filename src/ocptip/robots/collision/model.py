@@ -22,7 +22,6 @@ from ocptip.robots.collision.gaps import (
     GapLabel,
     random_postures,
 )
-from ocptip.robots.collision.screened import ScreenedDistances
 from ocptip.robots.collision.shapes import (
     ArmGeometry,
     Ball,
@@ -201,13 +200,7 @@ class ShapeCollisions(Collisions):
         return result[0] if single else result
 
     def proved(self, q: np.ndarray, least: float, needed: np.ndarray) -> np.ndarray | None:
-        return self._screened.proved(q, least, needed)
-
-    @cached_property
-    def _screened(self) -> ScreenedDistances:
-        return ScreenedDistances(
-            link_frames_function(self.arm), [(body, shape) for _, body, shape in self.solids], self.pairs
-        )
+        return self.distances.proved(q, least, needed)
 
     def nearest(self, q: np.ndarray) -> Contact:
         return self.distances.least(np.atleast_2d(q))

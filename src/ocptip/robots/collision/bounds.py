@@ -1,0 +1,126 @@
+"""Lower bounds of the distances of pairs of solids, for all pairs and states at once.
+
+They come from capsules that enclose the solids, and from the planes of boxes and half spaces, which are much
+closer for a board of a shelf.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+
+from ocptip.numerics.jit.compiled import compiled
+from ocptip.robots.collision.shapes import Box, HalfSpace, Shape, enclosing_capsule
+
+_TINY = 1e-12
+_ROUNDED = 1e-8  # m: of bounds by planes, which may be exact
+
+
+class DistanceBounds:
+    """Lower bounds of the distances of pairs.
+
+    Args:
+        shapes: of the solids.
+        bodies: (S,) of each solid; the last body is the one at rest, or -1.
+    """
+
+    def __init__(self, shapes: Sequence[Shape], bodies: np.ndarray) -> None:
+        self._bodies = bodies
+        self._ends, self._radii = np.zeros((len(shapes), 2, 3)), np.full(len(shapes), np.inf)
+        for s, shape in enumerate(shapes):
+            if not isinstance(shape, HalfSpace):
+                self._ends[s], self._radii[s] = enclosing_capsule(shape)
+        planes = [_planes(shape) for shape in shapes]
+        self._planes = np.concatenate([np.empty((0, 4)), *planes])
+        self._begins = np.cumsum([0, *(len(own) for own in planes)])
+        self._pairs = np.empty((0, 2), dtype=int)
+
+    def of(self, pairs: np.ndarray) -> DistanceBounds:
+        """Those of these pairs (m, 2) of numbers of solids."""
+        other = copy(self)
+        other._pairs = pairs
+        return other
+
+    def __call__(self, axes: np.ndarray, origins: np.ndarray) -> np.ndarray:
+        """(N, m), m, where the bodies have these axes (N, K, 3, 3) and origins (N, K, 3)."""
+        found = np.empty((len(axes), len(self._pairs)))
+        bodies = self._bodies % axes.shape[1]
+        solids = self._ends, self._radii, self._planes, self._begins
+        _bounds(axes, origins, bodies, *solids, self._pairs, found)
+        return found
+
+
+def _planes(shape: Shape) -> np.ndarray:
+    """Outward normals and levels (f, 4), body axes, of a half space or a box: inside n . p + level <= 0."""
+    if isinstance(shape, HalfSpace):
+        normal = shape.rotation @ shape.normal
+        return np.array([[*-normal, shape.distance + normal @ shape.position]])
+    if not isinstance(shape, Box):
+        return np.empty((0, 4))
+    normals = np.vstack([shape.rotation.T, -shape.rotation.T])
+    return np.column_stack([normals, -normals @ shape.position - 0.5 * np.tile(shape.size, 2)])
+
+
+@compiled
+def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, found):
+    placed, faces = np.empty((len(bodies), 2, 3)), np.empty((len(planes), 4))
+    for n in range(len(axes)):
+        for s in range(len(bodies)):
+            k = bodies[s]
+            for i in range(3):
+                for end in range(2):
+                    placed[s, end, i] = origins[n, k, i]
+                    for j in range(3):
+                        placed[s, end, i] += axes[n, k, i, j] * ends[s, end, j]
+            for p in range(begins[s], begins[s + 1]):
+                faces[p, 3] = planes[p, 3]
+                for i in range(3):
+                    faces[p, i] = 0.0
+                    for j in range(3):
+                        faces[p, i] += axes[n, k, i, j] * planes[p, j]
+                    faces[p, 3] -= faces[p, i] * origins[n, k, i]
+        for m in range(len(pairs)):
+            a, b = pairs[m, 0], pairs[m, 1]
+            bound = -np.inf
+            if radii[a] < np.inf and radii[b] < np.inf:
+                bound = between_lines(placed[a], placed[b]) - (radii[a] + radii[b])
+            for side in range(2):
+                flat, solid = pairs[m, side], pairs[m, 1 - side]
+                for p in range(begins[flat], begins[flat + 1]):
+                    height = np.inf
+                    for end in range(2):
+                        own = faces[p, 3]
+                        for i in range(3):
+                            own += faces[p, i] * placed[solid, end, i]
+                        height = min(height, own)
+                    bound = max(bound, height - radii[solid] - _ROUNDED)
+            found[n, m] = bound
+
+
+@compiled
+def between_lines(first, second):
+    """Distance, m, of line segments given by their ends (2, 3), m.
+
+    Three exact steps give the nearest points, each within its segment.
+    """
+    a, b, c, e, f = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(3):
+        along, across = first[1, i] - first[0, i], second[1, i] - second[0, i]
+        between = first[0, i] - second[0, i]
+        a += along * along
+        b += along * across
+        c += along * between
+        e += across * across
+        f += across * between
+    a, e = max(a, _TINY), max(e, _TINY)
+    s = min(max((b * f - c * e) / max(a * e - b * b, _TINY * a * e), 0.0), 1.0)
+    t = min(max((b * s + f) / e, 0.0), 1.0)
+    s = min(max((b * t - c) / a, 0.0), 1.0)
+    square = 0.0
+    for i in range(3):
+        along, across = first[1, i] - first[0, i], second[1, i] - second[0, i]
+        apart = first[0, i] - second[0, i] + s * along - t * across
+        square += apart * apart
+    return np.sqrt(square)
