@@ -14,13 +14,17 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.text import did_you_mean
 from ocptip.contact.support import Load
 from ocptip.motion.cycles.task import Task
+from ocptip.motion.load_cases import RestLoads
 from ocptip.placement.within import posture_within
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
+from ocptip.standing.largest_payload import largest_payloads
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import own_refusals
+from ocptip.standing.sensitivity import payload_torques
+from ocptip.standing.slope import FloorSlope, largest_slope
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.rest import WithinAtRest
 from ocptip.task_files.cycle import read_task
@@ -28,6 +32,19 @@ from ocptip.task_files.scene import Scene
 
 Rests = dict[str, tuple[StandingMechanism, np.ndarray, Limits]]
 """Robot, joint values and limits of postures at rest, by name."""
+
+
+@dataclass(frozen=True)
+class LargestPayload:
+    """The largest payload in a posture.
+
+    Attributes:
+        mass_kg: in all, with the centre of mass of the robot's payload; without one at the TCP.
+        limit: which decides.
+    """
+
+    mass_kg: float
+    limit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +91,40 @@ class RestingPosture:
     def refusals(self) -> list[str]:
         """Why the robot itself cannot be there: angles, clearance, torques."""
         return own_refusals(self.robot, self.limits, self.instant)
+
+    @cached_property
+    def largest_slope(self) -> FloorSlope | None:
+        """The largest slope that loses no contact; None on a base that drives, and without an arm."""
+        if self.base_motion is not None or not isinstance(self.robot, Robot):
+            return None
+        loads, gravity = RestLoads(self.robot, self.q[None]), self.robot.support.gravity
+        return largest_slope(self.robot, gravity, lambda tilted: loads.wrenches(tilted)[0])
+
+    @cached_property
+    def held_by_drives(self) -> float:
+        """kg: the largest point mass at the TCP, beyond what is held, that the drives hold at rest.
+
+        Infinite where it needs no torque, and for mechanisms that are no arm.
+        """
+        if not isinstance(self.robot, Robot):
+            return np.inf
+        per_kilogram = payload_torques(self.robot, self.q[None])[0]
+        torques, limit = self.instant.torques[0], self.limits.torque_ratio * self.robot.limits.torque
+        unused = np.where(per_kilogram > 0, limit - torques, limit + torques)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            masses = np.where(per_kilogram != 0, unused / np.abs(per_kilogram), np.inf)
+        return max(float(np.min(masses, initial=np.inf)), 0.0)
+
+    def largest_payload(self, tolerance: Uncertainty) -> LargestPayload | None:
+        """The largest payload that keeps the limits within an uncertainty.
+
+        None on a base that drives, where nothing resists a rotation, and for mechanisms that are no arm.
+        """
+        robot = self.robot
+        if self.base_motion is not None or not isinstance(robot, Robot) or robot.tip_over.free_rotation:
+            return None
+        found = largest_payloads(robot, replace(self.limits, tolerance=tolerance), self.q[None], robot.mass)
+        return LargestPayload(float(found.masses[0]), found.names[found.limits[0]])
 
     def within(self, tolerance: Uncertainty) -> WithinAtRest | None:
         """The worst within an uncertainty; None without one, and for parallel robots, which have none."""

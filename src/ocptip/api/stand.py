@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.api.requirements import Outcome, Requirement, deviation, read_requirements
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import percent, quantity
+from ocptip.basics.text import NOISE, percent, quantity
 from ocptip.basics.write import plain, versions, write_json
 from ocptip.contact.elastic import Shared
 from ocptip.contact.states import ContactState, ContactStates
@@ -25,17 +25,19 @@ from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.standing.footing import Footing
+from ocptip.standing.slope import FloorSlope, largest_slope, tilted_wrench
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.scene import Scene, read_scene
 from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
-    from ocptip.api.postures import RestingPosture
+    from ocptip.api.postures import LargestPayload, RestingPosture
     from ocptip.motion.cycles.task import CycleTask
     from ocptip.motion.task import MotionTask
     from ocptip.robots.base_motion import BaseMotion
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
-    from ocptip.standing.tolerance import Uncertainty
     from ocptip.standing.within.rest import WithinAtRest
 
 NO_MARGIN = 1 - 1e-9
@@ -130,6 +132,7 @@ def _solved(
         reference_given=reference is not None,
         within=within,
         sensitivities=sensitivities,
+        tolerance=tolerance,
         posture=posture,
     )
 
@@ -148,6 +151,7 @@ class Standing:
         reference_given: the reference moment of GN is the user's, not the support's.
         within: the worst of the uncertainty; None: none was given.
         sensitivities: what changes would do; empty if not asked for.
+        tolerance: the uncertainty that was asked for.
         posture: of the robot whose scene this is; None: the scene is no robot's.
     """
 
@@ -160,6 +164,7 @@ class Standing:
     reference_given: bool = False
     within: WithinAtRest | None = None
     sensitivities: Sequence[Sensitivity] = ()
+    tolerance: Uncertainty = NONE
     posture: RestingPosture | None = None
 
     def __repr__(self) -> str:
@@ -228,7 +233,10 @@ class Standing:
             return wanted.compared(0.0, at_least=True)
         if within is None or within.ignored:
             raise InputError(f"require: {wanted.name}: needs an arm; give its task file with --posture")
-        return wanted.compared(within.possible * wanted.bound, at_least=within.stands)
+        value, at_least = within.possible * wanted.bound, within.stands
+        if wanted.name == "payload" and self.posture and (held := self.posture.held_by_drives) < value:
+            return wanted.compared(held, note="the drives hold no more")
+        return wanted.compared(value, at_least=at_least)
 
     @property
     def state(self) -> ContactState:
@@ -302,6 +310,43 @@ class Standing:
         """Whether the forces of declared springs hold the base, within the friction."""
         return bool(self.feet and self.slip.GT[0] < NO_MARGIN and not face_each_other(self.scene.support))
 
+    @cached_property
+    def largest_slope(self) -> FloorSlope | None:
+        """The largest slope of the floor that loses no contact, from the nominal one on.
+
+        None where one is lost already, of planar scenes, without gravity, on a base that drives, and of
+        mechanisms that are no arm.
+        """
+        support, gravity, posture = self.scene.support, self.scene.support.gravity, self.posture
+        if self.scene.planar or not gravity.any() or not self.nominally_stable:
+            return None
+        if posture is not None:
+            return posture.largest_slope
+        footing = Footing(support, self.tip.tip_over.reference_moment, self.redistribution)
+        return largest_slope(footing, gravity, tilted_wrench(support, self.scene.loads))
+
+    @cached_property
+    def largest_payload(self) -> LargestPayload | None:
+        """The largest payload in this posture within the uncertainty; None as `RestingPosture` has it."""
+        if self.posture is None:
+            return None
+        return self.posture.largest_payload(self.tolerance)
+
+    @property
+    def unsure_cause(self) -> str:
+        """Why a solution of the contact laws moves, and what decides; empty unless both kinds are known."""
+        moving = self.verdict.counterexample
+        if moving is None:
+            return ""
+        pressing = moving.contact_forces[:, 0] > NOISE * np.max(np.abs(moving.contact_forces))
+        rough = np.array([getattr(c, "friction", 1.0) > 0 for c in self.scene.support.contacts])
+        rolls = bool(pressing.any()) and not np.any(pressing & rough)
+        why = "How rigid contacts share the load is open. "
+        if rolls:
+            who, others = (_contact_names(np.flatnonzero(own) + 1) for own in (~rough, rough))
+            why = f"{who} have no friction and may carry all load; then {others.lower()} hold nothing. {why}"
+        return f"{why}`stiffness` of every contact decides."
+
     @property
     def equal_remark(self) -> str:
         """The failure that only equally compliant feet show: lift-off or too little friction; else empty."""
@@ -346,6 +391,7 @@ class Standing:
             "status": state.status,
             "stability": self.verdict.verdict,
             "stability_explanation": self.verdict.explanation,
+            "stability_cause": self.unsure_cause or None,
             "stability_decided": self.verdict.decided,
             "counterexample": None if counterexample is None else counterexample.modes,
             "kinds": [contact.kind for contact in self.scene.support.contacts],
@@ -377,6 +423,8 @@ class Standing:
             "friction_missing_N": demand and demand.missing,
             "tipping_axis": axis,
             **({"classical": self.classical.to_dict()} if self.classical else {}),
+            "largest_slope": self.largest_slope and self.largest_slope.to_dict(),
+            "largest_payload": self.largest_payload and vars(self.largest_payload),
             "wrench": self.scene.wrench,
             **({"sensitivities": changes} if changes else {}),
             **({"posture": self.posture.to_dict()} if self.posture else {}),
@@ -403,3 +451,9 @@ class Standing:
             "direction": axis.direction,
             "moment_reserve": self.tip.margins[0, index],
         }
+
+
+def _contact_names(numbers: np.ndarray) -> str:
+    """The contacts: "Contact 3", "Contacts 1, 2 and 4"."""
+    *first, last = map(str, numbers)
+    return f"Contacts {', '.join(first)} and {last}" if first else f"Contact {last}"

@@ -43,6 +43,15 @@ def margin_text(value: float, unit: str, digits: int = 3) -> str:
     return f"{text}: {text[1:]} are missing" if value < 0 else text
 
 
+def towards(side: np.ndarray) -> str:
+    """A direction in words: "towards -y", "towards (0.71, -0.71, 0)"."""
+    unit = side / max(np.linalg.norm(side), 1e-300)
+    k = int(np.argmax(np.abs(unit)))
+    if abs(unit[k]) > 0.999:
+        return f"towards {'-' if unit[k] < 0 else '+'}{'xyz'[k]}"
+    return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(unit, 2) + 0.0))
+
+
 def with_error(value: float, half: float, unit: str = "") -> str:
     """A value and half the width of its interval, to two digits of that: "0.208 +- 0.0045 kg"."""
     unit = f" {unit}" if unit else ""

@@ -44,7 +44,7 @@ def notes(checked: MotionCheck) -> list[str]:
     if contacts.weak:
         found.append(
             f"weakly stable at {contacts.weak} sampled instants, first at {contacts.first_weak:.3f} s: the "
-            "contact laws also allow sliding or tipping"
+            "contact laws also allow sliding or tipping. Declare `stiffness` of the contacts to decide"
         )
     if not collision["checked"]:
         found.append("collisions are not checked: no collision geometry")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.api.stand import Standing, stand
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import NOISE, margin_text, percent, quantity, ratio, table, without_noise
+from ocptip.basics.text import NOISE, margin_text, percent, quantity, ratio, table, towards, without_noise
 from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import changes_table, named, under
 from ocptip.cli.terminal import say_if_compiling
@@ -21,6 +21,7 @@ from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
 from ocptip.numerics.jit.compiled import interpreted
+from ocptip.standing.slope import FloorSlope
 from ocptip.task_files.scene import read_scene
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -62,6 +63,7 @@ def run(options: Namespace) -> StandReport:
             if error.path != "reference_moment":
                 raise
             raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
+        _ = found.largest_slope  # of few contacts without machine code, too
     return StandReport(found, options.plot, **gate_of(options, found))
 
 
@@ -153,6 +155,12 @@ class StandReport(GatedReport):
         if np.isfinite(forces).any():
             k = int(np.nanargmin(np.where(np.isfinite(forces), forces, np.nan)))
             rows.append(("Min foot force", f"{quantity(max(forces[k], 0.0), 'N')} (contact {k + 1})"))
+        if found.largest_slope:
+            rows.append(("Max slope", _slope_text(found.largest_slope)))
+        if largest := found.largest_payload:
+            scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
+            text = f"{quantity(largest.mass_kg, 'kg', 3)} in all, {scope}; {largest.limit} decides"
+            rows.append(("Max payload", text))
         return rows
 
     def _contact_table(self) -> list[str]:
@@ -187,6 +195,7 @@ class StandReport(GatedReport):
         only = " Under exactly this load; there is no margin." if found.without_reserve else ""
         if self.verbose or only or not found.verdict.strong:
             lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))
+            lines += under("", filter(None, [found.unsure_cause]))
         if solver.solved and not solver.persistent and not found.nominally_stable:
             values = ", ".join(f"{a:.3g}" for a in without_noise(solver.acceleration))
             which = " in the solution that moves" if found.verdict.weak else ""
@@ -236,6 +245,16 @@ def _share_text(share: float) -> str:
     if share > 1:
         return "more than all of it"
     return quantity(100 * share if share > NOISE else 0.0, "%", 3)
+
+
+def _slope_text(slope: FloorSlope) -> str:
+    """The largest slope of the floor, and what happens beyond it."""
+    angle = quantity(float(np.degrees(slope.angle)), "deg", 3)
+    if not slope.loss:
+        return f">= {angle} of the floor in any direction, nominal"
+    about = f" about contacts {' and '.join(map(str, slope.contacts))}" if slope.contacts else ""
+    downhill = f"downhill {towards(slope.downhill)}"
+    return f"{angle} of the floor, nominal, {downhill}; beyond it the base {slope.loss}{about}"
 
 
 def _feet_text(feet: Shared) -> str:

@@ -18,9 +18,8 @@ from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import Robot
+from ocptip.standing.slope import MOST_TILT, around, tilted
 
-AROUND = 24  # directions of tilt, and of pushes along the floor
-MOST_TILT = np.pi / 3
 HALVINGS = 20
 AT_ONCE = 16  # states of which slip is solved before half spaces are made anew
 
@@ -56,7 +55,8 @@ class LoadCase:
         least_force: N, the minimum normal force of a contact; rigid feet as if equally compliant.
         stands: no contact is lost in any direction.
         downhill, towards: of the floor and of the push, in base axes, where it is worst; zero without.
-        tipping_margin: N m, minimum moment about a tipping axis; 0 where the base tips, None where it cannot.
+        tipping_margin: N m, minimum moment about a tipping axis, negative where the base tips; None where it
+            cannot.
     """
 
     pose: str
@@ -257,22 +257,7 @@ def _largest(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray) -> np
     return np.where(stands(np.zeros_like(most)), low, 0.0)
 
 
-def around(gravity: np.ndarray, count: int = AROUND) -> np.ndarray:
-    """(count, 3) horizontal directions all around."""
-    down = gravity / max(np.linalg.norm(gravity), 1e-300)
-    level = np.linalg.svd(down[None])[2][1:]
-    turns = 2 * np.pi * np.arange(count) / count
-    return np.cos(turns)[:, None] * level[0] + np.sin(turns)[:, None] * level[1]
-
-
 def everywhere(gravity: np.ndarray) -> np.ndarray:
     """(k, 3) directions of a push: horizontal ones, down, up, and between."""
     down, sides = gravity / max(np.linalg.norm(gravity), 1e-300), around(gravity)
     return np.vstack([sides, 0.5**0.5 * (sides[::3] + down), 0.5**0.5 * (sides[::3] - down), down, -down])
-
-
-def tilted(gravity: np.ndarray, downhill: np.ndarray, tilt: float | np.ndarray) -> np.ndarray:
-    """(..., 3) gravity on a floor tilted by (...), rad, downhill towards (..., 3)."""
-    size = np.linalg.norm(gravity)
-    down, tilt = gravity / max(size, 1e-300), np.asarray(tilt)[..., None]
-    return size * (np.cos(tilt) * down + np.sin(tilt) * downhill)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.load_cases import RestLoads, around, everywhere, tilted
+from ocptip.motion.load_cases import RestLoads, everywhere
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip
@@ -31,6 +31,7 @@ from ocptip.standing.footing import Footing
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.slope import around, tilted
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import worst_of_cases
 from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest

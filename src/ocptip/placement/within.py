@@ -15,13 +15,13 @@ from ocptip.placement.result import Placement
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
+from ocptip.standing.slope import Weight
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.moving import MovingCase
 from ocptip.standing.within.rest import (
     CaseWithin,
     Push,
     RestCase,
-    Weight,
     WithinAtRest,
     base_pushes,
     base_weight,

@@ -357,6 +357,16 @@ def _held(robot: Robot, held: Payload, *states: np.ndarray) -> np.ndarray:
     return with_it - bare
 
 
+def payload_torques(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """(N, n) torques of a point mass of 1 kg at the TCP, at rest in postures (N, n), N m per kg."""
+    still, gravity = np.zeros_like(q), robot.support.gravity
+    with_it, bare = (
+        evaluate_dynamics(_holding(robot.arm, one), q, still, still, gravity=gravity).torque
+        for one in (ONE_KILOGRAM, None)
+    )
+    return with_it - bare
+
+
 @one_thread
 def motion_sensitivities(
     robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray

@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 import casadi as cs
 import numpy as np
 
+from ocptip.basics.text import towards
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
@@ -308,15 +309,6 @@ class Deviations:
 _MOTION = ("gravity", "spin", "spin_change")
 _FREE = (*_MOTION, "push", "base_push")
 _MASSES = {"base_mass": "base mass", "arm_mass": "link", "payload_mass": "payload"}
-
-
-def towards(side: np.ndarray) -> str:
-    """A direction in words: "towards -y", "towards (0.71, -0.71, 0)"."""
-    unit = side / max(np.linalg.norm(side), 1e-300)
-    k = int(np.argmax(np.abs(unit)))
-    if abs(unit[k]) > 0.999:
-        return f"towards {'-' if unit[k] < 0 else '+'}{'xyz'[k]}"
-    return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(unit, 2) + 0.0))
 
 
 def least_tilt(b: np.ndarray, gravity: np.ndarray, tilt: float) -> np.ndarray:

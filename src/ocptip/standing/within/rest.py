@@ -15,20 +15,21 @@ repeated, from many directions of tilt.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import margin_text, quantity
+from ocptip.basics.text import margin_text, quantity, towards
 from ocptip.contact.support import Load, Support
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.tipping import TipMap, TipOver, moment_at
 from ocptip.standing.footing import Footing
+from ocptip.standing.slope import Weight, fixed_and_hanging
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.deviations import least_tilt, towards
+from ocptip.standing.within.deviations import least_tilt
 from ocptip.standing.within.tolerable import why_not
 
 SEARCHED = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
@@ -36,29 +37,9 @@ SEARCHED = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
 
 AROUND = 24  # directions of tilt from which the worst is looked for
 ROUNDS = 3
-_ALONG = 1e-9
 _LOST = 1 - 1e-9
+_SAME = 1e-9  # relative: deviations that matter so little more are alike
 _CORNERS = np.array(sorted(product((0.0, -1.0, 1.0), repeat=3), key=np.count_nonzero))  # the middle first
-
-
-@dataclass(frozen=True, eq=False)
-class Weight:
-    """A body that weighs.
-
-    Attributes:
-        name: in words.
-        mass: kg, nominal; negative for a load that pulls upwards.
-        center: (3,), m, from the base's centre of mass, base axes.
-        less, more: kg, by which the mass may be off.
-        half: (3,), m, half sides of the box about the centre.
-    """
-
-    name: str
-    mass: float
-    center: np.ndarray
-    less: float = 0.0
-    more: float = 0.0
-    half: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +149,7 @@ def scene_within(
     if not np.any(support.gravity):
         raise InputError("tolerance: without gravity there is no tilt and no weight (--tolerance none)")
     moment = reference_moment or TipOver(support).reference_moment
-    fixed, hanging = _fixed_and_hanging(support, loads)
+    fixed, hanging = fixed_and_hanging(support, loads)
 
     def within(some: Uncertainty) -> RestCase:
         weights = [base_weight(support, some), *hanging]
@@ -187,23 +168,6 @@ def base_weight(support: Support, tolerance: Uncertainty) -> Weight:
 def base_pushes(tolerance: Uncertainty) -> list[Push]:
     """The push at the base's centre of mass, wherever that is; the base is the first of the weights."""
     return [Push("base", tolerance.base_push, np.zeros(3), weight=0)] if tolerance.base_push else []
-
-
-def _fixed_and_hanging(support: Support, loads: Sequence[Load]) -> tuple[np.ndarray, list[Weight]]:
-    """Loads that are no weights, as a wrench, and those that are."""
-    size = float(np.linalg.norm(support.gravity))
-    down, fixed, weights = support.gravity / size, support.wrench(list(loads)) - support.weight, []
-    for number, load in enumerate(loads, 1):
-        if load.force is None:
-            continue
-        force = np.asarray(load.force, dtype=float)
-        if force.any() and np.linalg.norm(np.cross(force, down)) <= _ALONG * np.linalg.norm(force):
-            point = np.zeros(3) if load.point is None else np.asarray(load.point, dtype=float)
-            arm = point - support.center_of_mass
-            weights.append(Weight(f"load {number}", float(force @ down) / size, arm))
-            fixed[:3] -= force
-            fixed[3:] -= np.cross(arm, force)
-    return fixed, weights
 
 
 class CaseWithin(Protocol):
@@ -396,14 +360,14 @@ class RestCase:
     ) -> np.ndarray:
         """Shifts (K, 3) of the centres that are worst with these masses and pushes along the gradient."""
         pull = masses[:, None] * np.cross(gravity, moment)  # a_M . (d x g) = d . (g x a_M)
-        least = _ALONG * self._size * np.linalg.norm(moment) * np.abs(masses)[:, None]
+        least = _SAME * self._size * np.linalg.norm(moment) * np.abs(masses)[:, None]
         shifts = np.where(np.abs(pull) > least, -np.sign(pull) * self._half, 0.0)
         for push in self._pushes:
             if (k := push.weight) is not None:
                 corners = _CORNERS * self._half[k]
                 arms = force + np.cross(moment, push.point + corners)
                 values = corners @ pull[k] - push.size * np.linalg.norm(arms, axis=1)
-                near = values.min() + _ALONG * np.abs(values).max()
+                near = values.min() + _SAME * np.abs(values).max()
                 shifts[k] = corners[np.argmax(values <= near)]  # what does not matter stays in the middle
         return shifts
 

@@ -1,0 +1,163 @@
+"""The largest slope of the floor on which a base at rest keeps its contacts, in the worst direction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ocptip.contact.support import Load, Support
+from ocptip.contact.verdict import equilibrium
+from ocptip.standing.footing import Footing
+
+MOST_TILT = np.pi / 3
+AROUND = 24  # directions of tilt, and of pushes along the floor
+_CLOSE = np.radians(0.005)
+_ROUNDS = 3  # of directions between the worst one and its neighbours
+_ALONG = 1e-9  # relative: forces that are so nearly along gravity are weights
+_EPSILON = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class FloorSlope:
+    """The largest slope of the floor, from the nominal one on.
+
+    Attributes:
+        angle: rad; the base keeps its contacts on all smaller slopes, downhill in any direction.
+        downhill: (3,) the worst direction, base axes.
+        loss: beyond it the base "tips" or "slides"; empty where no slope up to `MOST_TILT` loses a contact.
+        contacts: of the axis about which it tips, from 1.
+    """
+
+    angle: float
+    downhill: np.ndarray
+    loss: str
+    contacts: tuple[int, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, the angle in degrees."""
+        angle = {"angle_deg": float(np.degrees(self.angle)), "downhill": self.downhill.tolist()}
+        return {**angle, "loss": self.loss or None, "contacts": list(self.contacts)}
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """A body that weighs.
+
+    Attributes:
+        name: in words.
+        mass: kg, nominal; negative for a load that pulls upwards.
+        center: (3,), m, from the base's centre of mass, base axes.
+        less, more: kg, by which the mass may be off.
+        half: (3,), m, half sides of the box about the centre.
+    """
+
+    name: str
+    mass: float
+    center: np.ndarray
+    less: float = 0.0
+    more: float = 0.0
+    half: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+def tilted_wrench(support: Support, loads: Sequence[Load]) -> Callable[[np.ndarray], np.ndarray]:
+    """The wrench (6,) on a base by gravity (3,); loads along the nominal one turn with it, others do not."""
+    fixed, hanging = fixed_and_hanging(support, loads)
+    weights = [Weight("base", support.mass, np.zeros(3)), *hanging]
+
+    def wrench(gravity: np.ndarray) -> np.ndarray:
+        return fixed + sum(w.mass * np.r_[gravity, np.cross(w.center, gravity)] for w in weights)
+
+    return wrench
+
+
+def fixed_and_hanging(support: Support, loads: Sequence[Load]) -> tuple[np.ndarray, list[Weight]]:
+    """Loads that are no weights, as a wrench, and those that are."""
+    size = float(np.linalg.norm(support.gravity))
+    down, fixed, weights = support.gravity / size, support.wrench(list(loads)) - support.weight, []
+    for number, load in enumerate(loads, 1):
+        if load.force is None:
+            continue
+        force = np.asarray(load.force, dtype=float)
+        if force.any() and np.linalg.norm(np.cross(force, down)) <= _ALONG * np.linalg.norm(force):
+            point = np.zeros(3) if load.point is None else np.asarray(load.point, dtype=float)
+            arm = point - support.center_of_mass
+            weights.append(Weight(f"load {number}", float(force @ down) / size, arm))
+            fixed[:3] -= force
+            fixed[3:] -= np.cross(arm, force)
+    return fixed, weights
+
+
+def largest_slope(
+    footing: Footing, gravity: np.ndarray, wrench: Callable[[np.ndarray], np.ndarray]
+) -> FloorSlope | None:
+    """The largest slope that loses no contact; None where one is lost without any.
+
+    Args:
+        footing: the base on its contacts.
+        gravity: (3,) m/s^2, base axes, on the nominal floor.
+        wrench: (6,) on the base under a gravity (3,).
+    """
+
+    def kept(side: np.ndarray, angle: float) -> bool:
+        load = wrench(tilted(gravity, side, angle))
+        if not equilibrium(footing.support, load).stands:
+            return False
+        # Springs decide how the load is shared, and so how much friction there is.
+        springs = footing.support.elastic and footing.contact_states(load[None])
+        return not springs or bool(footing.slip.evaluate(springs, derivatives=False).GT[0] < 1)
+
+    def below(side: np.ndarray, angle: float) -> float:
+        """The largest angle in one direction, at most this one."""
+        if kept(side, angle):
+            return angle
+        low, high = 0.0, angle
+        while high - low > _CLOSE:
+            middle = (low + high) / 2
+            low, high = (middle, high) if kept(side, middle) else (low, middle)
+        return low
+
+    if not kept(np.zeros(3), 0.0):
+        return None
+    edges = [np.cross(gravity, axis.direction) for axis in footing.tip_over.axes]
+    sides = [sign * own / np.linalg.norm(own) for own in edges if own.any() for sign in (1.0, -1.0)]
+    angle, worst = MOST_TILT, np.zeros(3)
+    for side in [*sides, *around(gravity)]:
+        if (found := below(side, angle)) < angle:
+            angle, worst = found, side
+    across = np.cross(gravity, worst) / np.linalg.norm(gravity)
+    for k in range(1, _ROUNDS + 1):
+        turn = np.pi / AROUND / 2 ** (k - 1)
+        for side in [np.cos(turn) * worst + sign * np.sin(turn) * across for sign in (1.0, -1.0)]:
+            if worst.any() and (found := below(side, angle)) < angle:
+                angle, worst = found, side
+                across = np.cross(gravity, worst) / np.linalg.norm(gravity)
+    if not worst.any():
+        return FloorSlope(angle, worst, "")
+    return FloorSlope(angle, worst, *_loss(footing, wrench(tilted(gravity, worst, angle + 2 * _CLOSE))))
+
+
+def _loss(footing: Footing, wrench: np.ndarray) -> tuple[str, tuple[int, ...]]:
+    """Whether a base tips or slides that loses a contact under a wrench (6,), and about which contacts."""
+    margins = footing.tip_over.evaluate(footing.contact_states(wrench[None])).margins[0]
+    if np.min(margins, initial=np.inf) >= 0:
+        return "slides", ()
+    axis = footing.tip_over.axes[int(np.argmin(margins))]
+    return "tips", tuple(sorted({k + 1 for k in axis.contacts}))
+
+
+def around(gravity: np.ndarray, count: int = AROUND) -> np.ndarray:
+    """(count, 3) horizontal directions all around."""
+    down = gravity / max(np.linalg.norm(gravity), _EPSILON)
+    level = np.linalg.svd(down[None])[2][1:]
+    turns = 2 * np.pi * np.arange(count) / count
+    return np.cos(turns)[:, None] * level[0] + np.sin(turns)[:, None] * level[1]
+
+
+def tilted(gravity: np.ndarray, downhill: np.ndarray, tilt: float | np.ndarray) -> np.ndarray:
+    """(..., 3) gravity on a floor tilted by (...), rad, downhill towards (..., 3)."""
+    size = np.linalg.norm(gravity)
+    down, tilt = gravity / max(size, _EPSILON), np.asarray(tilt)[..., None]
+    return size * (np.cos(tilt) * down + np.sin(tilt) * downhill)
