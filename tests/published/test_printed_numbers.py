@@ -7,6 +7,10 @@ from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.measured.power_maps import fit_power_map, motors_of
 from ocptip.numerics.quadrature import gauss_legendre
+from ocptip.parallel.description.entries import value_of
+from ocptip.parallel.description.mdh import modified_rows
+from ocptip.parallel.description.ready_made import READY_MADE
+from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, MDHRow
 from ocptip.published.arms import modular_motors
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
@@ -28,6 +32,29 @@ WEIGHTED_SUMS = {
 @pytest.mark.parametrize("robot", WEIGHTED_SUMS)
 def test_weighted_operations_sum_as_printed_in_table_57(robot):
     np.testing.assert_array_equal(np.array(TABLE[robot]) @ WEIGHTS, WEIGHTED_SUMS[robot])
+
+
+# Left columns of tables 5.1 to 5.5: joint, a, alpha in quarter turns; theta or d is the joint's. In 5.2 and
+# 5.5 the sliding joint's variable stands in the column of a, in 5.5 the angles of rows 4 to 6 a row too low.
+STANDARD_ROWS = {
+    "3RRR": [("R", "l1", 0), ("R", "l2", 0), ("R", 0, 0)],
+    "3RPR": [("R", 0, 1), ("P", 0, 1), ("R", 0, 0)],
+    "Delta": [("R", "l1", 0), ("R", 0, 1), ("R", "l2", 0), ("R", 0, 1), ("R", 0, 0)],
+    "4PRRR": [("P", 0, 0), ("R", "l1", 0), ("R", "l2", 0), ("R", 0, 0)],
+    "6UPS": [("R", 0, 1), ("R", 0, 1), ("P", 0, 0), ("R", 0, 1), ("R", 0, 1), ("R", 0, 0)],
+}
+
+
+@pytest.mark.parametrize("robot", STANDARD_ROWS)
+def test_left_columns_of_tables_51_to_55_are_the_right_ones(robot):
+    leg = READY_MADE[robot]().legs[0]
+    lengths = READY_MADE[robot]().parameters
+    rows = STANDARD_ROWS[robot]
+    joints = [MDHRow(PRISMATIC if kind == "P" else REVOLUTE) for kind, _, _ in rows]
+    links = [(lengths[a] if isinstance(a, str) else 0.0, k * np.pi / 2) for _, a, k in rows]
+    for printed, known in zip(modified_rows(joints, links), leg.rows, strict=True):
+        assert printed.sigma == known.sigma
+        np.testing.assert_allclose(printed.entries, [value_of(entry) for entry in known.entries], atol=1e-15)
 
 
 @pytest.mark.parametrize(("case", "side"), [("A", 0.5), ("B", 0.3)])

@@ -24,6 +24,7 @@ from ocptip.basics.values import number_of
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of, value_of
+from ocptip.parallel.description.mdh import modified_rows, moved_inertia, standard_frame
 from ocptip.parallel.description.platform import COORDINATES, Platform
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import (
@@ -38,6 +39,7 @@ from ocptip.task_files.doubts import require_kind
 
 _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
 _ENTRIES = ("gamma", "b", "alpha", "d", "theta", "r")
+_STANDARD = ("theta", "d", "a", "alpha")
 _FRICTION = ("drive_inertia", "viscous", "coulomb")
 _ENTRY = {"type": ["number", "string"]}
 _NUMBERS = "number, multiple of pi, or parameter"
@@ -75,13 +77,14 @@ _BODY = Keys(
 )
 _ROW = Keys(
     "row",
-    "A joint and its modified Denavit-Hartenberg parameters.",
+    "A joint and its Denavit-Hartenberg parameters, modified ones unless the table says standard.",
     {
         "joint": schema.choice("The kind of joint.", _JOINTS),
         "after": schema.whole(
             "Row whose frame this one starts from; 0: the base frame.", least=0, otherwise="the row before"
         ),
         **{key: _entry(f"Parameter {key}.", "m" if key in "bdr" else "rad") for key in _ENTRIES},
+        "a": _entry("Parameter a of standard rows.", "m"),
         "range": schema.anything(
             "Smallest and largest position of the joint.",
             "list of 2 entries",
@@ -100,6 +103,11 @@ _TABLE = Keys(
     "Joints and bodies of legs.",
     {
         "rows": schema.tables(_ROW, "Joints from base to platform, coupling joints included.", required=True),
+        "dh": schema.choice(
+            "Standard rows (theta, d, a, alpha) or modified ones.",
+            ("standard", "modified"),
+            default="modified",
+        ),
         "joints_to_coupling": schema.anything(
             "Number of joints up to the coupling point; legs without loops.",
             "whole number",
@@ -258,9 +266,15 @@ class _Reader:
         rows = table.tables("rows")
         make, parts = self._branched(leg, table, rows) if "ends" in leg else self._serial(leg, table, rows)
         parts |= {name: leg.get(name, table.get(name, ())) for name in _FRICTION}
+        standard = table["dh"] == "standard"
+        pairs = [self._row(row, standard) for row in rows]
         parts |= {
-            "rows": tuple(self._row(row) for row in rows),
+            "rows": tuple(joint for joint, _ in pairs),
             "bodies": tuple(_body(body) for body in table.tables("bodies")),
+        }
+        if standard:
+            self._make_modified(table, parts, [link for _, link in pairs])
+        parts |= {
             "base_position": self._point(leg, "base_position"),
             "base_rotation": self._rotations(leg, "base_rotation"),
             "guess": leg.get("guess", ()),
@@ -301,8 +315,32 @@ class _Reader:
     def _end_rotation(self, table: Table) -> np.ndarray | None:
         return product_of(self._rotations(table, "end_rotation")) if "end_rotation" in table else None
 
-    def _row(self, row: Table) -> MDHRow:
-        entries: dict[str, Any] = {name: self._entry(row, name, row[name]) for name in _ENTRIES}
+    def _make_modified(self, table: Table, parts: dict[str, Any], links: list[tuple[Entry, Entry]]) -> None:
+        """Bring a leg with standard rows, whose links have (a, alpha), to modified ones.
+
+        Named lengths stay symbols in the rows; bodies and the last frame are moved by their values.
+        """
+        if "parents" in parts:
+            raise table.error("standard rows are for legs without ends, whose rows are one chain", "dh")
+        if links and value_of(links[-1][0]):
+            raise table.error("a of the last row must be 0: a leg ends on the axis of its last joint", "rows")
+        moved = zip(parts["bodies"], links, strict=False)
+        parts["rows"] = modified_rows(parts["rows"], links)
+        parts["bodies"] = tuple(moved_inertia(body, standard_frame(*link)) for body, link in moved)
+        if parts["end_rotation"] is not None:
+            parts["end_rotation"] = standard_frame(*links[-1])[0] @ parts["end_rotation"]
+
+    def _row(self, row: Table, standard: bool) -> tuple[MDHRow, tuple[Entry, Entry]]:
+        """A joint, of standard rows without the link behind it, and that link's a and alpha."""
+        names = _STANDARD if standard else _ENTRIES
+        for name in {*_ENTRIES, *_STANDARD} - {*names}:
+            if name in row:
+                kind = "standard" if standard else "modified"
+                raise row.error(f"{kind} rows have {', '.join(names)} (dh of the table chooses)", name)
+        entries: dict[str, Any] = {name: self._entry(row, name, row[name]) for name in names}
+        link = (0.0, 0.0)
+        if standard:
+            link, entries["r"] = (entries.pop("a"), entries.pop("alpha")), entries.pop("d")
         if "range" in row:
             ends = row.value("range")
             if not isinstance(ends, list) or len(ends) != 2:
@@ -310,7 +348,7 @@ class _Reader:
             values = [value_of(self._entry(row, f"range[{i}]", end)) for i, end in enumerate(ends, 1)]
             entries["range"] = tuple(values)
         row.close(early=True)
-        return row.make(MDHRow, _JOINTS[row["joint"]], **entries)
+        return row.make(MDHRow, _JOINTS[row["joint"]], **entries), link
 
     def _point(self, table: Table, key: str) -> tuple[Entry, ...]:
         values = table[key]

@@ -14,11 +14,15 @@ from ocptip.parallel.description.mdh import (
     compose,
     fixed_row,
     inverse,
+    modified_rows,
     moved_inertia,
     rotation_angles,
     row_frame,
+    standard_frame,
 )
-from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, MDHRow
+from ocptip.robots.dh import DHRow, arm_from_dh
+from ocptip.robots.kinematics import gripper_pose
 from tests.oracles.parallel_urdf.chain import JointAxis, joints_to_coupling, mdh_chain
 from tests.parallel.parallel_cases import random_body
 from tests.quick import examples
@@ -48,6 +52,33 @@ def test_any_frame_is_one_row(seed):
     np.testing.assert_allclose(turned, R, atol=1e-14)
     np.testing.assert_allclose(moved, p, atol=1e-13)
     np.testing.assert_allclose(product_of(rotation_angles(R)), R, atol=1e-14)
+
+
+@given(seed=st.integers(0, 10**6))
+@examples(30)
+def test_standard_rows_are_the_same_chain(seed):
+    """Against the arms of `robots.dh`, which knows both conventions by itself."""
+    rng = np.random.default_rng(seed)
+    numbers, slides, q = rng.uniform(-1, 1, (5, 4)), rng.random(5) < 0.3, rng.uniform(-1, 1, 5)
+    arm = arm_from_dh(
+        "arm",
+        [
+            DHRow(a=a, alpha=alpha, d=d, theta=theta, slides=bool(kind))
+            for (theta, d, a, alpha), kind in zip(numbers, slides, strict=True)
+        ],
+    )
+    joints = [
+        MDHRow(PRISMATIC if kind else REVOLUTE, theta=theta, r=d)
+        for (theta, d, _, _), kind in zip(numbers, slides, strict=True)
+    ]
+    links = [(a, alpha) for _, _, a, alpha in numbers]
+    frame = np.eye(3), np.zeros(3)
+    for row, value in zip(modified_rows(joints, links), q, strict=True):
+        frame = compose(frame, row_frame(row, value))
+    turned, moved = compose(frame, standard_frame(*links[-1]))
+    position, rotation = gripper_pose(arm, q)
+    np.testing.assert_allclose(turned, rotation, atol=1e-12)
+    np.testing.assert_allclose(moved, position, atol=1e-12)
 
 
 CHAINS = {

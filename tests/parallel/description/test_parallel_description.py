@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import tomllib
 
 import numpy as np
 import pytest
@@ -229,6 +230,51 @@ def test_file_describes_the_same_robot_as_the_constructor(tmp_path):
     z, zd, zdd = [0.05, 0.02, 0.1], [1.0, -0.5, 2.0], [3.0, 4.0, -5.0]
     built = ParallelRobot(rrr3()).inverse_dynamics(z, zd, zdd).motors
     assert relative(ParallelRobot(description).inverse_dynamics(z, zd, zdd).motors, built) < 1e-12
+
+
+STANDARD = (
+    FILE.replace('{ joint = "revolute" },', '{ joint = "revolute", a = "l1" },', 1)
+    .replace('{ joint = "revolute", d = "l1" }', '{ joint = "revolute", a = "l2" }')
+    .replace('{ joint = "revolute", d = "l2" }', '{ joint = "revolute", alpha = "pi/2" }')
+    .replace("joints_to_coupling = 2", 'joints_to_coupling = 2\ndh = "standard"')
+    .replace("center = [0.3, 0.0, 0.0]", "center = [-0.3, 0.0, 0.0]")
+)
+
+
+def test_standard_rows_have_bodies_in_frames_at_the_ends_of_links():
+    """The left columns of table 5.1 of thesis P; named lengths stay symbols."""
+    modified, standard = (read_parallel_robot(tomllib.loads(text)) for text in (FILE, STANDARD))
+    for one, other in zip(modified.legs, standard.legs, strict=True):
+        assert one.rows == other.rows
+    z, zd, zdd = [0.05, 0.02, 0.1], [1.0, -0.5, 2.0], [3.0, 4.0, -5.0]
+    forces = [ParallelRobot(each).inverse_dynamics(z, zd, zdd).motors for each in (modified, standard)]
+    assert relative(*forces) < 1e-12
+
+
+def test_the_last_standard_frame_turns_by_its_alpha():
+    turned = [["z", "pi/2"], ["x", 0.3]]
+    end = f"coupling = [0.0, 0.3, 0.0]\nend_rotation = {turned}".replace("'", '"')
+    ends = [
+        read_parallel_robot(tomllib.loads(text.replace("coupling = [0.0, 0.3, 0.0]", end)))
+        .legs[0]
+        .end_rotation
+        for text in (FILE, STANDARD)
+    ]
+    np.testing.assert_allclose(ends[1], np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) @ ends[0], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('a = "l1"', 'gamma = "l1"', r"table.RRR.rows\[1\].gamma: standard rows have theta, d, a, alpha"),
+        ('alpha = "pi/2"', "a = 0.1", "table.RRR.rows: a of the last row must be 0"),
+        ('dh = "standard"', 'dh = "modified"', r"table.RRR.rows\[1\].a: modified rows have gamma, b"),
+        ('dh = "standard"', 'dh = "craig"', "table.RRR.dh: expected one of"),
+    ],
+)
+def test_rows_of_the_other_convention_are_refused(old, new, message):
+    with pytest.raises(InputError, match=message):
+        read_parallel_robot(tomllib.loads(STANDARD.replace(old, new)))
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ocptip.numerics.vectors import skew
 from ocptip.parallel.description.body_inertia import BodyInertia
-from ocptip.parallel.description.entries import elementary_rotation, value_of
+from ocptip.parallel.description.entries import Entry, elementary_rotation, value_of
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, MDHRow
 
 Frame = tuple[np.ndarray, np.ndarray]
@@ -55,6 +57,24 @@ def row_frame(row: MDHRow, joint: float = 0.0) -> Frame:
         c, s = math.cos(value_of(row.theta) + joint), math.sin(value_of(row.theta) + joint)
         return before @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), arm
     return before @ elementary_rotation("z", row.theta), arm
+
+
+def standard_frame(a: Entry, alpha: Entry) -> Frame:
+    """Frame i of a standard row, at the end of its link, in frame i of modified rows, on the joint's axis."""
+    return elementary_rotation("x", alpha), np.array([value_of(a), 0.0, 0.0])
+
+
+def modified_rows(rows: Sequence[MDHRow], links: Sequence[tuple[Entry, Entry]]) -> tuple[MDHRow, ...]:
+    """Modified rows of a chain that is given by standard Denavit-Hartenberg rows.
+
+    A standard row is Rz(theta) Tz(d) Tx(a) Rx(alpha): its a and alpha stand in the modified row after it.
+
+    Args:
+        rows: joints with theta and r (the standard d), nothing else.
+        links: (a, alpha) of each, m and rad.
+    """
+    before = [(0.0, 0.0), *links[:-1]]
+    return tuple(replace(row, d=a, alpha=alpha) for row, (a, alpha) in zip(rows, before, strict=True))
 
 
 def fixed_row(frame: Frame, snap: float = 0.0) -> MDHRow:
