@@ -9,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext
 from multiprocessing import get_context
 from threading import Thread, Timer
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -20,7 +21,7 @@ from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import check_motion
 from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart, Start, plan_segment
-from ocptip.motion.plan import plan_motion
+from ocptip.motion.plan import MotionPlan, plan_motion, proved
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.jobs import Jobs, _search
 from ocptip.motion.planner.one_start import Search
@@ -687,14 +688,26 @@ def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(
 def test_the_proof_is_a_step_of_its_own(case_b, monkeypatch):
     """Shown as the last one, after all starts and changes."""
     progress = Progress()
-    search = MultiStart(case_b, range(1), 0, progress, certified)
+    stages: list[str] = []
+    search = MultiStart(case_b, range(1), 0, progress, certified, stages.append)
     for stage in ("_solve_roughly", "_finish", "_hop", "_change_rise_time", "_prove_best"):
         monkeypatch.setattr(search, stage, lambda *_: None)
     monkeypatch.setattr(MultiStart, "best", Start(0, case_b))
     search.run(Jobs(None), [case_b])
     assert [call[:2] for call in progress.calls] == [(0, 3), (1, 3)]
+    assert stages == ["proving the best motion ..."]
     MultiStart(case_b, range(1), 0, progress)
     assert progress.calls[-1][:2] == (0, 2)
+
+
+def test_the_proofs_of_a_cycle_are_named_one_by_one(monkeypatch):
+    segment, stages = SimpleNamespace(segments=()), []
+    known = {"interrupted": True, "seed": 0, "options": {}, "task": None, "seconds": 0.0}
+    cycle = SimpleNamespace(segments=(segment,) * 3, **known)
+    monkeypatch.setattr("ocptip.motion.plan._proved_segment", lambda plan, prove: plan)
+    monkeypatch.setattr(MotionPlan, "of_cycle", lambda *given, **how: len(stages))
+    assert proved(cycle, certified, stages.append) == 3
+    assert stages == [f"proving segment {k} of 3 ..." for k in (1, 2, 3)]
 
 
 def test_what_intervals_lack_says_which_limit_to_tighten_and_when():

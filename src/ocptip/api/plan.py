@@ -331,7 +331,7 @@ def plan(
             )
         method = "direct"
     try:
-        direct = partial(plan_motion, task, progress=progress, prove=certified, **how)
+        direct = partial(plan_motion, task, progress=progress, prove=certified, stage=stage, **how)
         planned = searched(task, method, budget, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)
@@ -352,6 +352,8 @@ def plan(
         what = "a segment had" if task.is_cycle else "there was"
         raise KeyboardInterrupt(f"before {what} a verified plan") from None
     along_path = planned.options.get("method") == "path"
+    if stage and not along_path and any(one.task.limits.stoppable for one in task.segments):
+        stage("planning without stops, to compare the cost ...")
     price = {} if along_path else price_of_stops(planned, _without_stops(task, how, budget))
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
     how_run = {"price": price, "sensitivities": sensitivities, "stage": stage, "budget": budget}

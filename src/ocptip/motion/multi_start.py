@@ -128,6 +128,7 @@ class MultiStart:
         progress: called as progress(done, steps, minimum cost so far or None). A start is two steps: until
             its promise is known, and until it has ended. A change is one, and so is the proof.
         prove: proves the best motion; None: nothing does.
+        stage: called before the proof with what is computed.
     """
 
     def __init__(
@@ -137,7 +138,9 @@ class MultiStart:
         seed: int,
         progress: Progress | None,
         prove: Prove | None = None,
+        stage: Callable[[str], None] | None = None,
     ) -> None:
+        self._stage = stage
         self._task, self._numbers, self._seed = task, numbers, seed
         self._hops = 0 if task.limits.tolerance.given else len(numbers) // 2
         self._proofs = 0 if prove is None else 1
@@ -165,6 +168,8 @@ class MultiStart:
         if self.best is not None and self._task.rise_times is None:
             self._change_rise_time(jobs, self.best)
         if self.best is not None and self._prove is not None:
+            if self._stage:
+                self._stage("proving the best motion ...")
             self._prove_best(jobs, self.best, self._prove)
             self._step()
 
@@ -276,17 +281,18 @@ def plan_segment(
     workers: MaybeWorkers,
     progress: Progress | None = None,
     prove: Prove | None = None,
+    stage: Callable[[str], None] | None = None,
 ) -> MotionPlan:
     """Plan one motion; see `ocptip.motion.plan.plan_motion`.
 
     Args:
-        task, starts, seed, progress, prove: see there.
+        task, starts, seed, progress, prove, stage: see there.
         first: number of the first start: with `first=2` those follow that `starts=2` has run.
         workers: run the jobs, and end with an interrupt; None: this process does.
     """
     require_plannable(task)
     began = time.perf_counter()
-    search = MultiStart(task, range(first, first + starts), seed, progress, prove)
+    search = MultiStart(task, range(first, first + starts), seed, progress, prove, stage)
     with one_thread:
         tasks = likely_choices(task)
     interrupted = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
@@ -39,6 +39,7 @@ def plan_motion(
     jobs: int | None = None,
     progress: Progress | None = None,
     prove: Prove | None = None,
+    stage: Callable[[str], None] | None = None,
 ) -> MotionPlan:
     """Plan the motion of minimum cost that keeps all limits of a task; of a cycle those of all segments.
 
@@ -69,6 +70,7 @@ def plan_motion(
             are starts, and the cost is that of the segment.
         prove: gives the best its certificate, as `ocptip.certificate.checks.certified` does; `proved` gives
             it later.
+        stage: called with what is computed after the starts.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -85,9 +87,9 @@ def plan_motion(
     workers = nullcontext() if executor is None and jobs == 1 else worker_pool(executor, jobs, starts)
     how = {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
     if not task.is_cycle:
-        return plan_segment(cast(MotionTask, task), **how, prove=prove)
+        return plan_segment(cast(MotionTask, task), **how, prove=prove, stage=stage)
     plan = _planned_cycle(cast(CycleTask, task), **how)
-    return plan if prove is None or plan.interrupted else proved(plan, prove)
+    return plan if prove is None or plan.interrupted else proved(plan, prove, stage)
 
 
 def _planned_cycle(
@@ -120,16 +122,18 @@ def _planned_cycle(
     )
 
 
-def proved(plan: MotionPlan, prove: Prove) -> MotionPlan:
+def proved(plan: MotionPlan, prove: Prove, stage: Callable[[str], None] | None = None) -> MotionPlan:
     """A plan that was made without certificates with them, as `plan_motion` gives it; in this process.
 
-    An interrupt leaves out those of the other segments of a cycle.
+    An interrupt leaves out those of the other segments of a cycle. `stage` is called with what is proved.
     """
     if not plan.segments:
         return _proved_segment(plan, prove)
     began, segments, interrupted = time.perf_counter(), [*plan.segments], plan.interrupted
     try:
         for k, segment in enumerate(segments):
+            if stage:
+                stage(f"proving segment {k + 1} of {len(segments)} ...")
             segments[k] = _proved_segment(segment, prove)
     except KeyboardInterrupt:
         interrupted = True
