@@ -1,8 +1,9 @@
-"""Two figures of [Naw07] whose drawings are lost: the gradient field 4.2 and the maps 6.3 to 6.7.
+"""Figures of the theses whose drawings are lost: [Naw07] 4.2 and 6.3 to 6.7, thesis M 6.7.
 
     python -m studies.indices.published_figures --out FOLDER [--grid 81]
 
-Writes published_gradient_field.png: manipulability of the IRB 2000 over joints 2 and 3 with joint 5 at 90
+Writes published_power_map.png: electric power of drive 1 over load torque and speed (thesis M, table 6.1);
+published_gradient_field.png: manipulability of the IRB 2000 over joints 2 and 3 with joint 5 at 90
 degrees, its steepest descent, singular poses, the stationary pose and its directions of principal curvature;
 and published_design_maps.png: five indices of flight-simulator platforms over alpha and h.
 """
@@ -23,7 +24,7 @@ from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.distance import Curvatures, singularity_distance, stationary_curvatures
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.reviewed import best_complex, manipulability
-from ocptip.published.arms import irb_2000
+from ocptip.published.arms import irb_2000, load_arm, modular_motors
 from studies.indices.designs.flight_simulator import LARGEST_ALPHA, FlightSimulator
 
 NEAR = (0.9, -0.2)  # rad, printed to five digits
@@ -103,6 +104,33 @@ def draw_field(path: Path, grid: int) -> None:
     figure.savefig(path, dpi=110)
 
 
+def power_map(grid: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Load torques (grid,), N m, speeds (2 grid,), rad/s, not 0, and powers (2 grid, grid), W, of drive 1."""
+    limits = load_arm("FP1W2F").limits
+    loads, half = limits.torque[0] * np.linspace(-1, 1, grid), limits.speed[0] * np.linspace(1e-9, 1, grid)
+    speeds = np.concatenate([-half[::-1], half])
+    torques, rates = np.zeros((2, 2 * grid, grid, 6))
+    torques[..., 0], rates[..., 0] = -loads, speeds[:, None]  # the drive holds against the load
+    powers = modular_motors().power(torques.reshape(-1, 6), rates.reshape(-1, 6))[:, 0]
+    return loads, speeds, powers.reshape(2 * grid, grid)
+
+
+def draw_power(path: Path, grid: int) -> None:
+    """Write the figure of the power map."""
+    loads, speeds, powers = power_map(grid)
+    figure = Figure(figsize=(7.2, 5), layout="constrained")
+    axes = FigureCanvasAgg(figure).figure.add_subplot()
+    filled = axes.contourf(loads, np.degrees(speeds), powers, levels=20, cmap="viridis")
+    axes.contour(loads, np.degrees(speeds), powers, levels=[0.0], colors="r", linewidths=1.5)
+    axes.axhline(0.0, color="w", lw=1.5)
+    axes.set(xlabel="load torque [N m]", ylabel="joint speed [deg/s]")
+    axes.set_title(
+        "Electric power of drive 1; inside the red corners it feeds back; white: step at rest", fontsize=9
+    )
+    figure.colorbar(filled, ax=axes, label="W")
+    figure.savefig(path, dpi=100)
+
+
 def draw_designs(path: Path, grid: int) -> None:
     """Write the figure of the maps over design and height."""
     alphas, heights = np.linspace(0.0, 0.98 * LARGEST_ALPHA, grid), np.linspace(0.02, 1.0, grid)
@@ -123,12 +151,13 @@ def draw_designs(path: Path, grid: int) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder for both figures")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the figures")
     parser.add_argument("--grid", type=int, default=81, help="points along each axis")
     options = parser.parse_args(argv)
     if options.grid < 3:
         parser.error("--grid: at least 3")
     options.out.mkdir(parents=True, exist_ok=True)
+    draw_power(options.out / "published_power_map.png", options.grid)
     draw_field(options.out / "published_gradient_field.png", options.grid)
     draw_designs(options.out / "published_design_maps.png", options.grid)
     angles, curvatures = stationary_pose()

@@ -1,4 +1,4 @@
-"""The arrays behind two lost figures of [Naw07]: printed numbers, differences, the optimum."""
+"""The arrays behind lost figures of the theses: printed numbers, differences, the optimum."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,20 @@ def test_design_maps_have_the_tested_samples_and_the_optimum():
     assert np.unravel_index(np.argmax(ctn), ctn.shape) == (2, 2)
 
 
+def test_power_map_has_the_printed_symmetry_step_and_generator():
+    """Thesis M, 6.1.2: P(M, w) = P(-M, -w) (6.8), a step at rest, negative powers; c1 at 24 V."""
+    loads, speeds, powers = published_figures.power_map(41)
+    np.testing.assert_allclose(powers, powers[::-1, ::-1], atol=1e-9)
+    at_rest = powers[41]
+    assert at_rest[20] == pytest.approx(24 * 4.869e-1, abs=1e-4)
+    assert np.abs(powers[41] - powers[40]).max() > 5.0
+    against = powers[-1, 0]  # load and speed of opposite signs: maximum power
+    assert against == powers.max()
+    assert loads[0] < 0 < speeds[-1]
+    assert powers.min() < -10.0
+
+
 def test_figures_are_written(tmp_path):
     assert published_figures.main(["--out", str(tmp_path), "--grid", "7"]) == 0
-    for name in ("gradient_field", "design_maps"):
+    for name in ("power_map", "gradient_field", "design_maps"):
         assert (tmp_path / f"published_{name}.png").stat().st_size > 20_000
