@@ -118,7 +118,7 @@ def test_commands_and_what_is_tolerated_run_on_one_thread(root, monkeypatch, cap
 
         monkeypatch.setattr(module, name, outer)
 
-    watched(springs, "expm")
+    watched(springs, "exponentials")
     watched(stand, "run")
     task = experiment_task("A")
     scene = root / "src/ocptip/examples/scenes/rover_on_slope.toml"
@@ -127,5 +127,5 @@ def test_commands_and_what_is_tolerated_run_on_one_thread(root, monkeypatch, cap
         tolerated(task.robot, task.reference)
         assert main(["stand", str(scene)]) == 0
         assert numbers() == before
-    assert {name for name, _ in seen} == {"expm", "run"}
+    assert {name for name, _ in seen} == {"exponentials", "run"}
     assert all(threads == {1} for _, threads in seen), seen

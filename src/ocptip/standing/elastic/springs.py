@@ -23,12 +23,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh, expm
+from scipy.linalg import eigh
 
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
-from ocptip.standing.elastic.steps import ends_of_steps, oscillations, powers, states_within
+from ocptip.standing.elastic.steps import ends_of_steps, exponentials, oscillations, powers, states_within
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
@@ -297,7 +297,7 @@ class Simulation:
         """The motion, part by part; at the end `_falls` says whether a foot goes far."""
         ride, n, d = self.ride, len(self._D), self.d
         self._counts = np.maximum(1, np.ceil(ride.lengths * self._highest * PER_PERIOD)).astype(int)
-        self._steps = expm(self._every * (ride.lengths / self._counts)[:, None, None])
+        self._steps = self._over(ride.lengths / self._counts, self._every)
         self._pressing = self._start_pressing.copy()
         self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
         self._switches, self._lost, self._falls = 0, [], False
@@ -309,6 +309,12 @@ class Simulation:
             yield from self._run_on(z, to_first_pull)
         else:
             yield from self._run_linearly(z, to_first_pull)
+
+    def _over(self, times: np.ndarray, systems: np.ndarray) -> np.ndarray:
+        """(S, 2 d + 4, 2 d + 4): what systems (S, ...) make of states in times (S,), s."""
+        fast = 2.0 ** np.round(np.log2(max(2 * np.pi * self._highest, 1.0)))
+        scale = np.repeat([1.0, fast, 1.0], [self.d, self.d, 4])
+        return exponentials(systems * times[:, None, None], scale, 2 * self.d)
 
     def _run_on(self, z: np.ndarray, to_first_pull: bool) -> Iterator[tuple[np.ndarray, ...]]:
         """The motion, part by part; feet lift off and land."""
@@ -370,7 +376,7 @@ class Simulation:
             system = self._systems(i, self._pressing, self._anchors)
             count = max(1, int(np.ceil((length - z[-3]) * self._highest * PER_PERIOD)))
             dt = (length - z[-3]) / count
-            X = powers(expm(system * dt), z, count)
+            X = powers(self._over(np.array([dt]), system[None])[0], z, count)
             wrong = self._wrong(X, begin)
             hits = np.flatnonzero(np.any(wrong > 0, axis=1)[1:])
             if not len(hits):
@@ -396,7 +402,7 @@ class Simulation:
         """The first state within dt at which foot k lets go or comes down, by false position."""
 
         def state_at(time: float) -> tuple[np.ndarray, float]:
-            at = expm(system * time) @ z
+            at = self._over(np.array([time]), system[None])[0] @ z
             return at, float(self._wrong(at[None], begin)[0, k])
 
         low, below, high = 0.0, float(self._wrong(z[None], begin)[0, k]), dt

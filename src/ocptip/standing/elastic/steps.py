@@ -2,7 +2,44 @@
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
+
+_DEGREE, _CLOSE = 12, 0.35  # of Taylor polynomials; the norm up to which what they leave out is rounding
+_AT_ONCE = 100  # matrices that fit the processor's cache
+
+
+def exponentials(A: np.ndarray, scale: np.ndarray, moving: int) -> np.ndarray:
+    """(S, p, p): matrix exponentials of A (S, p, p), many at once.
+
+    Args:
+        A: whose first rows and columns are those of a linear system, the others what excites it.
+        scale: (p,) sizes of the states; powers of 2 do not round. Velocities are as many times larger than
+            their positions as a system is fast, which would otherwise be taken for a larger norm.
+        moving: number of the states of the system.
+    """
+    B, found = A * (scale / scale[:, None]), np.empty(A.shape)
+    for k in range(0, len(B), _AT_ONCE):
+        found[k : k + _AT_ONCE] = _exponentials(B[k : k + _AT_ONCE], moving)
+    return found * (scale[:, None] / scale)
+
+
+def _exponentials(B: np.ndarray, moving: int) -> np.ndarray:
+    # what is left out is linear in the excitation, so that its size does not matter
+    parts = (np.abs(B[:, own, own]).sum(axis=2).max(initial=0.0) for own in (np.s_[:moving], np.s_[moving:]))
+    halvings = max(0, int(np.ceil(np.log2(max(*parts, _CLOSE) / _CLOSE))))
+    B = B * 0.5**halvings
+    square = B @ B
+    cube, found = square @ B, np.zeros_like(B)
+    for k in range(_DEGREE, -1, -3):  # Paterson and Stockmeyer: by powers of the cube
+        found = found @ cube if k < _DEGREE else found
+        for power, count in ((np.eye(B.shape[-1]), k), (B, k + 1), (square, k + 2)):
+            if count <= _DEGREE:
+                found += power * (1 / factorial(count))
+    for _ in range(halvings):
+        found = found @ found
+    return found
 
 
 def powers(E: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
