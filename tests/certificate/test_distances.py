@@ -1,10 +1,12 @@
 """Bounds of distances in certificates: of hulls with many points only those in front are bounded closely."""
 
+import coal
 import numpy as np
 import pytest
 
 from ocptip.certificate.trusted.distances import _above, _foremost, distances
 from ocptip.certificate.trusted.forms import Form, K, linear
+from ocptip.robots.collision.shapes import Hull
 
 INTERVALS, POINTS = 6, 3000
 TIMES = np.linspace(-1, 1, 21)
@@ -43,6 +45,38 @@ def test_narrow_forms_leave_few_points_and_no_numbers_leave_all():
     assert len(_foremost(points, along)) <= INTERVALS
     along.c[0, 0, 2] = np.nan
     assert len(_foremost(points, along)) == POINTS
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bodies_beside_a_box_at_rest_are_no_nearer_than_proved(seed):
+    """Bounds without any direction, against coal, whichever of the pair rests; where balls prove less."""
+    rng, radius = np.random.default_rng(seed), 0.02
+    board = rng.uniform(0.05, 1, 3) * [1, 1, 0.02] * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
+    board = (board @ np.linalg.qr(rng.normal(size=(3, 3)))[0] if seed % 2 else board) + rng.normal(size=3)
+    part = 0.1 * rng.normal(size=(10, 3))
+    bodies = [
+        {"link": k, "points": own.tolist(), "radius": r}
+        for k, own, r in ((-1, board, 0.0), (0, part, radius))
+    ]
+    origins = board.mean(axis=0)[:, None] + 0.8 * rng.normal(size=(3, 200))
+    frame = Form.of(np.tile(np.eye(3)[:, :, None], 200)), Form.of(origins)
+
+    def unknown(intervals, pairs):
+        return np.full((len(pairs), 4), np.nan)
+
+    solids, request = [Hull(own).solid() for own in (board, part)], coal.DistanceRequest()
+    places = [coal.Transform3s(np.eye(3), at) for at in (np.zeros(3), *origins.T)]
+    exact = [
+        coal.distance(solids[0], places[0], solids[1], at, request, coal.DistanceResult())
+        for at in places[1:]
+    ]
+    for pair in ((0, 1), (1, 0)):
+        (bound,) = distances([frame], bodies, np.array([pair]), 0.05, unknown)
+        known = ~np.isnan(bound)
+        assert np.all(bound[known] <= np.array(exact)[known] - radius + 1e-6)
+        balls = np.linalg.norm(board.mean(axis=0)[:, None] - part.mean(axis=0)[:, None] - origins, axis=0)
+        reach = [np.linalg.norm(own - own.mean(axis=0), axis=1).max() for own in (board, part)]
+        assert np.sum(known) > np.sum(balls - sum(reach) - radius >= 0.05)
 
 
 def test_two_hulls_and_a_floor_are_as_far_apart_as_their_points():

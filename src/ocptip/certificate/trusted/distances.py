@@ -1,7 +1,8 @@
 """Distances of solids over intervals of time, from below.
 
-A solid is the convex hull of points, thickened. Two are apart where balls about them are, or where along some
-direction all points of one lie beyond all points of the other. Any direction proves a bound.
+A solid is the convex hull of points, thickened. Two are apart where balls about them are, or a ball and a box
+along the axes about one at rest, or where along some direction all points of one lie beyond all points of the
+other. Any direction proves a bound.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from ocptip.certificate.trusted.plain import ROUNDED
 
 Frame = tuple[Form, Form]
 Directions = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_BASE = -1  # the link of what rests in base axes
 
 
 def distances(
@@ -27,7 +29,7 @@ def distances(
     Args:
         frames: rotation (3, 3, N) and origin (3, N) of the mount and of all links, base axes.
         bodies, pairs: of a certificate's model.
-        asked: m: directions are asked for where balls come nearer.
+        asked: m: directions are asked for where balls and boxes come nearer.
         directions: of intervals and pairs, (R,) each: (R, 4), 0 (base axes) or 1 (those of the first's link),
             and a direction along which the pair's second is beyond the first.
     """
@@ -39,9 +41,13 @@ def distances(
     a, b = pairs.T
     gaps = np.linalg.norm(centres[a] - centres[b], axis=1) * (1 - U) - (radii[a] + radii[b]) * (1 + U)
     solid = np.ones(len(pairs), dtype=bool)
+    boxes = [_box(body) if body.get("link") == _BASE and "points" in body else None for body in bodies]
     for pair, (i, j) in enumerate(pairs):
         if "normal" in bodies[j]:
             solid[pair], gaps[pair] = False, _above(frames, bodies[i], bodies[j])
+        for resting, other in ((i, j), (j, i)):
+            if (box := boxes[resting]) is not None and solid[pair]:
+                gaps[pair] = np.maximum(gaps[pair], _beside(box, centres[other], radii[other]))
     near = np.argwhere(~(gaps >= asked) & solid[:, None])
     towards = directions(near[:, 1], near[:, 0]) if len(near) else np.empty((0, 4))
     keys = np.column_stack([near[:, 0], towards[:, 0] == 1])
@@ -49,20 +55,26 @@ def distances(
         rows = np.all(keys == (pair, linked), axis=1)
         intervals, d = near[rows, 1], towards[rows, 1:].T
         d = d / np.linalg.norm(d, axis=0)  # not a number where it is too short to have a length
-        some = [(R[..., intervals], p[..., intervals]) for R, p in frames]
         i, j = pairs[pair]
-        gaps[pair, intervals] = _apart(some, bodies[i], bodies[j], d, bool(linked))
+        gaps[pair, intervals] = _apart(frames, intervals, bodies[i], bodies[j], d, bool(linked))
     return gaps
 
 
 def _apart(
-    frames: list[Frame], first: Mapping[str, Any], second: Mapping[str, Any], d: np.ndarray, linked: bool
+    frames: list[Frame],
+    intervals: np.ndarray,
+    first: Mapping[str, Any],
+    second: Mapping[str, Any],
+    d: np.ndarray,
+    linked: bool,
 ) -> np.ndarray:
-    """Lower bound, (N,), m, of how far along d (3, N), of length 1, the second is beyond the first.
+    """Lower bound, (N,), m, of how far along d (3, N), of length 1, the second is beyond the first in N of
+    the intervals.
 
     d is in base axes or, linked, turns with the first; what both do in common counts for nothing.
     """
-    (R, p), (Q, q) = (_pose(frames, body["link"]) for body in (first, second))
+    poses = (_pose(frames, body["link"]) for body in (first, second))
+    (R, p), (Q, q) = ((turn[..., intervals], origin[..., intervals]) for turn, origin in poses)
     points = np.array(first["points"])
     middle = points.mean(axis=0)
     towards = dot(_transposed(R), Form.of(d)[:, None]) if linked else Form.of(d)  # base axes
@@ -107,10 +119,23 @@ def _transposed(R: Form) -> Form:
 
 def _pose(frames: list[Frame], link: int) -> Frame:
     """Rotation (3, 3, N) and origin (3, N) of a link; -1: the base."""
-    if link >= 0:
+    if link != _BASE:
         return frames[link]
     count = frames[0][1].r.shape[-1]
     return Form.of(np.tile(np.eye(3)[:, :, None], count)), Form.of(np.zeros((3, count)))
+
+
+def _box(body: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Lowest and highest coordinates (3, 1), m, of points at rest in base axes, and what thickens them, m."""
+    points = np.array(body["points"])
+    return points.min(axis=0)[:, None], points.max(axis=0)[:, None], body["radius"]
+
+
+def _beside(box: tuple[np.ndarray, np.ndarray, float], centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Lower bound, (N,), m, of the distance of balls, with centres (3, N) and radii (N,), from a box."""
+    low, high, thick = box
+    apart = np.maximum(np.maximum(low - centres, centres - high), 0.0)
+    return np.linalg.norm(apart, axis=0) * (1 - U) - (radii + thick) * (1 + U)
 
 
 def _ball(frames: list[Frame], body: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
