@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ocptip.api.chart import chart
     from ocptip.api.check import Check, check
     from ocptip.api.compare import compare
+    from ocptip.api.drive import drive
     from ocptip.api.export import export
     from ocptip.api.identify import identify
     from ocptip.api.place import place
@@ -77,6 +78,7 @@ _HOME = {
     "chart": "ocptip.api.chart",
     "check": "ocptip.api.check",
     "compare": "ocptip.api.compare",
+    "drive": "ocptip.api.drive",
     "export": "ocptip.api.export",
     "identify": "ocptip.api.identify",
     "load_task": "ocptip.api.tasks",
@@ -117,6 +119,7 @@ __all__ = [
     "chart",
     "check",
     "compare",
+    "drive",
     "export",
     "identify",
     "load_task",

@@ -24,6 +24,7 @@ ARGUMENTS = {
     "place": ["a.toml"],
     "cell": ["a.toml"],
     "chart": ["a.toml"],
+    "drive": ["a.toml"],
     "retime": ["a.toml"],
     "check": ["a.json"],
     "certify": ["a.json"],

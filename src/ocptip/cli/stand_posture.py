@@ -48,11 +48,15 @@ def read_posture(options: Namespace) -> RestingPosture:
     for name, instead in _ELSEWHERE.items():
         if getattr(options, name):
             raise InputError(f"--{name.replace('_', '-')}: not with --posture; use {instead}")
-    task, asked = read_task(options.scene, DEFAULT), options.posture
-    rests = rests_of(task)
-    q = asked if asked in rests else _values(rests["start"][0], asked, list(rests))
-    posture, motion = resting_posture(task, q), base_motion_of(options)
+    posture, motion = posture_of(options.scene, options.posture), base_motion_of(options)
     return posture if motion is None else posture.driving(motion)
+
+
+def posture_of(file: str, asked: str) -> RestingPosture:
+    """The robot of a task file in a posture: joint values in units of task files, or a name in the task."""
+    task = read_task(file, DEFAULT)
+    rests = rests_of(task)
+    return resting_posture(task, asked if asked in rests else _values(rests["start"][0], asked, list(rests)))
 
 
 def base_motion_of(options: Namespace) -> BaseMotion | None:

@@ -19,30 +19,27 @@ import itertools
 from dataclasses import dataclass, replace
 from typing import Any
 
-import clarabel
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import SolverError, bounded_array
+from ocptip.basics.errors import bounded_array
 from ocptip.contact import mode_search
 from ocptip.contact.bindings import laws
-from ocptip.contact.bindings.binding import Binding, ForcePiece
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.cone_motion import LAW_TOLERANCE, ConeProblem, MotionSearch, clearly_moving
 from ocptip.contact.cone_search import find_cone_motion
+from ocptip.contact.force_programs import largest_margin
 from ocptip.contact.pivoting import SOLVED
 from ocptip.contact.planar_verdict import feet_share_a_plane, find_planar_motion
 from ocptip.contact.solver import on_springs, solution_from_search, solve, solve_randomly
 from ocptip.contact.states import REST_TOLERANCE, ContactState
 from ocptip.contact.support import LARGEST_WRENCH, Support
-from ocptip.numerics.cone_program import INFEASIBLE, USABLE, columns_of, quiet_settings, solve_cones
 
 MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""
 
 _RANDOM_STARTS = 64
 _GUESSES = 8
-_TOLERANCES = (1e-10, 1e-8, 1e-6)
 _ALL_COMBINATIONS = 64
 _BALANCE = 1e-8
 
@@ -300,7 +297,7 @@ def equilibrium(support: Support, wrench: ArrayLike, *, cone: bool = True) -> Eq
     outcomes: list[Equilibrium] = []
     pieces = [contact.force_pieces() for contact in support.contacts]
     for choice in itertools.product(*pieces):
-        margin, forces, dual = _margin(support.contacts, choice, matrix, basis.T @ target, unit, cone)
+        margin, forces, dual = largest_margin(support.contacts, choice, matrix, basis.T @ target, unit, cone)
         certificate = None
         if margin < -MARGIN_TOLERANCE and all(len(p) == 1 for p in pieces):
             motion = scaling * (basis @ dual)
@@ -311,88 +308,6 @@ def equilibrium(support: Support, wrench: ArrayLike, *, cone: bool = True) -> Eq
         if len(outcomes) >= _ALL_COMBINATIONS and any(outcome.stands for outcome in outcomes):
             break
     return replace(max(outcomes, key=lambda outcome: outcome.margin), programs=len(outcomes))
-
-
-def _margin(
-    contacts: tuple[Binding, ...],
-    pieces: tuple[ForcePiece, ...],
-    matrix: np.ndarray,
-    target: np.ndarray,
-    unit: float,
-    cone: bool,
-) -> tuple[float, np.ndarray | None, np.ndarray]:
-    """Largest margin s (in units) over forces with matrix K = target inside the pieces, and the dual."""
-    d, n = contacts[0].dimension, len(contacts)
-    size = d * n + 1  # forces, then the margin
-    blocks, limits, cones = [np.hstack([matrix, np.zeros((len(matrix), 1))])], [target], []
-    cones.append(clarabel.ZeroConeT(len(matrix)))
-    rows, rhs = [], []
-
-    def row(**entries: float) -> np.ndarray:
-        line = np.zeros(size)
-        for key, value in entries.items():
-            line[-1 if key == "s" else int(key[1:])] = value
-        return line
-
-    rows.append(row(s=1.0))  # the margin is bounded, or a support without load would have none
-    rhs.append(1.0)
-    second_order = []
-    carried = laws.carries(contacts)
-    for k, (contact, piece) in enumerate(zip(contacts, pieces, strict=True)):
-        normal = f"k{d * k}"
-        # only ends of the whole force set are limits; at the others the next piece goes on
-        low, high = laws.normal_range(contact)
-        if np.isfinite(piece.normal_min):
-            rows.append(row(**{normal: -1.0, "s": float(piece.normal_min == low)}))
-            rhs.append(-piece.normal_min / unit)
-        if np.isfinite(piece.normal_max):
-            rows.append(row(**{normal: 1.0, "s": float(piece.normal_max == high)}))
-            rhs.append(piece.normal_max / unit)
-        if not carried[k, -1]:
-            continue
-        if cone:
-            block = np.zeros((d, size))
-            block[0, d * k], block[0, -1] = -piece.slope, 1.0
-            block[1:, d * k + 1 : d * k + d] = -np.eye(d - 1)
-            second_order.append((block, np.concatenate([[piece.radius / unit], np.zeros(d - 1)])))
-        else:
-            for face in laws.polygon(contact)[0]:
-                line = row(**{normal: -piece.slope, "s": 1.0})
-                line[d * k + 1 : d * k + d] = face
-                rows.append(line)
-                rhs.append(piece.radius / unit)
-    blocks.append(np.array(rows))
-    limits.append(np.array(rhs))
-    cones.append(clarabel.NonnegativeConeT(len(rows)))
-    for block, limit in second_order:
-        blocks.append(block)
-        limits.append(limit)
-        cones.append(clarabel.SecondOrderConeT(d))
-    idle = np.eye(size)[:-1][~carried.ravel()]
-    if len(idle):  # forces that no contact has
-        blocks.append(idle)
-        limits.append(np.zeros(len(idle)))
-        cones.append(clarabel.ZeroConeT(len(idle)))
-    cost = np.zeros(size)
-    cost[-1] = -1.0
-    program = cost, columns_of(np.vstack(blocks)), np.concatenate(limits), cones
-    ended = ""
-    inverse = np.linalg.pinv(matrix)
-    for tolerance in _TOLERANCES:
-        solution = solve_cones(*program, quiet_settings(tolerance))
-        status = str(solution.status)
-        dual = np.asarray(solution.z)[: len(matrix)]
-        if status in (*USABLE, "InsufficientProgress"):
-            x = np.asarray(solution.x)
-            forces = np.where(carried.ravel(), x[:-1], 0.0)
-            forces = forces - inverse @ (matrix @ forces - target)  # large ones balance only relatively
-            allowed = _BALANCE * max(1.0, 1e-5 * np.max(np.abs(forces)))
-            if np.max(np.abs(matrix @ forces - target), initial=0.0) < allowed:
-                return float(x[-1]), forces.reshape(n, d) * unit, dual
-        if status in INFEASIBLE:
-            return -np.inf, None, dual
-        ended = f"{status} (primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"
-    raise SolverError(f"equilibrium: no verdict from the convex program (Clarabel: {ended})")
 
 
 def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> list[ContactState]:

@@ -28,6 +28,7 @@ from ocptip.standing.within.rest import (
     found_within,
 )
 from ocptip.standing.within.tolerable import AT_REST
+from ocptip.standing.within.worst_case import worst_case_of
 
 SEARCHED = ("base_mass", "center_of_mass", "friction")
 """Quantities that the search for placements includes."""
@@ -61,7 +62,9 @@ def posture_within(
         base_motion: of a base that drives, at one instant.
     """
     if base_motion is not None:
-        return _within([partial(MovingCase, robot, q, base_motion)], tolerance.of(robot.payload))
+        counting = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
+        cases = worst_case_of(robot, counting, True)
+        return _within([partial(MovingCase, cases, q, base_motion)], tolerance.of(robot.payload))
     still, support, gravity = np.zeros((1, robot.n)), robot.support, robot.support.gravity
     wrench = robot.loads(q[None], still, still)[1][0]
 

@@ -68,14 +68,20 @@ class Deviations:
         other.low, other.high = ends
         return other
 
-    def moving(self, motions: np.ndarray) -> Deviations:
-        """The same of N states whose base moves as in rows (N, 9) of `BaseMotion`, which is then nominal."""
+    def moving(self, motions: np.ndarray, gravity: np.ndarray | None = None) -> Deviations:
+        """The same of N states whose base moves as in rows (N, 9) of `BaseMotion`, which is then nominal.
+
+        On slopes gravity, (N, 3), m/s^2, base axes, is another one than that of the support.
+        """
         _ = self.wrench, self._first  # made once, they serve all copies
         other = copy(self)
+        if gravity is not None:
+            other._gravity = gravity
         other._nominal = np.zeros((len(motions), self.size))
         parts = zip(_MOTION, (-1.0, 1.0, 1.0), np.split(motions, 3, axis=1), strict=True)
         for name, sign, values in parts:  # an accelerated base is one in another gravity
             other._nominal[:, self.places[name]] = sign * values
+        other._nominal[:, self.places["gravity"]] += other._gravity - self.robot.support.gravity
         return other
 
     def nominal(self, count: int) -> np.ndarray:
@@ -85,6 +91,7 @@ class Deviations:
     def _set(self, tolerance: Uncertainty) -> None:
         self.tolerance, ends = tolerance.of(self.robot.payload), self._ends(tolerance)
         self._nominal: np.ndarray | None = None
+        self._gravity: np.ndarray = self.robot.support.gravity
         self.low, self.high = np.zeros(self.size), np.zeros(self.size)
         for name, at in self.places.items():
             if name in ends:
@@ -231,7 +238,7 @@ class Deviations:
                 theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
         if "gravity" in self.places:
             at = self.places["gravity"]
-            theta[:, at] += least_tilt(slopes[:, at], self.robot.support.gravity, self.tolerance.tilt)
+            theta[:, at] += least_tilt(slopes[:, at], self._gravity, self.tolerance.tilt)
         return theta
 
     def missed(
@@ -312,11 +319,11 @@ _MASSES = {"base_mass": "base mass", "arm_mass": "link", "payload_mass": "payloa
 
 
 def least_tilt(b: np.ndarray, gravity: np.ndarray, tilt: float) -> np.ndarray:
-    """Changes (N, 3) of gravity (3,) within a tilt, rad, that make b (N, 3) . gravity minimal."""
-    size = np.linalg.norm(gravity)
-    down = gravity / max(size, 1e-300)
+    """Changes (N, 3) of gravity (3,) or (N, 3) within a tilt, rad, that make b (N, 3) . gravity minimal."""
+    size = np.linalg.norm(gravity, axis=-1, keepdims=True)
+    down = gravity / np.maximum(size, 1e-300)
     wanted = -_unit(b)
-    along = wanted @ down
+    along = np.sum(wanted * down, axis=1)
     side = wanted - along[:, None] * down
     angle = np.minimum(np.arctan2(np.linalg.norm(side, axis=1), along), tilt)[:, None]
     return size * ((np.cos(angle) - 1) * down + np.sin(angle) * _unit(side))

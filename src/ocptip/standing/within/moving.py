@@ -6,7 +6,6 @@ import numpy as np
 
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.robots.base_motion import BaseMotion
-from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import WorstCase
 
@@ -17,15 +16,17 @@ class MovingCase:
     """A posture on a base that moves, within an uncertainty; deviations are those of `Deviations`.
 
     Args:
-        robot: on its support, as it rests.
+        cases: of the robot on its support, as it rests, within at least this uncertainty.
         q: (n,), rad (sliding joints: m).
         base_motion: at one instant.
         tolerance: of floor, base, arm and payload.
     """
 
-    def __init__(self, robot: Robot, q: np.ndarray, base_motion: BaseMotion, tolerance: Uncertainty) -> None:
-        self._s, self._motion = np.concatenate([q, np.zeros(2 * robot.n)])[None], base_motion.rows(1)
-        self._cases = WorstCase(robot, tolerance, drives=True)
+    def __init__(
+        self, cases: WorstCase, q: np.ndarray, base_motion: BaseMotion, tolerance: Uncertainty
+    ) -> None:
+        self._s, self._motion = np.concatenate([q, np.zeros(2 * len(q))])[None], base_motion.rows(1)
+        self._cases = cases.within(tolerance)
 
     def tip(self) -> tuple[float, np.ndarray]:
         """GN at the worst, more than 1 where the base tips, and the deviations there."""

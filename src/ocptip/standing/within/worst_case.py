@@ -105,13 +105,14 @@ class WorstCase:
         other.deviations = self.deviations.loaded(factors)
         return other
 
-    def moving(self, motions: np.ndarray) -> WorstCase:
+    def moving(self, motions: np.ndarray, gravity: np.ndarray | None = None) -> WorstCase:
         """The worst case of N states whose base moves as in rows (N, 9) of `BaseMotion`.
 
+        On slopes gravity, (N, 3), m/s^2, base axes, is another one than that of the support.
         For `moments`, `least` and `slip` of exactly these states.
         """
         other = copy(self)
-        other.deviations = self.deviations.moving(motions)
+        other.deviations = self.deviations.moving(motions, gravity)
         return other
 
     def up_to(self, GT: float) -> WorstCase:
@@ -390,6 +391,6 @@ class WorstCase:
 
 
 @lru_cache(maxsize=8)
-def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty) -> WorstCase:
+def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty, drives: bool = False) -> WorstCase:
     """That of a robot, made once."""
-    return WorstCase(robot, tolerance)
+    return WorstCase(robot, tolerance, drives)

@@ -1,0 +1,420 @@
+"""`ocptip.drive`: how hard a mobile base may accelerate, brake and turn with its arm at rest."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.api.postures import RestingPosture, resting_posture
+from ocptip.basics.errors import InputError, positive_number, whole_number
+from ocptip.basics.outputs import replace_folder
+from ocptip.basics.write import plain, versions
+from ocptip.motion.cycles.task import Task
+from ocptip.pictures.drive_envelope import envelope_picture
+from ocptip.robots.payload import Payload
+from ocptip.standing.arm import Robot
+from ocptip.standing.drive_envelope import LARGEST, LargestManoeuvres, Manoeuvres, largest_manoeuvres
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.tolerable import AT_REST
+from ocptip.task_files.tolerance import load_tolerance
+
+DIRECTIONS, SPEED, TURNING, SLOPE = 36, 1.0, 0.5, np.radians(5.0)
+NOT_COVERED = ("motion of the arm", "compliance of wheels", "uneven floor", "sway after a step")
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """What a base is asked to do.
+
+    Attributes:
+        key: of files.
+        text: for people.
+        unit: of its limit.
+        squared: the parameter is the square of the limit.
+    """
+
+    key: str
+    text: str
+    unit: str = "m/s^2"
+    squared: bool = False
+
+    def value(self, parameter: float) -> float | None:
+        """The limit; None where nothing limits it."""
+        if parameter >= LARGEST:
+            return None
+        return float(np.sqrt(parameter) if self.squared else parameter)
+
+
+def drive(
+    what: Task | StandingMechanism | RestingPosture | str | os.PathLike[str],
+    q: ArrayLike | str | None = None,
+    *,
+    uncertainty: Uncertainty | str | None = None,
+    directions: int = DIRECTIONS,
+    speed: float = SPEED,
+    turning: float = TURNING,
+    slope: float = SLOPE,
+    deceleration: float | None = None,
+    payload: float | None = None,
+    holonomic: bool = False,
+) -> DriveEnvelope:
+    """Return the largest accelerations of a mobile base with which all wheels keep contact and grip.
+
+    Example::
+
+        found = ocptip.drive("examples/tasks/ur5_cart.toml", "start", speed=1.0)
+        print(found)
+        found.save("drive")
+
+    Forward is the x axis of the base. Accelerations are those of the origin of the base frame.
+
+    Args:
+        what: a task of an arm, its file, or a robot.
+        q: its posture: (n,), rad (prismatic joints: m), or a name in the task ("start", "goal", a segment);
+            default: the start of a task.
+        uncertainty: what the limits hold within, an object, a preset ("workshop", "none") or a TOML file with
+            a table `[tolerance]`. Default: that of the task, else "workshop".
+        directions: of acceleration on level ground.
+        speed: m/s, forward, of turning and of the emergency stop.
+        turning: rad/s, of the emergency stop in a turn.
+        slope: rad, on which the base brakes.
+        deceleration: m/s^2, of the emergency stop whose largest speed is wanted; default: the largest on
+            level ground.
+        payload: kg, instead of that of the task.
+        holonomic: whether the parameters for navigation have sideways acceleration.
+
+    Raises:
+        InputError: the robot is no arm, or a value cannot be used.
+    """
+    whole_number("directions", directions, 4)
+    speed, turning = positive_number("speed", speed), positive_number("turning", turning)
+    if not 0 <= (slope := positive_number("slope", slope, zero_allowed=True)) < np.pi / 4:
+        raise InputError(f"slope: must be below 45 degrees, got {np.degrees(slope):.4g} degrees")
+    posture = resting_posture(what, q)
+    robot = posture.robot
+    if not isinstance(robot, Robot):
+        raise InputError("task: drive envelopes are for arms; this robot is a parallel one")
+    if payload is not None:
+        held = robot.payload.center_of_mass if robot.payload else np.zeros(3)
+        load = Payload(positive_number("payload", payload), held)
+        robot = robot.varied(arm=robot.arm.with_payload(load))
+    tolerance = posture.limits.tolerance if uncertainty is None else uncertainty
+    if isinstance(tolerance, str | os.PathLike):
+        tolerance = load_tolerance(tolerance)
+    counting = tolerance.only(*(name for name in tolerance.given if name in AT_REST))
+    given = _Given(directions, speed, turning, slope, deceleration, holonomic)
+    return DriveEnvelope(posture.scene.name, robot, posture.q, tolerance, counting, given)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Arguments of `drive`."""
+
+    directions: int
+    speed: float
+    turning: float
+    slope: float
+    deceleration: float | None
+    holonomic: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveEnvelope:
+    """How hard a base may accelerate, brake and turn.
+
+    Attributes:
+        name: of task and posture.
+        robot: on its base.
+        q: (n,), rad (prismatic joints: m).
+        tolerance: the uncertainty.
+        counting: what of it counts for an arm at rest.
+        given: arguments of :func:`drive`.
+    """
+
+    name: str
+    robot: Robot
+    q: np.ndarray
+    tolerance: Uncertainty
+    counting: Uncertainty
+    given: _Given
+
+    # --- manoeuvres ---------------------------------------------------------------------------------------
+
+    @cached_property
+    def angles(self) -> np.ndarray:
+        """(D,) rad, directions of acceleration, from the x axis of the base to y."""
+        return 2 * np.pi * np.arange(self.given.directions) / self.given.directions
+
+    @cached_property
+    def manoeuvres(self) -> tuple[Manoeuvre, ...]:
+        """Those beside the directions."""
+        given, degrees = self.given, np.degrees(self.given.slope)
+        turn = f"at {given.speed:.4g} m/s turning at {given.turning:.4g} rad/s"
+        found = [
+            Manoeuvre("accelerate", "accelerate forward"),
+            Manoeuvre("brake", "brake"),
+            Manoeuvre("left", "accelerate to the left"),
+            Manoeuvre("right", "accelerate to the right"),
+        ]
+        if given.slope:
+            found += [
+                Manoeuvre("brake_downhill", f"brake driving down a slope of {degrees:.4g} deg"),
+                Manoeuvre("brake_uphill", f"brake driving up {degrees:.4g} deg"),
+                Manoeuvre("brake_across_left", f"brake across {degrees:.4g} deg, left side down"),
+                Manoeuvre("brake_across_right", f"brake across {degrees:.4g} deg, right side down"),
+            ]
+        return (
+            *found,
+            Manoeuvre("turn_left", f"turn left at {given.speed:.4g} m/s", "rad/s"),
+            Manoeuvre("turn_right", f"turn right at {given.speed:.4g} m/s", "rad/s"),
+            Manoeuvre("start_turning_left", "start to turn left", "rad/s^2"),
+            Manoeuvre("start_turning_right", "start to turn right", "rad/s^2"),
+            Manoeuvre("stop_left", f"stop {turn} to the left"),
+            Manoeuvre("stop_right", f"stop {turn} to the right"),
+            Manoeuvre("stop_speed_left", f"speed for a stop {self._stop_words} to the left", "m/s", True),
+            Manoeuvre("stop_speed_right", f"speed for a stop {self._stop_words} to the right", "m/s", True),
+        )
+
+    @property
+    def _radius(self) -> float:
+        """m, of the curve of the emergency stop."""
+        return self.given.speed / self.given.turning
+
+    @property
+    def _stop_words(self) -> str:
+        return f"at {self.stop_deceleration:.3g} m/s^2 in a curve of {self._radius:.3g} m"
+
+    @cached_property
+    def stop_deceleration(self) -> float:
+        """m/s^2: of the emergency stop whose largest speed is computed; by default 80 % of the largest."""
+        if self.given.deceleration is not None:
+            return positive_number("deceleration", self.given.deceleration)
+        return 0.8 * float(self._worst_of(self._straight).largest[1])
+
+    @cached_property
+    def _straight(self) -> Manoeuvres:
+        level = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+        return Manoeuvres.accelerations(level, self.robot.support.gravity)
+
+    @cached_property
+    def _all(self) -> Manoeuvres:
+        given, gravity = self.given, self.robot.support.gravity
+        around = np.column_stack([np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))])
+        found = Manoeuvres.accelerations(around, gravity) + self._straight
+        size = float(np.linalg.norm(gravity))
+        if given.slope:
+            along, down = size * np.sin(given.slope), -size * np.cos(given.slope)
+            pulls = [[along, 0, down], [-along, 0, down], [0, along, down], [0, -along, down]]
+            found += Manoeuvres.accelerations(np.tile([-1.0, 0, 0], (4, 1)), np.array(pulls))
+        for build in (self._turns, self._starts, self._stops, self._stop_speeds):
+            found += build(gravity)
+        return found
+
+    def _turns(self, gravity: np.ndarray) -> Manoeuvres:
+        rows = np.zeros((2, 9))
+        rows[:, 1], rows[:, 5] = [self.given.speed, -self.given.speed], [1, -1]
+        return Manoeuvres.along(rows, gravity)
+
+    def _starts(self, gravity: np.ndarray) -> Manoeuvres:
+        rows = np.zeros((2, 9))
+        rows[:, 8] = [1, -1]
+        return Manoeuvres.along(rows, gravity)
+
+    def _stops(self, gravity: np.ndarray) -> Manoeuvres:
+        """In a turn whose radius stays: the turning slows down with the speed."""
+        v, w = self.given.speed, self.given.turning * np.array([1, -1])
+        steady, slowing = np.zeros((2, 9)), np.zeros((2, 9))
+        steady[:, 1], steady[:, 5] = v * w, w
+        slowing[:, 0], slowing[:, 8] = -1, -w / v
+        return replace(Manoeuvres.along(slowing, gravity), constant=steady)
+
+    def _stop_speeds(self, gravity: np.ndarray) -> Manoeuvres:
+        """Over the square of the speed."""
+        bend, d = np.array([1, -1]) / self._radius, self.stop_deceleration
+        steady, squared, root = np.zeros((2, 9)), np.zeros((2, 9)), np.zeros((2, 9))
+        steady[:, 0], steady[:, 8] = -d, -d * bend
+        squared[:, 1], root[:, 5] = bend, bend
+        return replace(Manoeuvres.along(squared, gravity), constant=steady, root=root)
+
+    # --- results ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def nominal(self) -> LargestManoeuvres:
+        """Of the nominal model: of the directions, then of the manoeuvres."""
+        return largest_manoeuvres(self.robot, self.q, self._all)
+
+    @cached_property
+    def within(self) -> LargestManoeuvres | None:
+        """In the worst case of the uncertainty; None without one."""
+        if not self.counting.given:
+            return None
+        return largest_manoeuvres(self.robot, self.q, self._all, self.counting, self.nominal)
+
+    def _worst_of(self, manoeuvres: Manoeuvres) -> LargestManoeuvres:
+        return largest_manoeuvres(self.robot, self.q, manoeuvres, self.counting)
+
+    @property
+    def worst(self) -> LargestManoeuvres:
+        """Within the uncertainty, or nominal without one."""
+        return self.within or self.nominal
+
+    @property
+    def worst_direction(self) -> tuple[float, float]:
+        """The smallest of the largest accelerations, m/s^2, and its direction, rad."""
+        k = int(np.argmin(self.worst.largest[: len(self.angles)]))
+        return float(self.worst.largest[k]), float(self.angles[k])
+
+    def limit(self, key: str) -> float | None:
+        """The limit of a manoeuvre, within the uncertainty; None where nothing limits it."""
+        k = [one.key for one in self.manoeuvres].index(key)
+        return self.manoeuvres[k].value(float(self.worst.largest[len(self.angles) + k]))
+
+    @property
+    def locked_wheels_tip(self) -> bool:
+        """Whether the base tips before its wheels slide when it brakes on level ground with locked wheels."""
+        k = len(self.angles) + 1
+        found = [self.nominal, self.worst]
+        return any(bool(own.slip[k] >= own.tip[k]) for own in found)
+
+    @cached_property
+    def navigation(self) -> dict[str, list[float]]:
+        """Limits that hold all at once, as parameters of Nav2's velocity smoother: x, y, turning.
+
+        The largest share of the single limits such that every corner of them is kept.
+        """
+        single = {name: self._capped(name) for name in ("accelerate", "brake")}
+        side = min(self._capped("left"), self._capped("right")) if self.given.holonomic else 0.0
+        start = min(self._capped("start_turning_left"), self._capped("start_turning_right"))
+        turn = min(self._capped("turn_left"), self._capped("turn_right"))
+        rows = []
+        for x in (single["accelerate"], -single["brake"]):
+            for y in {side, -side}:
+                for w in (turn, -turn):
+                    rows += [[x, y + self.given.speed * w, 0, 0, 0, w, 0, 0, al] for al in (start, -start)]
+        corners = Manoeuvres.along(np.array(rows), self.robot.support.gravity)
+        share = min(1.0, float(np.min(self._worst_of(corners).largest)))
+        return {
+            "max_velocity": [self.given.speed, self.given.speed if side else 0.0, share * turn],
+            "max_accel": [share * single["accelerate"], share * side, share * start],
+            "max_decel": [-share * single["brake"], -share * side, -share * start],
+        }
+
+    def _capped(self, key: str) -> float:
+        found = self.limit(key)
+        return LARGEST if found is None else found
+
+    @property
+    def scope(self) -> str:
+        """What the envelope is about, in words."""
+        within = f"within {self.tolerance.scope}" if self.counting.given else "nominal model only"
+        return f"arm at rest, rigid wheels, {within}"
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Deviations of the uncertainty that need motion of the arm."""
+        return tuple(str(self.tolerance.only(name)) for name in self.tolerance.given if name not in AT_REST)
+
+    def __repr__(self) -> str:
+        """The scope, and the worst direction."""
+        value, angle = self.worst_direction
+        return f"<DriveEnvelope {self.name}: {value:.3g} m/s^2 at {np.degrees(angle):.0f} deg; {self.scope}>"
+
+    def _limits(self, k: int, one: Manoeuvre) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for name, found in (("nominal", self.nominal), ("within", self.within)):
+            if found is not None:
+                data[name] = {
+                    "largest": one.value(float(found.largest[k])),
+                    "tips_at": one.value(float(found.tip[k])),
+                    "slips_at": one.value(float(found.slip[k])) if found.slip[k] < found.tip[k] else None,
+                    "tips_about_contacts": found.contacts[k].tolist() if found.contacts[k].any() else None,
+                }
+        return data
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of drive.json; see docs/how-to/drive-envelope.md."""
+        given, around = self.given, Manoeuvre("direction", "")
+        return {
+            "posture": self.name,
+            "scope": self.scope,
+            "not_covered": [*NOT_COVERED, *self.ignored],
+            "tolerance": self.tolerance.to_dict(),
+            "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),
+            "units": list(self.robot.units),
+            **self.robot.masses_to_dict(),
+            "speed_m_s": given.speed,
+            "turning_rad_s": given.turning,
+            "slope_deg": float(np.degrees(given.slope)),
+            "stop_deceleration_m_s2": self.stop_deceleration,
+            "directions": [
+                {"direction_deg": float(np.degrees(angle)), "unit": around.unit, **self._limits(k, around)}
+                for k, angle in enumerate(self.angles)
+            ],
+            "manoeuvres": {
+                one.key: {"text": one.text, "unit": one.unit, **self._limits(len(self.angles) + k, one)}
+                for k, one in enumerate(self.manoeuvres)
+            },
+            "locked_wheels_tip": self.locked_wheels_tip,
+            "navigation": self.navigation,
+            "versions": versions(),
+        }
+
+    def to_csv(self) -> str:
+        """Directions and manoeuvres as a table; empty: without a limit."""
+        stream = io.StringIO()
+        rows = csv.writer(stream, lineterminator="\n")
+        names = ("largest", "tips_at", "slips_at")
+        cases = ["nominal", *(["within"] if self.within else [])]
+        rows.writerow(
+            ["manoeuvre", "direction_deg", "unit", *(f"{case}_{name}" for case in cases for name in names)]
+        )
+        data = self.to_dict()
+        named = [("direction", one) for one in data["directions"]] + [*data["manoeuvres"].items()]
+        for key, one in named:
+            values = ["" if one[case][name] is None else one[case][name] for case in cases for name in names]
+            rows.writerow([key, one.get("direction_deg", ""), one["unit"], *values])
+        return stream.getvalue()
+
+    def to_yaml(self) -> str:
+        """Parameters of Nav2's velocity smoother."""
+        lines = [f"# {self.name}: {self.scope}", "velocity_smoother:", "  ros__parameters:"]
+        for name, values in self.navigation.items():
+            # Rounded towards zero: the numbers must stay inside the envelope.
+            shown = ", ".join(f"{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}" for value in values)
+            lines.append(f"    {name}: [{shown}]")
+        return "\n".join([*lines, ""])
+
+    def save(self, folder: str | os.PathLike[str], *, figures: bool = True) -> list[Path]:
+        """Write drive.json, drive.csv, nav2.yaml and drive.png into a folder, made if it does not exist.
+
+        Raises:
+            OSError: a file cannot be written; names it.
+        """
+        return list(self.write(folder, figures=figures))
+
+    def write(
+        self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None
+    ) -> Iterator[Path]:
+        """Write the files with the list of their hashes, and yield their paths; `extra`: of drive.json."""
+        data = json.dumps(plain({**self.to_dict(), **(extra or {})}), indent=2, allow_nan=False)
+        contents = {
+            "drive.json": f"{data}\n".encode(),
+            "drive.csv": self.to_csv().encode(),
+            "nav2.yaml": self.to_yaml().encode(),
+        }
+        if figures:
+            feet = np.array([contact.position for contact in self.robot.support.contacts])
+            about = self.name, self.scope, self.angles
+            contents["drive.png"] = envelope_picture(*about, self.nominal, self.within, feet)
+        yield from replace_folder(Path(folder), contents)

@@ -1,0 +1,126 @@
+"""`ocptip drive`: how hard a mobile base may accelerate, brake and turn, as text, files and a figure."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.api.drive import NOT_COVERED, DriveEnvelope, Manoeuvre, drive
+from ocptip.basics.errors import naming
+from ocptip.basics.text import table
+from ocptip.cli.command import Report
+from ocptip.cli.layout import masses, named, under
+from ocptip.cli.options import naming_options, output_directory
+from ocptip.cli.stand_posture import posture_of
+from ocptip.cli.terminal import say_if_compiling
+from ocptip.standing.drive_envelope import LargestManoeuvres
+from ocptip.task_files.tolerance import load_tolerance
+
+_NOISE = 1e-9
+
+
+def run(options: Namespace) -> DriveReport:
+    """Compute the envelope of one posture."""
+    posture, tolerance = posture_of(options.task, options.posture), None
+    if options.tolerance is not None:
+        with naming("--tolerance"):
+            tolerance = load_tolerance(options.tolerance)
+    folder = output_directory(options, posture.scene.name)
+    say_if_compiling()
+    names = ("directions", "speed", "turning", "deceleration", "payload", "slope")
+    with naming_options(*names):
+        given = {name: getattr(options, name) for name in names}
+        given["slope"] = np.radians(given["slope"])
+        found = drive(posture, uncertainty=tolerance, holonomic=options.holonomic, **given)
+        _ = found.worst  # refusals name options
+    return DriveReport(found, folder, not options.no_figures)
+
+
+@dataclass
+class DriveReport(Report):
+    """The report of `ocptip drive`.
+
+    Attributes:
+        found: the envelope.
+        directory: where files go.
+        figures: whether a figure is among them.
+    """
+
+    found: DriveEnvelope
+    directory: Path
+    figures: bool
+
+    @property
+    def good(self) -> bool:
+        """True if the base may accelerate in every direction."""
+        return self.found.worst_direction[0] > 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of drive.json and the list `written`."""
+        return {**self.found.to_dict(), "written": self.written}
+
+    def write(self) -> Iterator[Path]:
+        """Write drive.json, drive.csv, nav2.yaml and drive.png."""
+        yield from self.found.write(self.directory, figures=self.figures, extra={"warnings": self.warnings})
+
+    def to_text(self) -> str:
+        """The manoeuvres with what limits them, and parameters for navigation."""
+        found = self.found
+        value, angle = found.worst_direction
+        head = f"{found.name}   DRIVE ENVELOPE, {found.scope}."
+        heads = ["", "nominal", *(["worst case"] if found.within else []), "limited by"]
+        rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
+        lines = [
+            ("worst direction", f"{_down(value)} m/s^2 at {np.degrees(angle):.0f} deg from forward to left"),
+            ("locked wheels", self._locked()),
+            *under("together", self._together()),
+            *([("robot", masses(found.robot))] if self.verbose else []),
+            *under("uncertainty", found.tolerance.lines() if self.verbose else []),
+            ("not covered", ", ".join([*NOT_COVERED, *found.ignored])),
+        ]
+        written = [f"wrote {path}" for path in self.written]
+        return "\n".join([head, "", *table(rows, left=(0, len(heads) - 1)), "", *named(lines), *written])
+
+    def _row(self, k: int, one: Manoeuvre) -> list[str]:
+        found, at = self.found, len(self.found.angles) + k
+        cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
+        return [one.text, *cells, _what(found.worst, at, one)]
+
+    def _locked(self) -> str:
+        if self.found.locked_wheels_tip:
+            return "tip the base on level ground before they slide"
+        return "slide on level ground before the base tips, up to the given friction"
+
+    def _together(self) -> list[str]:
+        names = {"max_velocity": ("m/s", "rad/s"), "max_accel": ("m/s^2", "rad/s^2")}
+        names["max_decel"] = names["max_accel"]
+        found = []
+        for name, (straight, turning) in names.items():
+            x, y, w = self.found.navigation[name]
+            side = f", {_down(y)} {straight} sideways" if y else ""
+            found.append(f"{name} {_down(x)} {straight}{side}, {_down(w)} {turning}")
+        return found
+
+
+def _down(value: float) -> str:
+    """A limit rounded towards zero: an envelope must not promise more than there is."""
+    return f"{np.trunc(1e3 * value + _NOISE) / 1e3 + 0.0:.4g}"
+
+
+def _limit(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
+    value = one.value(float(own.largest[k]))
+    return "not limited" if value is None else f"{_down(value)} {one.unit}"
+
+
+def _what(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
+    tips = one.value(float(own.tip[k]))
+    if own.slip[k] < own.tip[k]:
+        return "friction" if tips is None else f"friction (tips at {_down(tips)})"
+    if not own.contacts[k].any():
+        return ""
+    return f"tipping about contacts {own.contacts[k][0]} and {own.contacts[k][1]}"

@@ -1,0 +1,305 @@
+"""How fast a base may accelerate, brake and turn with an arm at rest on it: until it tips, until it slips.
+
+A manoeuvre is a family of base motions with one parameter x >= 0: an acceleration, a turning speed, or the
+square of a speed. The wrench on the base is then a polynomial of degree two in x. Its moments about the
+tipping axes have first zeros in closed form. For friction, a cone program finds how far a load may go along a
+line, and the half space that limits it there; the first zero of the polynomial in that half space bounds x,
+and these bounds end where the friction is used up.
+
+Within an uncertainty each choice of deviations gives an upper bound of x. The worst deviations are chosen at
+the bound, and lower it, until none do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.force_programs import LoadRays
+from ocptip.standing.arm import Robot
+from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.standing.within.worst_case import WorstCase, worst_case_of
+
+LARGEST = 100.0
+"""Largest parameter that is tried, m/s^2, rad/s or m^2/s^2: no ground vehicle gets there."""
+
+_ROUNDS = 12
+_CLOSE = 1e-9  # relative: a bound that falls by less is the result
+_HELD = 1 - 1e-9  # share of a load that counts as all of it
+_STEP = 1e-3  # least parameter between which differences are taken
+_CHOICES = 2  # of deviations that are worst for a half space: the second counts products
+_INSIDE = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of a bound at which the worst deviations are chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Manoeuvres:
+    """P families of base motions with one parameter x >= 0 each.
+
+    Rows are those of `BaseMotion`: constant + x linear + sqrt(x) root.
+
+    Attributes:
+        constant, linear, root: (P, 9); `root` has angular velocities alone.
+        gravity: (P, 3), m/s^2, base axes.
+    """
+
+    constant: np.ndarray
+    linear: np.ndarray
+    root: np.ndarray
+    gravity: np.ndarray
+
+    @classmethod
+    def accelerations(cls, directions: np.ndarray, gravity: np.ndarray) -> Manoeuvres:
+        """Accelerations in directions (P, 3), with gravity (P, 3) or (3,); x is m/s^2."""
+        return cls.along(np.hstack([directions, np.zeros((len(directions), 6))]), gravity)
+
+    @classmethod
+    def along(cls, linear: np.ndarray, gravity: np.ndarray) -> Manoeuvres:
+        """Motions in proportion to rows (P, 9), with gravity (P, 3) or (3,)."""
+        none = np.zeros(linear.shape)
+        return cls(none, linear, none, np.broadcast_to(gravity, (len(linear), 3)))
+
+    def __add__(self, other: Manoeuvres) -> Manoeuvres:
+        """These and others."""
+        parts = ("constant", "linear", "root", "gravity")
+        return Manoeuvres(*(np.vstack([getattr(self, name), getattr(other, name)]) for name in parts))
+
+    def __len__(self) -> int:
+        """Number of families."""
+        return len(self.linear)
+
+    def at(self, which: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (R, 9) of base motions, and gravity (R, 3), of families (R,) at parameters (R,)."""
+        x = x[:, None]
+        rows = self.constant[which] + x * self.linear[which] + np.sqrt(x) * self.root[which]
+        return rows, self.gravity[which]
+
+
+@dataclass(frozen=True, eq=False)
+class LargestManoeuvres:
+    """Largest parameters of P manoeuvres; `LARGEST` where nothing limits them up to there.
+
+    Attributes:
+        tip: (P,) up to which no wheel lifts.
+        contacts: (P, 2) of the axis about which the base tips there, from 1; 0 for none.
+        slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
+        normals: (P, 6) of half spaces that limit the load there.
+    """
+
+    tip: np.ndarray
+    contacts: np.ndarray
+    slip: np.ndarray
+    normals: np.ndarray
+
+    @property
+    def largest(self) -> np.ndarray:
+        """(P,) up to which the contacts are maintained."""
+        return np.minimum(self.tip, self.slip)
+
+
+def largest_manoeuvres(
+    robot: Robot,
+    q: np.ndarray,
+    manoeuvres: Manoeuvres,
+    tolerance: Uncertainty = NONE,
+    nominal: LargestManoeuvres | None = None,
+) -> LargestManoeuvres:
+    """Largest parameters with which the base keeps its contacts, for an arm at rest in a posture.
+
+    Args:
+        robot: on its base, with contacts on one plane.
+        q: (n,), rad (prismatic joints: m).
+        manoeuvres: of the base.
+        tolerance: of floor, base, arm and payload; deviations of a motion do not count.
+        nominal: the result without uncertainty, if it is known, from which the search begins.
+
+    Raises:
+        InputError: contacts that do not lie on one plane, or whose set of forces is not convex.
+    """
+    search = _ManoeuvreSearch(robot, q, manoeuvres, tolerance)
+    tip, contacts = search.tip()
+    return LargestManoeuvres(tip, contacts, *search.slip(tip, nominal and nominal.normals))
+
+
+class _ManoeuvreSearch:
+    """Upper bounds of the parameters that fall until the worst deviations keep them.
+
+    Args:
+        robot, q, manoeuvres, tolerance: see `largest_manoeuvres`.
+    """
+
+    def __init__(self, robot: Robot, q: np.ndarray, manoeuvres: Manoeuvres, tolerance: Uncertainty) -> None:
+        self._cases = worst_case_of(robot, tolerance, True)
+        self._s = np.concatenate([q, np.zeros(2 * robot.n)])
+        self._manoeuvres = manoeuvres
+        tip_over = self._cases.footing.tip_over
+        if self._cases.axes and tip_over.affine_moments is None:
+            raise InputError("contacts: a base that drives needs contacts on one plane")
+        curved = np.any(manoeuvres.root) or np.any(manoeuvres.linear[:, 3:6])
+        self._shares = np.array(_INSIDE if curved else (0.0, 1.0))
+
+    def _moving(self, which: np.ndarray, x: np.ndarray) -> WorstCase:
+        return self._cases.moving(*self._manoeuvres.at(which, x))
+
+    def _wrenches(self, which: np.ndarray, x: np.ndarray, off: np.ndarray) -> np.ndarray:
+        """(R, 6): of families (R,) at parameters (R,) with deviations (R, size) from the nominal model."""
+        deviations = self._moving(which, x).deviations
+        return deviations.wrench(self._states(which), off + deviations.nominal(len(which)))[0]
+
+    def _states(self, which: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(self._s, (len(which), len(self._s)))
+
+    def _polynomials(self, which: np.ndarray, off: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        """(R, 3, 6): coefficients of the wrenches over x, from values at 0, scale and 2 scale."""
+        at = [self._wrenches(which, k * scale, off) for k in range(3)]
+        bend = (at[2] - 2 * at[1] + at[0]) / 2
+        parts = at[0], (at[1] - at[0] - bend) / scale[:, None], bend / scale[:, None] ** 2
+        return np.stack(parts, axis=1)
+
+    # --- tip-over -----------------------------------------------------------------------------------------
+
+    def tip(self) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) parameters up to which no wheel lifts, and (P, 2) contacts of the axis, see
+        `LargestManoeuvres`.
+        """
+        count, axes = len(self._manoeuvres), self._cases.axes
+        tip_over = self._cases.footing.tip_over
+        if not axes:
+            free = tip_over.free_rotation
+            return np.full(count, 0.0 if free else LARGEST), np.zeros((count, 2), dtype=int)
+        which, axis = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
+        bounds, todo = np.full(len(which), LARGEST), np.arange(len(which))
+        off = np.zeros((len(which), self._cases.deviations.size))
+        for _ in range(_ROUNDS):
+            coefficients = self._moments(which[todo], axis[todo], off[todo], bounds[todo])
+            fallen = np.minimum(first_zero(coefficients), bounds[todo])
+            bounds[todo] = fallen
+            worst, off[todo] = self._worst_moments(which[todo], axis[todo], fallen)
+            todo = todo[(worst < 0) & (fallen > 0)]
+            if not len(todo):
+                break
+        pairs = np.array([sorted(k + 1 for k in own.contacts) for own in tip_over.axes])
+        bounds = bounds.reshape(count, axes)
+        first = np.argmin(bounds, axis=1)
+        least = bounds[np.arange(count), first]
+        return least, np.where(least[:, None] < LARGEST, pairs[first], 0)
+
+    def _moments(self, which: np.ndarray, axis: np.ndarray, off: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        """(R, 3): coefficients over x of the moments about axes (R,), N m."""
+        slopes, offsets = self._affine
+        found = np.einsum("rkw,rw->rk", self._polynomials(which, off, scale / 2), slopes[axis])
+        found[:, 0] += offsets[axis]
+        return found
+
+    @property
+    def _affine(self) -> tuple[np.ndarray, np.ndarray]:
+        affine = self._cases.footing.tip_over.affine_moments
+        assert affine is not None  # the contacts lie on one plane
+        return affine
+
+    def _worst_moments(
+        self, which: np.ndarray, axis: np.ndarray, bounds: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum moments (R,), those of rounding taken as zero, and deviations (R, size), up to bounds."""
+        shares = self._shares
+        many, axes = np.repeat(which, len(shares)), np.repeat(axis, len(shares))
+        cases = self._moving(many, (bounds[:, None] * shares).ravel())
+        worst = cases.moments(self._states(many), axes)
+        values = worst.values.reshape(len(which), -1)
+        off = (worst.theta - cases.deviations.nominal(len(many))).reshape(*values.shape, -1)
+        k, rows = np.argmin(values, axis=1), np.arange(len(which))
+        least = values[rows, k]
+        return np.where(least < -_CLOSE * self._cases.reference, least, 0.0), off[rows, k]
+
+    # --- friction -----------------------------------------------------------------------------------------
+
+    def slip(self, most: np.ndarray, first: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) parameters up to which the friction cones hold, at most those given, and normals (P, 6).
+
+        Args:
+            most: (P,).
+            first: (P, 6) normals of half spaces, for which the first deviations are the worst.
+        """
+        rays, found, todo = LoadRays(self._cases.footing.support), most.copy(), np.arange(len(most))
+        off, held = np.zeros((len(most), self._cases.deviations.size)), {}
+        if first is not None:
+            off = self._worst_for(todo, most, off, first)[0]
+        limits = np.zeros((len(most), 6))
+        for _ in range(_ROUNDS):
+            polynomials = self._polynomials(todo, off[todo], np.maximum(found[todo], _STEP) / 2)
+            slips = [self._slips(rays, own, found[k], held) for k, own in zip(todo, polynomials, strict=True)]
+            x, normals = np.array([own for own, _ in slips]), np.array([own for _, own in slips])
+            off[todo], gain = self._worst_for(todo, x, off[todo], normals)
+            found[todo], limits[todo] = x, normals
+            todo = todo[(x > 0) & (gain > _CLOSE)]
+            if not len(todo):
+                break
+        return found, limits
+
+    def _slips(
+        self,
+        rays: LoadRays,
+        coefficients: np.ndarray,
+        most: float,
+        held: dict[bytes, tuple[float, np.ndarray]],
+    ) -> tuple[float, np.ndarray]:
+        """The first parameter, at most `most`, at which friction does not hold wrenches (3, 6) over it.
+
+        With it, the normal (6,) of the half space that limits it. `held`: results for loads at x = 0.
+        """
+        start, slope, bend = coefficients
+        key = start.tobytes()
+        if key not in held:
+            held[key] = rays.farthest(0 * start, start)
+        share, normal = held[key]
+        if share < _HELD:
+            return 0.0, normal
+        x, straight = most, np.linalg.norm(bend) * most < _CLOSE * np.linalg.norm(slope)
+        for _ in range(_ROUNDS):
+            end = start + x * slope + x**2 * bend
+            share, normal = rays.farthest(start, end)
+            if share >= _HELD:  # no half space limits it: the deviations are worst that add to the change
+                return x, (end - start) / max(np.linalg.norm(end - start), 1e-300)
+            if straight:
+                return share * x, normal
+            along = coefficients @ normal
+            along[0] -= (start + share * (end - start)) @ normal
+            x = min(x * (1 - _CLOSE), float(first_zero(-along[None])[0]))
+        return x, normal
+
+    def _worst_for(
+        self, which: np.ndarray, x: np.ndarray, off: np.ndarray, normals: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(R, size) deviations that push the load farthest out of half spaces with normals (R, 6).
+
+        With them, (R,) by how much farther than the present ones do, relative to the load.
+        """
+        deviations, s = self._moving(which, x).deviations, self._states(which)
+        nominal = deviations.nominal(len(which))
+        size = np.linalg.norm(self._cases.footing.support.weight)
+
+        def beyond(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            wrenches, over = deviations.wrench_and_slopes(s, theta)
+            return np.einsum("rw,rw->r", normals, wrenches) / size, -np.einsum("rw,rwt->rt", normals, over)
+
+        theta = off + nominal
+        before, slopes = beyond(theta)
+        present = before
+        for _ in range(_CHOICES):
+            theta = deviations.least(slopes)
+            present, slopes = beyond(theta)
+        return theta - nominal, present - before
+
+
+def first_zero(coefficients: np.ndarray) -> np.ndarray:
+    """(R,) first x >= 0 at which c0 + c1 x + c2 x^2 is not positive, of rows (R, 3); infinite for none."""
+    c0, c1, c2 = coefficients.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(np.maximum(c1**2 - 4 * c2 * c0, 0.0))
+        # Either quotient avoids the difference of nearly equal numbers for one sign of c1.
+        stable = -(c1 + np.where(c1 >= 0, root, -root)) / 2
+        candidates = np.stack([stable / c2, c0 / stable])
+        real = c1**2 - 4 * c2 * c0 >= 0
+        candidates = np.where(real & (candidates > 0) & np.isfinite(candidates), candidates, np.inf)
+    return np.where(c0 <= 0, 0.0, np.min(candidates, axis=0))

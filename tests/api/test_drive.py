@@ -1,0 +1,122 @@
+"""`ocptip drive` and `ocptip.drive`: manoeuvres, files, parameters for navigation, refusals."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+import ocptip
+from ocptip.cli.main import main
+from tests.places import EXAMPLES
+
+TASK = EXAMPLES / "tasks/ur5_cart.toml"
+
+
+@pytest.fixture(scope="module")
+def envelope():
+    return ocptip.drive(TASK, directions=8, speed=1.2, turning=0.6)
+
+
+def holds(envelope, motion):
+    found = ocptip.stand(envelope.robot, envelope.q, uncertainty="none", base_motion=motion)
+    return (
+        found.verdict.cone.stands
+    )  # with much friction the contact laws may also have a solution that moves
+
+
+def test_manoeuvres_end_where_stand_changes(envelope):
+    v, w = 1.2, 0.6
+    d, speed = (
+        envelope.to_dict()["manoeuvres"][key]["nominal"]["largest"]
+        for key in ("stop_right", "stop_speed_left")
+    )
+    a, bend = envelope.stop_deceleration, w / v
+    for share, expected in ((1 - 1e-4, True), (1 + 1e-4, False)):
+        x = share * d
+        motion = ocptip.BaseMotion([-x, -v * w, 0], [0, 0, -w], [0, 0, x * w / v])
+        assert holds(envelope, motion) == expected
+        u = share * speed
+        motion = ocptip.BaseMotion([-a, bend * u**2, 0], [0, 0, bend * u], [0, 0, -a * bend])
+        assert holds(envelope, motion) == expected
+
+
+def test_slopes_help_or_harm(envelope):
+    level, down, up = (envelope.limit(key) for key in ("brake", "brake_downhill", "brake_uphill"))
+    assert down < level < up
+
+
+def test_parameters_for_navigation_hold_together(envelope):
+    navigation = envelope.navigation
+    (v, _, w), (x, y, al) = navigation["max_velocity"], navigation["max_accel"]
+    assert (v, y) == (1.2, 0.0)
+    assert x < envelope.limit("accelerate")
+    found = [
+        holds(envelope, ocptip.BaseMotion([f * a, f * v * s * w, 0], [0, 0, f * s * w], [0, 0, f * t * al]))
+        for f in (0.999, 1.001)
+        for a in (x, navigation["max_decel"][0])
+        for s in (-1, 1)
+        for t in (-1, 1)
+    ]
+    assert all(found[:8])  # of the nominal model, and all within the uncertainty
+    sideways = ocptip.drive(TASK, directions=8, speed=1.2, holonomic=True).navigation
+    assert 0 < sideways["max_accel"][1] < envelope.limit("left")
+
+
+def test_text_files_and_json(tmp_path, capsys):
+    folder = tmp_path / "drive"
+    arguments = ["drive", str(TASK), "--directions", "8", "--out", str(folder), "--slope", "3"]
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    for part in (
+        "DRIVE ENVELOPE, arm at rest",
+        "brake driving down a slope of 3 deg",
+        "worst case",
+        "max_decel -",
+    ):
+        assert part in text
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"drive.json", "drive.csv", "drive.png", "nav2.yaml", "SHA256SUMS"}
+    data = json.loads((folder / "drive.json").read_text(encoding="utf-8"))
+    assert [one["direction_deg"] for one in data["directions"]] == pytest.approx([45.0 * k for k in range(8)])
+    assert data["directions"][4]["within"]["largest"] == pytest.approx(
+        data["manoeuvres"]["brake"]["within"]["largest"]
+    )
+    assert data["directions"][4]["nominal"]["tips_about_contacts"] == [1, 2]
+    rows = list(csv.DictReader(io.StringIO((folder / "drive.csv").read_text(encoding="utf-8"))))
+    assert len(rows) == 8 + len(data["manoeuvres"])
+    assert float(rows[4]["within_largest"]) == data["directions"][4]["within"]["largest"]
+    lines = (folder / "nav2.yaml").read_text(encoding="utf-8").splitlines()
+    assert lines[1:3] == ["velocity_smoother:", "  ros__parameters:"]
+    given = [float(value) for value in lines[4].split("[")[1].rstrip("]").split(",")]
+    assert all(
+        0 <= exact - shown < 1e-3 for exact, shown in zip(data["navigation"]["max_accel"], given, strict=True)
+    )
+    assert main([*arguments, "--json", "--no-figures", "--payload", "5", "--tolerance", "none"]) == 0
+    heavier = json.loads(capsys.readouterr().out)
+    assert heavier["payload"]["mass"] == 5.0
+    assert "within" not in heavier["directions"][0]
+    assert not np.isclose(
+        heavier["directions"][0]["nominal"]["tips_at"], data["directions"][0]["nominal"]["tips_at"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--speed", "0"], "--speed: must be > 0"),
+        (["--slope", "50"], "--slope: must be below 45 degrees, got 50 degrees"),
+        (["--directions", "2"], "--directions: must be a whole number >= 4"),
+        (["--payload", "-1"], "--payload: must be > 0"),
+        (["--posture", "strat"], "did you mean 'start'?"),
+    ],
+)
+def test_mistakes_are_named(tmp_path, capsys, arguments, message):
+    assert main(["drive", str(TASK), *arguments, "--out", str(tmp_path / "x")]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_parallel_robots_are_refused():
+    with pytest.raises(ocptip.InputError, match="drive envelopes are for arms"):
+        ocptip.drive(EXAMPLES / "tasks/delta_cart.toml")
