@@ -39,6 +39,25 @@ def test_compiled_code_equals_the_virtual_machine(kind, tmp_path):
     assert error(np.array(compiled.call(inputs)[0]).ravel(), case.expected["tau_a"]) < 1e-9
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("mkoctfile") is None, reason="no Octave on this machine")
+def test_octave_compiles_and_calls_the_gateway(tmp_path):
+    case = golden("3RPR")
+    lean = lean_function(case.robot, ("tau", "J_a"), form="A", dynpar=3, euler=True, name="forces")
+    other = lean_function(case.robot, ("J_a",), form="S", name="jacobian")
+    files = write_c([lean, other], tmp_path / "robot.c")
+    gateway = ["mkoctfile", "--mex", "-DMATLAB_MEX_FILE", files.source.name]
+    subprocess.run(gateway, cwd=tmp_path, check=True)
+    given = ", ".join(str(np.array(cs.DM(x)).tolist()).replace("], [", "; ") for x in arguments(lean, case))
+    script = f"[tau, J] = robot('forces', {given.replace('[[', '[').replace(']]', ']')}); "
+    script += "printf('%.17g\\n', tau, J);"
+    told = subprocess.run(
+        ["octave-cli", "--norc", "--eval", script], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
+    expected = [np.ravel(np.array(one), order="F") for one in lean.function.call(arguments(lean, case))]
+    np.testing.assert_allclose(np.fromstring(told.stdout, sep="\n"), np.concatenate(expected), rtol=1e-12)
+
+
 def test_source_names_its_arguments_and_allocates_nothing(tmp_path):
     lean = lean_function(golden("3RPR").robot, form="A", dynpar=3, name="forces")
     other = lean_function(golden("3RPR").robot, ("J_a",), form="S", name="jacobian")
@@ -53,6 +72,7 @@ def test_source_names_its_arguments_and_allocates_nothing(tmp_path):
     assert f"{lean.count.multiplications} multiplications" in text
     assert "int main(" in text
     assert "malloc" not in text.split("int main(")[0]
+    assert "void mexFunction(" in text  # for Matlab and Octave
     assert "int forces(const" in files.header.read_text()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["robot.c", "robot.h"]
 

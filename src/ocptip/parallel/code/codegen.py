@@ -1,7 +1,7 @@
 """C code of generated functions: source and header, written completely or not at all.
 
 The code allocates nothing, calls nothing but sin, cos and the like, and has no conditional except for the
-sign of Coulomb friction.
+sign of Coulomb friction. Where MATLAB_MEX_FILE is defined it also has a gateway for Matlab and Octave.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def write_c(
     names = [one.name() for one in plain]
     if not plain or len(set(names)) != len(names):
         raise InputError(f"functions: expected at least one, with different names, got {names}")
-    generator = cs.CodeGenerator(target.name, {"with_header": True, "main": main})
+    generator = cs.CodeGenerator(target.name, {"with_header": True, "main": main, "mex": True})
     for one in plain:
         generator.add(one)
     header = target.with_suffix(".h")
