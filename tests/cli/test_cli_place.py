@@ -81,7 +81,8 @@ def test_summary(task, search, capsys):
         f"Total {best.total:.4f}; "
     )
     assert f"p1 {best.parameters[0]:.3f} m, p2 {best.parameters[1]:.3f} m" in lines["place"]
-    angles = [float(word) for word in lines["joints"].split()[1:3]]
+    angles = [float(angle) for angle in re.findall(r"([-\d.]+) deg", lines["joints"])]
+    assert all(f"{name} " in lines["joints"] for name in best.problem.robot.arm.joint_names)
     np.testing.assert_allclose(angles, np.rad2deg(best.angles[0]), atol=0.006)
     left = best.problem.robot.tip_over.reference_moment * (1 / best.criteria["GN"] - 1)
     assert f" {left:.3g} N m (GN {best.criteria['GN']:.3f}), weight 0.25" in lines["tipping margin"]

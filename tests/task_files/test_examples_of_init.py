@@ -86,7 +86,7 @@ def test_the_example_motion_is_free_of_collisions_where_zero_is_not(tmp_path):
     for share in np.linspace(0, 1, 41):
         assert not collides(urdf, task.start + share * (task.goal - task.start))
     assert np.abs(task.goal - task.start).min() > np.deg2rad(10)
-    assert "mm clear of arm and ground" in template.sources[1]
+    assert "mm clear of arm and ground" in template.example
 
 
 def test_where_large_steps_collide_the_example_is_small(tmp_path, monkeypatch):
@@ -95,7 +95,7 @@ def test_where_large_steps_collide_the_example_is_small(tmp_path, monkeypatch):
     walls = "".join(box("0.02 2 0.2", f"{x} 0 0.3") for x in (-0.35, 0.35))
     urdf = written(tmp_path, link("base", solid=walls), *folded_arm())
     template, task = unmarked(tmp_path, urdf)
-    assert "mm clear of arm and ground" in template.sources[1]
+    assert "mm clear of arm and ground" in template.example
     np.testing.assert_allclose(np.abs(task.goal - task.start), np.deg2rad(3), atol=1e-4)
     for share in np.linspace(0, 1, 21):
         assert not collides(urdf, task.start + share * (task.goal - task.start))
@@ -106,7 +106,7 @@ def test_where_no_posture_is_free_zero_stays_and_the_file_says_so(tmp_path):
     arm = [part.replace(box("0.26 0.06 0.06", "0.15 0 0"), huge) for part in folded_arm()]
     urdf = written(tmp_path, link("base", solid=box("0.1 0.1 0.1", "5 0 0")), *arm)
     template = task_template(urdf, tmp_path)
-    assert "links overlap" in template.sources[1]
+    assert "links overlap" in template.example
     assert "start_deg = [0, 0, 0]" in template.text
 
 
@@ -142,7 +142,7 @@ def test_a_base_in_the_urdf_gives_mass_centre_inertia_and_contacts(tmp_path):
     contacts = np.array([contact.position for contact in support.contacts])
     np.testing.assert_allclose(np.abs(contacts), np.tile([0.3, 0.25, 0.0], (4, 1)), atol=1e-9)
     assert "wheel_fl: wheel, radius 0.1 m, axle (0, 1, 0)" in template.text
-    assert "it stands on 4 wheels of its geometry" in template.sources[0]
+    assert "it stands on 4 wheels of its geometry" in template.base.source
 
 
 def caster(name, at, shape='<sphere radius="0.05"/>', kind="fixed"):
@@ -219,7 +219,7 @@ def test_an_endless_joint_of_an_idle_arm_is_no_wheel(tmp_path):
 def test_what_is_invented_is_said_at_each_number(tmp_path):
     urdf = written(tmp_path, link("base", 0.5), *folded_arm())
     template = task_template(urdf, tmp_path)
-    assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")
+    assert template.base.source.startswith("mass, centre of mass, feet and height are invented")
     lines = template.text.splitlines()
     for key in ("mass", "center_of_mass", "feet", "friction"):
         (line,) = [line for line in lines if line.startswith(f"{MARK} {key} =")]
@@ -301,7 +301,7 @@ def test_geometry_without_size_names_its_link_and_is_marked(tmp_path):
 def test_a_single_heavy_link_is_the_foot_of_the_arm_and_no_base(tmp_path):
     urdf = written(tmp_path, link("base", 6.0, solid=box("0.2 0.2 0.1")), *folded_arm())
     template = task_template(urdf, tmp_path)
-    assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")
+    assert template.base.source.startswith("mass, centre of mass, feet and height are invented")
     assert "has to include 6 kg of links of the URDF" in template.text
 
 
@@ -365,11 +365,11 @@ def test_a_base_that_would_fall_over_by_itself_is_no_base(tmp_path):
     torso = link("torso", 40.0, "0.6 0 0.3")
     bolts = '<joint name="bolts" type="fixed"><parent link="base"/><child link="torso"/></joint>'
     template = task_template(written(tmp_path, plate, torso, bolts, *folded_arm("torso")), tmp_path)
-    assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")
+    assert template.base.source.startswith("mass, centre of mass, feet and height are invented")
 
 
 def test_without_pairs_that_can_collide_no_distance_is_told(tmp_path):
     arm = [part.replace(box("0.26 0.06 0.06", "0.15 0 0"), "") for part in folded_arm()]
     urdf = written(tmp_path, link("base", solid=box("0.1 0.1 0.1")), *arm)
     template = task_template(urdf, tmp_path)
-    assert template.sources[1].startswith("start and goal are an example; no two solids can collide")
+    assert template.example.startswith("start and goal are an example; no two solids can collide")

@@ -67,6 +67,17 @@ def read(tmp_path, text):
     return read_scene(path)
 
 
+def test_a_wrong_friction_is_named_where_it_stands(tmp_path):
+    short = SCENE.replace("friction = 0.6\n", "").replace("mass = 60.0", "mass = 60.0\nfriction = -0.6")
+    with pytest.raises(InputError, match=r": base\.friction: must be >= 0, got -0\.6$"):
+        read(tmp_path, short)
+    both = SCENE.replace("mass = 60.0", "mass = 60.0\nfriction = 0.4").replace(
+        "friction = 0.6", "friction = -1"
+    )
+    with pytest.raises(InputError, match=r": contact\[2\]\.friction: must be >= 0, got -1$"):
+        read(tmp_path, both)
+
+
 def test_ordinary_contacts_need_no_kind_and_may_share_their_friction(tmp_path):
     short = SCENE.replace('kind = "unilateral"\n', "").replace("friction = 0.6\n", "")
     short = short.replace("mass = 60.0", "mass = 60.0\nfriction = 0.6")

@@ -13,6 +13,7 @@ from typing import Literal, TypeVar, cast
 import numpy as np
 
 from ocptip.basics.errors import InputError, InputWarning, PlanningError
+from ocptip.basics.text import quantity
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
@@ -130,25 +131,32 @@ def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
     """
     if task.is_cycle or not task.robot.collision.labels:
         return ("direct",)
-    overlap = _overlap(cast(MotionTask, task))
+    overlap, between = _overlap(cast(MotionTask, task))
     if overlap <= 0 and not limited:
         return ("direct",)
     if find_spec("ompl") is not None:
         return ("direct", "path") if overlap <= NEARLY else ("path", "direct")
     if overlap <= 0:
         return ("direct",)
-    text = "obstacles are between start and goal; a path around them needs OMPL (pip install 'ocptip[paths]')"
+    text = (
+        f"on the straight way from start to goal, {between} overlap by {quantity(1e3 * overlap, 'mm', 3)}; "
+    )
+    text += "a path around needs OMPL (pip install 'ocptip[paths]')"
     warnings.warn(InputWarning(f"{task.name}: {text}"), stacklevel=3)
     return ("direct",)
 
 
-def _overlap(task: MotionTask) -> float:
-    """Largest overlap, m, on the straight line from a start to a goal; of several lines the smallest one."""
-    shares = np.linspace(0, 1, _STATES)[:, None]
-    return min(
-        -float(np.min(task.robot.collision.gaps(start + shares * (goal - start), 0.0), initial=0.0))
-        for start, goal in task.choices or [(task.start, task.goal)]
-    )
+def _overlap(task: MotionTask) -> tuple[float, str]:
+    """Largest overlap, m, on the straight line from a start to a goal, and of what, an obstacle or the robot
+    itself; of several lines that of the smallest one.
+    """
+    shares, collision = np.linspace(0, 1, _STATES)[:, None], task.robot.collision
+    found = []
+    for start, goal in task.choices or [(task.start, task.goal)]:
+        gaps = np.min(collision.gaps(start + shares * (goal - start), 0.0), axis=0)
+        nearest = int(np.argmin(gaps))
+        found.append((max(-float(gaps[nearest]), 0.0), str(collision.labels[nearest])))
+    return min(found)
 
 
 def _require_path(task: Task) -> None:

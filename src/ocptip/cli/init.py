@@ -56,9 +56,10 @@ class InitReport(Report):
             "joints": template.arm.joint_names,
             "units": template.arm.file_units,
             "assumed": template.arm.notes,
-            "examples": template.sources,
+            "examples": [template.example],
             "base": {
                 "from_urdf": template.base.of_urdf,
+                "source": template.base.source,
                 "mass": template.base.mass,
                 "contacts": [
                     {"kind": own.kind, "position": own.position.tolist(), "reason": own.reason}
@@ -78,7 +79,8 @@ class InitReport(Report):
         lines = [
             ("arm", f"{template.base_link} to {template.tool_frame}: {', '.join(arm.joint_names)}"),
             *(("assumed", note) for note in brief_notes(arm.notes, self.verbose)),
-            *(("examples", source) for source in template.sources),
+            ("base", template.base.source),
+            ("example", template.example),
             *self._geometry(),
             ("fill in", f"the lines that begin with {MARK}: {', '.join(template.to_fill)}"),
             ("then", f"ocptip plan {self.path}"),

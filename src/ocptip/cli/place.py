@@ -31,6 +31,7 @@ from ocptip.task_files.tolerance import load_tolerance
 
 _MEANING = {"GN": "tipping margin", "GT": "friction used", "GK": "force space index", "GE": "power at rest"}
 _MOST_VIOLATED = 6
+_JOINTS = 2  # in a line
 
 
 def run(options: Namespace) -> Report:
@@ -183,12 +184,12 @@ def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
     ]
     for task, q in zip(problem.tasks, placement.angles, strict=True):
         arm = problem.robot.arm
-        angles = " ".join(
-            f"{value:.4f} m" if unit == "m" else f"{value:.2f}"
-            for value, unit in zip(arm.in_degrees(q) + 0.0, arm.units, strict=True)
-        )
-        unit = "" if arm.prismatic.all() else " deg"
-        lines.append(("joints", angles + unit + (f"  {task.name}" if len(problem.tasks) > 1 else "")))
+        angles = [
+            f"{name} {value:.4f} m" if unit == "m" else f"{name} {value:.2f} deg"
+            for name, value, unit in zip(arm.joint_names, arm.in_degrees(q) + 0.0, arm.units, strict=True)
+        ]
+        rows = [", ".join(angles[k : k + _JOINTS]) for k in range(0, len(angles), _JOINTS)]
+        lines += under("joints", [*([task.name] if len(problem.tasks) > 1 else []), *rows])
     return lines
 
 

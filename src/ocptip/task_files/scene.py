@@ -218,7 +218,7 @@ def read_support(data: Table) -> Support:
         base.require("feet", "where it stands, m; or [[contact]]")
         base.close(early=True)
     for table in tables:
-        contacts.append(_contact(table, common, contacts[0].dimension if contacts else None))
+        contacts.append(_contact(table, base, common, contacts[0].dimension if contacts else None))
     d = contacts[0].dimension
     mass, centre, inertia = base["mass"], base.get("center_of_mass", size=d), base["inertia"]
     for table in base.tables("added"):
@@ -268,11 +268,12 @@ def _given(parameters: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in parameters.items() if value is not None}
 
 
-def _contact(table: Table, common: dict[str, Any], dimension: int | None) -> Binding:
+def _contact(table: Table, base: Table, common: dict[str, Any], dimension: int | None) -> Binding:
     """One contact.
 
     Args:
         table: of it.
+        base: that of the base, whose keys are named where the contact has none of that name.
         common: parameters of contacts that do not set them, by key.
         dimension: that of the contacts before it, None for the first.
     """
@@ -294,7 +295,8 @@ def _contact(table: Table, common: dict[str, Any], dimension: int | None) -> Bin
         raise table.error(f"expected {dimension} numbers like contact[1], got {size}", "position")
     if size == 2:
         parameters.setdefault("normal", [0.0, 1.0])
-    return table.make(cls, **parameters)
+    with table.at(), base.at(None), table.at(None):
+        return cls(**parameters)
 
 
 def _load(table: Table, d: int) -> Load:

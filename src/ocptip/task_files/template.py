@@ -44,7 +44,7 @@ class TaskTemplate:
         base_link, tool_frame: names that were given or detected.
         base: on which it stands.
         missing: missing mesh files of its collision geometry; None: it has no such geometry.
-        sources: where the numbers of the base and of the example motion come from.
+        example: where the numbers of the example motion come from.
     """
 
     text: str
@@ -53,7 +53,7 @@ class TaskTemplate:
     tool_frame: str
     base: ExampleBase
     missing: list[str] | None
-    sources: tuple[str, str]
+    example: str
 
     @property
     def to_fill(self) -> list[str]:
@@ -113,7 +113,7 @@ def task_template(
         *_geometry(missing, broken),
     )
     of_base = (_base(foot), *map(_contact, _rolling(foot)))
-    sections = (*of_base, of_arm, _limits(arm), _motion(arm, example), _near(example))
+    sections = (*of_base, of_arm, _limits(arm), _payload(), _motion(arm, example), _near(example))
     body = "\n\n".join(filter(None, ("\n".join(lines) for lines in sections))) + "\n"
     head = [
         f"#:schema ./{SCHEMA}",
@@ -123,7 +123,7 @@ def task_template(
         f"name = {toml_value(file.name)}",
     ]
     text = "\n".join(head) + "\n\n" + body
-    return TaskTemplate(text, arm, base, tool, foot, missing, (foot.source, example.source))
+    return TaskTemplate(text, arm, base, tool, foot, missing, example.source)
 
 
 def marked(text: str) -> list[str]:
@@ -267,6 +267,13 @@ def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in doubtful.items())
         names = ", ".join(map(toml_value, doubtful))
         yield _line(_OF_URDF, "accept_inertia", f"[{names}]", f"if that is meant: {reasons}", mark=True)
+
+
+def _payload() -> Iterator[str]:
+    """What the gripper holds, as a comment: no URDF says it."""
+    yield "# [payload]  # what the gripper holds; without this table nothing"
+    yield "# mass = 2.0  # kg"
+    yield "# center_of_mass = [0.0, 0.0, 0.1]  # m: from the origin of tool_frame, its axes"
 
 
 def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
