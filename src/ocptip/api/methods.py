@@ -139,7 +139,7 @@ def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
     if overlap <= 0:
         return ("direct",)
     text = (
-        f"on the straight way from start to goal, {between} overlap by {quantity(1e3 * overlap, 'mm', 3)}; "
+        f"on the straight line from start to goal, {between} overlap by {quantity(1e3 * overlap, 'mm', 3)}; "
     )
     text += "a path around needs OMPL (pip install 'ocptip[paths]')"
     warnings.warn(InputWarning(f"{task.name}: {text}"), stacklevel=3)
