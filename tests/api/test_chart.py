@@ -42,6 +42,16 @@ def test_reaches_are_those_of_postures(chart):
         assert sure <= best
 
 
+def test_default_payloads_have_reaches_that_differ():
+    chart = ocptip.chart(TASK, samples=600, uncertainty="none")
+    rows = [one.any_posture + one.best_posture for one in chart.reaches]
+    assert chart.payloads[0] == 0
+    assert chart.robot.payload is None or chart.robot.payload.mass in chart.payloads
+    heavy = chart.payloads > np.quantile(chart.held.masses, 0.05)
+    assert heavy.sum() >= 2
+    assert len({row for row, own in zip(rows, heavy, strict=True) if own}) == heavy.sum()
+
+
 def test_no_posture_collides_or_leaves_the_joint_limits(chart):
     assert chart.robot.collision.least(chart.q).min() >= chart.limits.clearance
     limits = chart.robot.arm.limits

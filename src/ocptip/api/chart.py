@@ -29,7 +29,7 @@ from ocptip.standing.within.tolerable import AT_REST
 
 SAMPLES, SECTORS = 10_000, 8
 NOT_COVERED = ("motion", "process forces that vary", "postures that were not sampled")
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+_QUANTILES = (0.1, 0.3, 0.6, 0.9)
 """Payloads of the reaches, as shares of the task's payload, or of the largest one."""
 
 _STEPS = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0)  # m
@@ -63,8 +63,8 @@ def chart(
         samples: postures that are drawn within the joint limits (a Halton sequence); what collides is
             dropped.
         seed: of the sequence.
-        payloads: kg, of the reaches by azimuth; default: 0, 25, 50, 75, 100 % of the task's payload, without
-            one of the largest payload in the chart.
+        payloads: kg, of the reaches by azimuth; default: none, the task's payload, and what 90, 70, 40 and
+            10 % of the postures hold, rounded.
         sectors: of the azimuth.
         cell: m, size of the cells of reach and height; default: at most 8 of each.
         most: kg, the largest payload that is tried; default: ten times the task's payload, else the mass of
@@ -87,12 +87,17 @@ def chart(
     gaps = robot.collision.gaps(drawn, limits.clearance)
     q = drawn[np.all(gaps >= limits.clearance, axis=1)]
     held = largest_payloads(robot, limits, q, most)
-    if rated is None:
-        rated = float(np.max(held.masses, initial=0.0))
-    masses = rated * np.array(SHARES) if payloads is None else finite_array("payloads", payloads, (None,))
+    masses = _different(held, rated) if payloads is None else finite_array("payloads", payloads, (None,))
     if np.any(masses < 0):
         raise InputError(f"payloads: must be >= 0 kg, got {masses.tolist()}")
     return LoadChart.of(found.name, robot, limits, q, held, (samples, seed), masses, sectors, cell, most)
+
+
+def _different(held: LargestPayloads, rated: float | None) -> np.ndarray:
+    """Payloads, kg, ascending, whose reaches differ: those that most, some and few postures hold."""
+    masses = held.masses[held.unloaded]
+    found = np.quantile(masses, _QUANTILES) if len(masses) else np.empty(0)
+    return np.unique([0.0, *([rated] if rated else []), *(float(f"{mass:.2g}") for mass in found)])
 
 
 def _halton(robot: Robot, limits: Limits, samples: int, seed: int) -> np.ndarray:

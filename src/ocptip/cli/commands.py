@@ -370,7 +370,7 @@ COMMANDS = (
             argument(
                 "--payloads",
                 "KG",
-                "payloads of the reaches, kg (default: quarters of the task's payload, else of the largest)",
+                "payloads of the reaches, kg (default: the task's, and what 90 to 10 % of the postures hold)",
                 nargs="+",
                 type=float,
             ),
