@@ -35,6 +35,7 @@ from ocptip.certificate.trusted.described import (
     Intervals,
 )
 from ocptip.numerics.threads import one_thread
+from ocptip.reserves.force_sets import ForceSets
 from ocptip.standing.arm import Robot
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.limit import Worst
@@ -143,6 +144,8 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
         return f"motions of a {robot.kind} without closed forms cannot be proved"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
+    if np.any(ForceSets(robot.support).rolls):
+        return "proofs do not cover wheels that roll freely"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
     return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
 

@@ -9,6 +9,7 @@ from ocptip.contact.bindings.clamps import (
     RigidClamp,
 )
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.bindings.wheel import FreeWheel
 from ocptip.contact.solver import solve, solve_many
 from ocptip.contact.support import Load, Support
 from ocptip.contact.verdict import stability
@@ -19,6 +20,7 @@ __all__ = [
     "ForceConstantTwoSidedClamp",
     "ForceVariableHalfRigidClamp",
     "ForceVariableTwoSidedClamp",
+    "FreeWheel",
     "Load",
     "RigidClamp",
     "Support",

@@ -8,7 +8,12 @@ import numpy as np
 
 from ocptip.contact.support import Support
 
-_VERBS = {"slide": ("slides", "slide"), "separate": ("lifts off", "lift off"), "yield": ("yields", "yield")}
+_VERBS = {
+    "slide": ("slides", "slide"),
+    "roll": ("rolls", "roll"),
+    "separate": ("lifts off", "lift off"),
+    "yield": ("yields", "yield"),
+}
 _STRAIGHT = 1e-6  # of the support's length: contacts nearer than this to a line are on it
 
 

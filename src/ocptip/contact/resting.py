@@ -116,6 +116,7 @@ def _taken_up(support: Support, velocity: np.ndarray) -> float:
     """The most power that contacts, whose forces are convex sets, can take up at a velocity that proves."""
     total = 0.0
     moved = (velocity @ support.wrench_matrix).reshape(support.n_contacts, -1)
+    moved = moved * laws.carries(support.contacts)  # along other directions there is no force
     for contact, (away, *along) in zip(support.contacts, moved, strict=True):
         (piece,) = contact.force_pieces()
         sliding = float(np.linalg.norm(along))

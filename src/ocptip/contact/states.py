@@ -153,15 +153,18 @@ class ContactStates:
         return largest <= self.rest_limit[:, None]
 
     def modes(self, index: int) -> list[str]:
-        """The mode of each contact in one state, by its accelerations: stick, slide, separate, yield."""
+        """Modes of the contacts in one state, by accelerations: stick, slide, roll, separate, yield."""
         if not self.solved[index]:
             return ["unknown"] * self.support.n_contacts
         limit = self.rest_limit[index]
-        names = []
+        names, carried = [], laws.carries(self.support.contacts)
         for k, contact in enumerate(self.support.contacts):
             a = self.contact_accelerations[index, k]
+            grips = carried[k, 1:]
             if self.at_rest[index, k]:
                 names.append("stick")
+            elif abs(a[0]) <= limit and grips.any() and np.all(np.abs(a[1:][grips]) <= limit):
+                names.append("roll")
             elif abs(a[0]) <= limit:
                 names.append("slide")
             else:

@@ -48,9 +48,11 @@ class ForceSets:
         lower: (n,) smallest normal force of each contact, N; minus infinity if it cannot separate upwards.
         upper: (n,) largest normal force, N; infinity unless the contact yields downwards.
         single_pieces: True if no contact's set has several pieces.
-        ordinary: True if all contacts are ordinary ones, with friction cones from zero force on.
+        cones: True if all contacts have friction cones from zero force on.
+        ordinary: True if all of them are ordinary ones: none of them rolls.
         friction: (n,) friction coefficient of the first piece.
         radius: (n,) tangential limit of the first piece at zero normal force, N.
+        rolls: (n,) True where a contact has no force along t1.
         frictionless: (n,) True where a contact never carries a tangential force.
         grip: (n,) unit of the tangential forces, so that the friction counted in it is not tiny; 1 as a rule.
     """
@@ -66,12 +68,14 @@ class ForceSets:
         )
         self.single_pieces = most == 1
         self.friction, self.radius = self._slope[:, 0], self._radius[:, 0]
-        self.ordinary = (
+        self.rolls = np.array([all(piece.rolls for piece in own) for own in pieces])
+        self.cones = (
             self.single_pieces
             and not np.any(self._radius)
             and not np.any(self._minimum)
             and bool(np.all(np.isinf(self._maximum)))
         )
+        self.ordinary = self.cones and not np.any(self.rolls)
         self.frictionless = ~carries(support.contacts)[:, -1]
         steepest = np.max(np.abs(self._slope), axis=1)
         self.grip = np.where(steepest > 0, np.minimum(1.0, steepest / _TINY_FRICTION), 1.0)

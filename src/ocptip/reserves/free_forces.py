@@ -79,6 +79,7 @@ class FreeForces:
                 free = np.repeat(taking_part[:, None], matrix.shape[2], axis=1)
                 free[:, 0] &= with_normals
                 free[self._sets.frictionless, 1:] = False
+                free[self._sets.rolls, 1] = False
                 _, s, vt = np.linalg.svd(matrix[:, free])
                 rank = int(np.sum(s > _RANK_TOLERANCE * np.max(s, initial=0.0)))
                 null = vt[rank:].T
@@ -90,7 +91,8 @@ class FreeForces:
                     break
                 taking_part &= ~stuck
             J = None
-            if not with_normals and rank == 3 and matrix.shape[2] == 3:
+            both = matrix.shape[2] == 3 and not np.any(self._sets.rolls[taking_part])
+            if not with_normals and rank == 3 and both:
                 J = vt[:3].T.reshape(-1, 2, 3)
                 if np.any(np.linalg.norm(np.cross(J[:, 0], J[:, 1]), axis=1) < _RANK_TOLERANCE):
                     J = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocptip.basics.text import percent, quantity
 from ocptip.contact.bindings.binding import LARGEST_FRICTION
-from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.bindings.laws import carries
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.numerics.cone_program import INFEASIBLE, USABLE, quiet_settings, solve_cones
@@ -23,10 +23,11 @@ _TOLERANCE = 1e-9  # of the cone program, relative to the load
 def friction_needed(support: Support, wrench: np.ndarray) -> float:
     """Factor on the friction of all contacts with which a support just holds a wrench (6,).
 
-    Below 1 it is GT. Infinite where no friction holds the wrench; NaN where not all contacts are feet.
+    Below 1 it is GT. Infinite where no friction holds the wrench; NaN where not all contacts are feet or
+    wheels.
     """
     contacts = support.contacts
-    if not all(isinstance(contact, UnilateralContact) for contact in contacts):
+    if not ForceSets(support).cones:
         return np.nan
     roughest = max((contact.friction for contact in contacts), default=0.0)  # pyright: ignore
     for times in _TIMES:
@@ -46,9 +47,9 @@ def missing_force(support: Support, wrench: np.ndarray) -> float:
 
     Further tangential forces at the contacts and forces within the friction cones together hold the base.
     The result is the smallest sum of the further ones; 0 where the base does not slide. Infinite where none
-    hold the wrench, because the base tips; NaN where not all contacts are feet.
+    hold the wrench, because the base tips; NaN where not all contacts are feet or wheels.
     """
-    if not (sets := ForceSets(support)).ordinary:
+    if not (sets := ForceSets(support)).cones:
         return np.nan
     d, n, size = support.dimension, support.n_contacts, support.wrench_size
     scaling = np.r_[np.ones(d), np.full(size - d, 1 / support.length)]
@@ -59,7 +60,10 @@ def missing_force(support: Support, wrench: np.ndarray) -> float:
     further = n * d + np.arange(n * (d - 1)).reshape(n, d - 1)
     bound = n * (2 * d - 1) + np.arange(n)
     A = np.zeros((size + 2 * n * d, n * 2 * d))
-    A[:size, : n * d], A[:size, further.ravel()] = W, W[:, tangential.ravel()]
+    A[:size, : n * d], A[:size, further.ravel()] = (
+        W * carries(support.contacts).ravel(),
+        W[:, tangential.ravel()],
+    )
     friction_rows = size + np.arange(n * d).reshape(n, d)
     A[friction_rows[:, 0], d * np.arange(n)] = -sets.friction
     A[friction_rows[:, 1:], tangential] = -1.0

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import clarabel
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceLimits, ForceSets
 from ocptip.reserves.minimax import ConeBatch
@@ -113,6 +114,9 @@ class AddableMoments:
         certain = self.closed_form(wrenches)
         todo = np.argwhere(~certain)
         if len(todo):
+            if np.any(self._sets.rolls):
+                k = int(np.argmax(self._sets.rolls)) + 1
+                raise InputError(f"contacts: contact {k} rolls; such wheels need contacts on one plane")
             at, axis = todo.T
             if normal_forces is None:
                 normal_forces = np.zeros((count, self._support.n_contacts))

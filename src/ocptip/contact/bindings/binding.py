@@ -54,13 +54,15 @@ class PoolVariable:
 class ForcePiece:
     """A convex piece of the set of contact forces at which the contact can rest.
 
-    All forces with `normal_min <= K_n <= normal_max` and `|K_t| <= radius + slope K_n`.
+    All forces with `normal_min <= K_n <= normal_max` and `|K_t| <= radius + slope K_n`; of a contact that
+    rolls, those of them without a force along t1.
     """
 
     normal_min: float
     normal_max: float
     radius: float
     slope: float
+    rolls: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,12 +30,15 @@ def normal_range(binding: Binding) -> tuple[float, float]:
 def carries(bindings: Sequence[Binding]) -> np.ndarray:
     """(n, d) True for the components of contact forces, normal first, that are not always zero.
 
-    A contact without friction, such as a caster, has a normal force alone. It never takes part in what
-    holds tangential loads, not even by a rounding error, which its cone of width zero would count as slip.
+    A contact without friction, such as a caster, has a normal force alone; a wheel that rolls has no force
+    along t1. They never take part in what holds such loads, not even by a rounding error, which a cone of
+    width zero would count as slip.
     """
     found = np.ones((len(bindings), bindings[0].dimension if bindings else 0), dtype=bool)
     for k, binding in enumerate(bindings):
-        found[k, 1:] = any(piece.radius or piece.slope for piece in binding.force_pieces())
+        pieces = binding.force_pieces()
+        found[k, 1:] = any(piece.radius or piece.slope for piece in pieces)
+        found[k, 1] &= not all(piece.rolls for piece in pieces)
     return found
 
 
@@ -55,6 +58,9 @@ def friction_limit(binding: Binding, normal_force: np.ndarray) -> np.ndarray:
 
 def polygon(binding: Binding) -> tuple[np.ndarray, np.ndarray]:
     """Face normals (S, d-1) and vertices (S, d-1) of the pyramid's cross-section for a limit of 1 N."""
+    if all(piece.rolls for piece in binding.force_pieces()):
+        across = np.array([[0.0, 1.0], [0.0, -1.0]])
+        return across, across
     return _polygon(binding.planar, binding.facets)
 
 
@@ -98,7 +104,8 @@ def law_violation(
     faces, vertices = polygon(binding)
     limit = friction_limit(binding, force[:, 0]) / force_unit
     outside = np.max(tangential @ faces.T, axis=1) - limit
-    violation = np.maximum(violation, outside)
+    never = np.abs(np.hstack([normal[:, None], tangential])[:, ~carries([binding])[0]])
+    violation = np.maximum(np.maximum(violation, outside), np.max(never, axis=1, initial=0.0))
     best = limit * np.max(-a[:, 1:] @ vertices.T, axis=1)
     shortfall = best + np.sum(a[:, 1:] * tangential, axis=1)
     # power is a product: its excess over the dissipation is the violation of the smaller factor

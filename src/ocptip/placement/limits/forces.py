@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
 from ocptip.placement.limits.twice import Twice
 from ocptip.reserves.force_sets import ForceSets, force_scale
@@ -41,6 +42,9 @@ class ContactForces:
         self._scale, self._moving = scale, moving
         self.per_wrench = np.diag(scale) / unit
         self._sets = ForceSets(support)
+        if np.any(self._sets.rolls):
+            number = int(np.argmax(self._sets.rolls)) + 1
+            raise InputError(f"contact {number}: a wheel that rolls freely cannot be placed")
 
     def start(self, wrenches: np.ndarray, footing: Footing) -> tuple[np.ndarray, list[Piece]]:
         """Forces (N, 3 n) of the redistributed states under wrenches (N, 6), and the pieces they lie in."""
