@@ -15,6 +15,7 @@ is not, the value at t - d is another state; between two steps it lies between t
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -40,6 +41,9 @@ BETWEEN = 0.005  # s: instants at which joints whose accelerations change withou
 JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 
 T = TypeVar("T")
+
+_State = tuple[float, float, float]
+"""Angle, speed, acceleration of a joint."""
 
 _Way = tuple[float, float, float, float, str]
 """A possible delayed state of a joint: angle, speed, acceleration, maximum delay, word."""
@@ -117,6 +121,11 @@ class _Events:
         self.jumps = np.abs(self.step) > JUMP * np.max(np.abs(self.step), axis=0, initial=1e-300)
         self.smooth = np.max(np.abs(self.step), axis=0, initial=0.0) <= self.small
         self.jumps[:, self.smooth] = False
+        # Lists: of a recording, options are asked for at ten thousands of instants.
+        parts = (self.q, self.qd, self.before, self.after, self.step)
+        self._by_joint = list(zip(*(part.T.tolist() for part in parts), strict=True))
+        self._jumping = [np.flatnonzero(column).tolist() for column in self.jumps.T]
+        self._times = self.times.tolist()
 
     def max_delay(self, times: np.ndarray) -> np.ndarray:
         """(N, n), s: maximum delay of joints at times without an acceleration step in between."""
@@ -128,30 +137,40 @@ class _Events:
             found[:, j] = np.clip(since, 0.0, self.delay)
         return found
 
-    def options(self, t: float, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
-        """The possible delayed states of one joint at t, from its states (3,) at t and one delay before."""
-        first = int(np.searchsorted(self.times, t - self.delay - INSIDE))
-        inside = slice(first, int(np.searchsorted(self.times, t + INSIDE, side="right")))
+    def inside(self, times: np.ndarray) -> list[slice]:
+        """Which switching times are in the delay before each of these times, s."""
+        first = np.searchsorted(self.times, times - self.delay - INSIDE)
+        last = np.searchsorted(self.times, times + INSIDE, side="right")
+        return list(map(slice, first.tolist(), last.tolist()))
+
+    def options(self, t: float, inside: slice, joint: int, own: _State, then: _State) -> list[_Way]:
+        """The possible delayed states of one joint at t, with switching times `inside` its delay, from its
+        states (3,) at t and one delay before.
+        """
         if self.smooth[joint]:
             return self._smooth_options(inside, joint, own, then)
-        jumps = first + np.flatnonzero(self.jumps[inside, joint])
+        jumping = self._jumping[joint]
+        jumps = jumping[bisect_left(jumping, inside.start) : bisect_left(jumping, inside.stop)]
+        q, qd, before, after, step = self._by_joint[joint]
         found: dict[_Way, None] = {}
-        until = self.before[jumps[0], joint] if len(jumps) else own[2]
+        until = before[jumps[0]] if jumps else own[2]
         if self.delay and abs(then[2] - until) > self.small[joint]:  # it changes without a jump, too
             found[*then, 0.0, "delayed"] = None
-        for case in delay_cases(self.times[jumps], t, self.delay, self.more > 0):
+        total = 0.0
+        for case in delay_cases([self._times[e] for e in jumps], t, self.delay, self.more > 0):
             if case.event is None:
                 way = *own, case.max_delay, "on time"
             else:
-                e, steps = jumps[case.event], jumps[case.event + 1 - case.steps : case.event + 1]
-                more = self.more * np.sum(self.step[steps[::-1], joint])
-                acceleration = self.after[e, joint] + more if case.steps else self.before[e, joint]
-                word = "overshooting" if case.steps else "delayed"
-                way = self.q[e, joint], self.qd[e, joint], acceleration, case.max_delay, word
+                e, acceleration, word = jumps[case.event], before[jumps[case.event]], "delayed"
+                if case.steps:  # with one step more than in the case before
+                    last = step[jumps[case.event + 1 - case.steps]]
+                    total = last if case.steps == 1 else total + last
+                    acceleration, word = after[e] + self.more * total, "overshooting"
+                way = q[e], qd[e], acceleration, case.max_delay, word
             found[way] = None
         return list(found)
 
-    def _smooth_options(self, inside: slice, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
+    def _smooth_options(self, inside: slice, joint: int, own: _State, then: _State) -> list[_Way]:
         """Options of a joint without acceleration step: on time, delayed, and the extremes in between."""
         between = self.after[inside, joint]
         low, high = sorted((own[2], then[2]))
@@ -159,11 +178,9 @@ class _Events:
         if most - least <= self.small[joint]:
             return [(*own, self.delay, "on time")]
         places = inside.start + np.flatnonzero((between < low) | (between > high))
-        beyond = [part[places, joint] for part in (self.q, self.qd, self.after)]
-        return [
-            (*own, 0.0, "on time"),
-            *((*state, 0.0, "delayed") for state in (then, *zip(*beyond, strict=True))),
-        ]
+        q, qd, after = (part[places, joint].tolist() for part in (self.q, self.qd, self.after))
+        late: list[_State] = [then, *zip(q, qd, after, strict=True)]
+        return [(*own, 0.0, "on time"), *((*state, 0.0, "delayed") for state in late)]
 
 
 def on_time(
@@ -205,20 +222,20 @@ def jump_states(
     if not (events.delay or events.more):
         instants = np.empty(0)
     now, before = (
-        np.stack(motion.states(times), axis=2)  # (N, n, 3)
+        np.stack(motion.states(times), axis=2).tolist()  # (N, n, 3)
         for times in (instants + INSIDE, instants - events.delay - INSIDE)
     )
-    for t, own, then in zip(instants, now, before, strict=True):
-        options = [events.options(t, j, own[j], then[j]) for j in range(n)]
+    acting = np.empty((len(instants), 0)) if robot is None else robot.acting(instants)
+    given = zip(instants.tolist(), events.inside(instants), now, before, acting, strict=True)
+    for t, inside, own, then, acts in given:
+        options = [events.options(t, inside, j, own[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(options[j]) > 1 or options[j][0][-1] != "on time"]
         if joints:
-            acting = np.empty(0) if robot is None else robot.acting(np.array([t]))[0]
-            found.append(_Instant(t, joints, options, acting))
+            found.append(_Instant(t, joints, options, acts))
     if cases is not None and sum(prod(map(len, instant.options)) for instant in found) > MOST_OF_ALL:
-        every = _worst_combinations(found, cases)
-    else:
-        most = MOST if cases is None else MOST_OF_ALL
-        every = [instant.combined(combinations(instant.options, most)) for instant in found]
+        return _worst_combinations(found, cases)
+    most = MOST if cases is None else MOST_OF_ALL
+    every = [instant.combined(combinations(instant.options, most)) for instant in found]
     if not every:
         return on_time(motion, tolerance, np.empty(0), robot)
     s, times, max_delay = (
@@ -255,28 +272,28 @@ class _Instant:
         return DelayedStates(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
 
 
-def _worst_combinations(every: list[_Instant], cases: WorstCase) -> list[DelayedStates]:
+def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedStates:
     """The combinations of each instant that are the worst for a moment or for friction, by slopes.
 
     At the worst instants of each they are the worst that exchanging the case of one joint at a time leads to.
     """
-    n, size = len(every[0].options), max(len(own) for instant in every for own in instant.options)
-    options = np.full((len(every), n, size, 4), np.nan)
-    for i, instant in enumerate(every):
-        for j, own in enumerate(instant.options):
-            options[i, j, : len(own)] = [way[:4] for way in own]
+    n = len(every[0].options)
+    counts = np.array([[len(own) for own in instant.options] for instant in every])
+    options = np.full((len(every), n, np.max(counts), 4), np.nan)
+    given = np.arange(options.shape[2]) < counts[:, :, None]
+    options[given] = [way[:4] for instant in every for own in instant.options for way in own]
     acting = np.array([instant.acting for instant in every])
     number, values, _ = worst_options(options, cases, acting, most=CLOSER)
-    number = _exchanged(options, cases, acting, number, values)
-    return [
-        instant.combined(
-            [
-                [own[k] for own, k in zip(instant.options, choice, strict=True)]
-                for choice in np.unique(numbers, axis=0)
-            ]
-        )
-        for instant, numbers in zip(every, number, strict=True)
-    ]
+    number = _exchanged(options, cases, acting, number, values).tolist()
+    chosen = [(i, choice) for i, own in enumerate(number) for choice in sorted(set(map(tuple, own)))]
+    rows, choices = np.array([i for i, _ in chosen]), np.array([choice for _, choice in chosen])
+    numbers = options[rows[:, None], np.arange(n), choices]  # (C, n, 4)
+    states = np.hstack([numbers[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), acting[rows]])
+    words = []
+    for i, choice in chosen:
+        own, joints = every[i].options, every[i].joints
+        words.append(_words_of(joints, [own[j][choice[j]][4] for j in joints]))
+    return DelayedStates(states, np.array([instant.t for instant in every])[rows], numbers[..., 3], words)
 
 
 def worst_options(
