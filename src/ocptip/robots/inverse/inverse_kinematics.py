@@ -2,7 +2,8 @@
 search.
 
 The search is a Levenberg-Marquardt iteration from many seeded starts at once, repeated until further starts
-find nothing new. Both methods check every solution by forward kinematics.
+find nothing new. A complete method for six turning axes takes about a second. All check every solution by
+forward kinematics.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
+from ocptip.robots.inverse.complete import all_solutions
 from ocptip.robots.inverse.joint_angles import nearest_copies, once_around, search_box
 from ocptip.robots.inverse.joint_angles import within_limits as copies_within_limits
 from ocptip.robots.inverse.pose_search import (
@@ -28,7 +30,7 @@ from ocptip.robots.model import ArmModel, joint_states
 
 RESIDUAL_TOLERANCE = 1e-10  # m and rad
 SINGULAR_TOLERANCE = 1e-7  # m and rad, where rounding next to a singular pose leaves no better
-_METHODS = ("auto", "closed-form", "search")
+_METHODS = ("auto", "closed-form", "search", "complete")
 _STARTS_PER_ROUND = 128
 _QUIET_ROUNDS = 3  # rounds without a new branch after which the search ends
 _MAX_ROUNDS = 12
@@ -52,10 +54,11 @@ class InverseKinematics:
         conditioning: (k,): smallest singular value of the Jacobian (lengths in units of the arm's reach);
             near zero the solution is singular: it may be one of a continuum or a double root.
         outside_limits: number of further solutions that violate joint limits.
-        method: "closed-form" or "search".
+        method: "closed-form", "search" or "complete".
         family: name of the closed form's family, or None.
-        starts, iterations: of the search (0 in closed form).
+        starts, iterations: of the search (0 in closed form); complete: complex solutions that were followed.
         seed: of the search.
+        proved: complete: number of solutions, within limits or not, whose existence is proved.
     """
 
     branches: np.ndarray
@@ -67,6 +70,7 @@ class InverseKinematics:
     starts: int
     iterations: int
     seed: int
+    proved: int | None = None
 
     def nearest(self, q: np.ndarray) -> np.ndarray:
         """The solution (n,), rad, with the smallest sum of squared differences to q (n,), rad."""
@@ -85,6 +89,7 @@ class InverseKinematics:
             "starts": self.starts,
             "iterations": self.iterations,
             "seed": self.seed,
+            "proved": self.proved,
         }
 
 
@@ -105,7 +110,8 @@ def solve_inverse_kinematics(
             returns up to 64 points of it; with fewer most poses are out of reach.
         position: (3,), m, of G in the base frame.
         rotation: (3, 3), gripper to base axes.
-        method: "auto" (closed form if the arm has one), "closed-form" or "search".
+        method: "auto" (closed form if the arm has one, else search), "closed-form", "search", or "complete":
+            every isolated solution of six turning joints, by continuation.
         near: (n,), rad: which copy of an angle to take where limits leave several; zeros by default.
         within_limits: leave out solutions that violate joint limits.
         seed: of the search's starts.
@@ -123,8 +129,16 @@ def solve_inverse_kinematics(
         raise InputError(f"method: arm {model.name!r} has no closed form; use 'search'")
     wanted = np.zeros(model.n) if near is None else finite_array("near", near, (model.n,))
 
-    starts = iterations = 0
-    if method == "search" or family is None:
+    starts, iterations, proved = 0, 0, None
+    if method == "complete":
+        if model.n != 6 or model.links != 6 or np.any(model.prismatic):
+            raise InputError(
+                f"method: 'complete' is for six independent joints that turn, not {model.name!r}"
+            )
+        used = method
+        found, proved, starts = all_solutions(model, goal, turn)
+        found = _polished(model, found, goal, turn)
+    elif method == "search" or family is None:
         used = "search"
         found, starts, iterations = _search(model, goal, turn, seed, _LEAST_DAMPING)
     else:
@@ -150,6 +164,7 @@ def solve_inverse_kinematics(
         starts=starts,
         iterations=iterations,
         seed=seed,
+        proved=proved,
     )
 
 
