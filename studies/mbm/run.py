@@ -21,7 +21,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ocptip.api.methods import NODES
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.checks import certified
@@ -29,6 +28,7 @@ from ocptip.motion.execution import execute
 from ocptip.motion.path_search import search_path
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
+from ocptip.retiming.among import NODES
 from ocptip.retiming.retime import retime
 from ocptip.trajectories.trajectory import Trajectory
 from studies.mbm.problems import DECK, FAMILIES, task_of

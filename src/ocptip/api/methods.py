@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from importlib.util import find_spec
 from typing import Literal, TypeVar, cast
 
@@ -17,49 +15,8 @@ from ocptip.basics.text import quantity
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
-from ocptip.motion.path_search import search_path
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
-from ocptip.retiming.retime import retime
-
-NODES = 60
-"""Intervals between nodes of the timing: 0.3 % of the duration, for a third of the time."""
-
-
-def plan_along_path(task: MotionTask, *, seed: int = 0, deadline: float = math.inf) -> MotionPlan:
-    """The motion along a path from a start to a goal of a task, as cheap or fast as its limits allow.
-
-    Args:
-        task: of which any pair of start and goal postures may be taken.
-        seed: of the random search.
-        deadline: of `time.perf_counter`, s, after which the search for a path ends.
-
-    Raises:
-        InputError: OMPL is not installed.
-        PlanningError: there is no path, or no timing keeps all limits.
-    """
-    began = time.perf_counter()
-    fit = search_path(task, seed=seed, deadline=deadline)
-    searched = time.perf_counter() - began
-    try:
-        timed = retime(task.robot, fit.path, task.limits, task.objective, nodes=NODES)
-    except InputError as error:
-        raise PlanningError(f"the path among the obstacles: {error}") from error
-    if not timed.verified:
-        raise PlanningError(f"the motion along the path breaks limits: {'; '.join(timed.check.violations)}")
-    chosen = replace(task, start=fit.path.start, goal=fit.path.goal, choices=())
-    return MotionPlan(
-        task=chosen,
-        motion=timed.motion,
-        check=timed.check,
-        starts=(),
-        best=0,
-        seed=seed,
-        seconds=time.perf_counter() - began,
-        interrupted=False,
-        options={"method": "path", "path": {"made_of": fit.how, "searched_s": searched}},
-    )
-
 
 T = TypeVar("T")
 Method = Literal["direct", "path"]
@@ -106,7 +63,7 @@ def searched(
             with interrupted_after(seconds):
                 if name == "direct":
                     return direct()
-                from ocptip.api.methods import plan_along_path  # splines load for 0.2 s
+                from ocptip.retiming.among import plan_along_path  # splines load for 0.2 s
 
                 return plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
         except TimeIsUpError:

@@ -2,6 +2,8 @@
 
 Slot i of a basis holds the variable `element[i]` of contact `owner[i]`. Inverses are stored transposed and
 padded with zeros, so that the inner loops run over whole rows of memory.
+
+Bases that have solved other states before are kept: that of the next state may be among them.
 """
 
 from __future__ import annotations
@@ -23,6 +25,21 @@ def load_basis(row_start, n, subset, subsets, subset_start, element, owner):
         for place in range(size):
             element[row_start[k] + place] = subsets[base + place]
             owner[row_start[k] + place] = k
+
+
+@compiled
+def block_inverse(row_start, choice, start_inverse, inverse_t):
+    """Inverse of a start basis that is block diagonal: every contact has columns in the rows of this contact
+    only.
+    """
+    for j in range(inverse_t.shape[0]):
+        for i in range(inverse_t.shape[1]):
+            inverse_t[j, i] = 0.0
+    for k in range(choice.shape[0]):
+        r0 = row_start[k]
+        for i in range(row_start[k + 1] - r0):
+            for j in range(row_start[k + 1] - r0):
+                inverse_t[r0 + j, r0 + i] = start_inverse[i, j, choice[k]]
 
 
 @compiled
@@ -158,3 +175,52 @@ def largest_residual(columns, first_column, element, owner, rhs, x, work):
         if not abs(work[i]) <= worst:
             worst = abs(work[i])
     return worst
+
+
+ZERO = 1e-13  # a variable that is less negative is zero
+
+
+@compiled
+def recall(known, count, inverses, bases, rhs, x, order, inverse_t, subset, element, owner):
+    """Load the known basis in which the state has no negative variable, else the smallest violation.
+
+    `known` is the row of the basis that is loaded. The bases are tried in the `order` in which they served,
+    the loaded one moves one place forward. Returns its row.
+    """
+    m, n = rhs.shape[0], subset.shape[0]
+    best, least = known, -np.inf
+    for place in range(count):
+        row = order[place]
+        apply_inverse(inverses[row], rhs, x)
+        smallest = 0.0
+        for i in range(m):
+            smallest = x[i] if x[i] < smallest else smallest
+        if smallest > least:
+            best, least = row, smallest
+        if smallest >= -ZERO:
+            # Bases that serve often move to the front, so that most states need one trial.
+            if place > 0:
+                order[place], order[place - 1] = order[place - 1], row
+            break
+    if best != known:
+        for i in range(inverse_t.shape[0]):
+            for j in range(inverse_t.shape[1]):
+                inverse_t[i, j] = inverses[best, i, j]
+        for k in range(n):
+            subset[k] = bases[best, 2 * m + k]
+        for i in range(m):
+            element[i], owner[i] = bases[best, i], bases[best, m + i]
+    return best
+
+
+@compiled
+def remember(row, inverses, bases, inverse_t, subset, element, owner):
+    """Store the loaded basis as a known one."""
+    m = element.shape[0]
+    for i in range(inverse_t.shape[0]):
+        for j in range(inverse_t.shape[1]):
+            inverses[row, i, j] = inverse_t[i, j]
+    for i in range(m):
+        bases[row, i], bases[row, m + i] = element[i], owner[i]
+    for k in range(subset.shape[0]):
+        bases[row, 2 * m + k] = subset[k]

@@ -19,14 +19,16 @@ import numpy as np
 
 from ocptip.contact.basis import (
     apply_inverse,
+    block_inverse,
     column_image,
     exchange,
     factorise,
     largest_residual,
     load_basis,
     polish,
+    recall,
+    remember,
 )
-from ocptip.contact.known_bases import recall, remember
 from ocptip.contact.tables import right_hand_sides, unpacked
 from ocptip.numerics.jit.compiled import compiled
 
@@ -64,21 +66,6 @@ def _choose_start(rhs, row_start, start_count, start_first, start_inverse, negat
             if negative[c] < negative[best]:
                 best = c
         choice[k] = c0 + best
-
-
-@compiled
-def _block_inverse(row_start, choice, start_inverse, inverse_t):
-    """Inverse of a start basis that is block diagonal: every contact has columns in the rows of this contact
-    only.
-    """
-    for j in range(inverse_t.shape[0]):
-        for i in range(inverse_t.shape[1]):
-            inverse_t[j, i] = 0.0
-    for k in range(choice.shape[0]):
-        r0 = row_start[k]
-        for i in range(row_start[k + 1] - r0):
-            for j in range(row_start[k + 1] - r0):
-                inverse_t[r0 + j, r0 + i] = start_inverse[i, j, choice[k]]
 
 
 @compiled
@@ -325,7 +312,7 @@ def solve_batch(
                     subset[k] = start_subset[choice[k]]
                 load_basis(row_start, n, subset, subsets, subset_start, element, owner)
                 if block_start:
-                    _block_inverse(row_start, choice, start_inverse, inverse_t)
+                    block_inverse(row_start, choice, start_inverse, inverse_t)
                 elif not factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                     status = SINGULAR
                     have_basis = False

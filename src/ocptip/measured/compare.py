@@ -9,7 +9,7 @@ that act together are right to second order as well.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -20,7 +20,7 @@ from ocptip.measured.base_motion import base_motion
 from ocptip.measured.causes import CLOCK, Possible
 from ocptip.measured.clocks import AROUND, FOLLOWING, distance, find_clock
 from ocptip.measured.comparison import Comparison, beside, energies, foot_forces, gripper_deviation
-from ocptip.measured.prediction import DAMPING, Elasticity, Predictor, State
+from ocptip.measured.prediction import DAMPING, Elasticity, KnownRobot, Predictor, State
 from ocptip.measured.recording import ANGLE, KINDS, POWER, SPEED, TORQUE, WRENCH, Recording, Signal
 from ocptip.measured.regression import Block, Explanation, explain, whitened
 from ocptip.measured.signals import (
@@ -48,29 +48,6 @@ _TINY = 0.25  # samples: step of slopes over time
 _GROUPS = (ANGLE, SPEED, TORQUE, WRENCH)
 
 
-@dataclass
-class _Known:
-    """The present estimates of a robot and of its clocks.
-
-    Attributes:
-        clock: s.
-        error: standard error of it; infinite: unknown.
-        delays: (n,), s, of joints.
-        elastic: springs of joints.
-        loads: (K,) of `causes.of_loads`, and of `causes.of_motion`.
-        motion: the same of `causes.of_motion`.
-        errors: standard errors of these.
-    """
-
-    clock: float
-    error: float
-    delays: np.ndarray
-    elastic: Elasticity
-    loads: np.ndarray
-    motion: np.ndarray
-    errors: np.ndarray
-
-
 class _Comparing:
     """The work, in its order."""
 
@@ -85,7 +62,7 @@ class _Comparing:
         begin, self.single = find_clock(recording, predictor)
         n, links = predictor.robot.n, predictor.robot.arm.links
         self.joint_columns = causes.joint_columns(n)
-        self.found = _Known(
+        self.found = KnownRobot(
             0.0 if same_clock else begin, np.inf, np.zeros(n), Elasticity.none(n),
             np.zeros(2 + 4 * links + 3 * n + 3), np.zeros(0), np.zeros(0),
         )  # fmt: skip

@@ -68,6 +68,29 @@ class State:
     slopes: np.ndarray
 
 
+@dataclass
+class KnownRobot:
+    """The present estimates of a robot and of its clocks.
+
+    Attributes:
+        clock: s.
+        error: standard error of it; infinite: unknown.
+        delays: (n,), s, of joints.
+        elastic: springs of joints.
+        loads: (K,) of `causes.of_loads`, and of `causes.of_motion`.
+        motion: the same of `causes.of_motion`.
+        errors: standard errors of these.
+    """
+
+    clock: float
+    error: float
+    delays: np.ndarray
+    elastic: Elasticity
+    loads: np.ndarray
+    motion: np.ndarray
+    errors: np.ndarray
+
+
 class Predictor:
     """Predicts signals of a planned motion.
 

@@ -87,10 +87,10 @@ class ContactMargins:
     @classmethod
     def of(cls, at: Loaded, times: np.ndarray) -> ContactMargins:
         """Margins of instants at times (N,), s."""
-        tip, tip_over = at.tip, at.robot.tip_over
+        tip, tip_over = at.tip, at.footing.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
         weak = at.states.persistent & at.states.without_basis
-        unique, equal = at.robot.slip.redistribution == "tangential", equal_sharing(at.states)
+        unique, equal = at.footing.slip.redistribution == "tangential", equal_sharing(at.states)
         force = equal.normal_forces if equal else tip.normal_reserves
         needed, missing = _beyond_friction(at, times)
         return cls(

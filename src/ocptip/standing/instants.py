@@ -11,6 +11,7 @@ from ocptip.contact.solver import ContactStates
 from ocptip.reserves.slip import SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
 from ocptip.robots.base_motion import BaseMotion
+from ocptip.standing.footing import Footing
 from ocptip.standing.mechanism import StandingMechanism
 
 
@@ -31,30 +32,30 @@ class NodeColumns:
 
 
 class Loaded:
-    """Wrenches on the base of a mechanism; contact states and margins are computed when first asked for.
+    """Wrenches on a base; contact states and margins are computed when first asked for.
 
-    Attributes:
-        robot: on its support.
+    Args:
+        footing: the base on its contacts; a mechanism is one.
         wrenches: (N, 6) on the base about its centre of mass, its weight included, N and N m.
     """
 
-    robot: StandingMechanism
-    wrenches: np.ndarray
+    def __init__(self, footing: Footing, wrenches: np.ndarray) -> None:
+        self.footing, self.wrenches = footing, wrenches
 
     @cached_property
     def states(self) -> ContactStates:
         """Contact states under the wrenches."""
-        return self.robot.contact_states(self.wrenches)
+        return self.footing.contact_states(self.wrenches)
 
     @cached_property
     def tip(self) -> TipOverReserve:
         """Tip-over indices."""
-        return self.robot.tip_over.evaluate(self.states)
+        return self.footing.tip_over.evaluate(self.states)
 
     @cached_property
     def slip(self) -> SlipReserve:
         """Friction utilisation, without derivatives."""
-        return self.robot.slip.evaluate(self.states, derivatives=False)
+        return self.footing.slip.evaluate(self.states, derivatives=False)
 
     @cached_property
     def largest_slip(self) -> SlipReserve:
@@ -63,7 +64,7 @@ class Loaded:
         """
         if "slip" in vars(self):
             return self.slip
-        return self.robot.slip.evaluate(self.states, derivatives=False, only_maximum=True)
+        return self.footing.slip.evaluate(self.states, derivatives=False, only_maximum=True)
 
 
 class Instants(Loaded):
@@ -93,9 +94,10 @@ class Instants(Loaded):
         accelerations: np.ndarray,
         process: np.ndarray | None = None,
     ) -> None:
+        super().__init__(robot, wrenches)
         self.process = np.empty((len(angles), 0)) if process is None else process
         self.robot, self.speeds, self.accelerations = robot, speeds, accelerations
-        self.angles, self.torques, self.wrenches, self.further = angles, torques, wrenches, further
+        self.angles, self.torques, self.further = angles, torques, further
         self.memo: dict[object, Any] = {}
         self._gaps: tuple[float, np.ndarray] | None = None
 

@@ -156,9 +156,10 @@ class _PayloadSearch:
         self._s = np.hstack([q, still, still])
 
         support, arm = self.robot.support, self.robot.arm
-        at = {"gravity": support.gravity, "about": support.center_of_mass}
+        gravity, about = support.gravity, support.center_of_mass
         empty, held = (
-            self.robot.pushed(own, q, still, still, None, **at) for own in (arm.with_payload(None), arm)
+            self.robot.pushed(own, q, still, still, None, gravity=gravity, about=about)
+            for own in (arm.with_payload(None), arm)
         )
         self._wrench = empty.wrench + support.weight, held.wrench - empty.wrench
         self._torque = empty.torque, held.torque - empty.torque

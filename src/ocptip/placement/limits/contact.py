@@ -12,8 +12,8 @@ from ocptip.placement.limits.placed import LeastMoments, PlacedMoments, addable,
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.reserves.slip import known
-from ocptip.standing.footing import Footing
-from ocptip.standing.limit_kinds.quantities import TipOverQuantity
+from ocptip.standing.instants import Loaded
+from ocptip.standing.limit_kinds.quantities import SlipQuantity, TipOverQuantity
 
 _STEP = 1e-5  # of the largest wrench component, for the curvature of GT
 _MOST_CURVATURE = 1e3  # per squared largest wrench: beyond it a kink lies between, which has no curvature
@@ -121,10 +121,17 @@ class TipOverLimit(PlacementLimit):
 class SlipLimit(PlacementLimit):
     """Friction utilisation by the contact solver with its derivatives, unless contact forces are
     variables.
+
+    Attributes:
+        quantity: as motions keep it, with the number asked for.
     """
 
     kind = "slip"
     on_loads = True
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        super().__init__(problem)
+        self.quantity = SlipQuantity(problem.footing, problem.limits.GT or 1.0)
 
     def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         if layout.forces is not None:
@@ -133,15 +140,15 @@ class SlipLimit(PlacementLimit):
         for j in layout.held:
             i, _ = layout.contact_case(j)
             case, slack = layout.cases[i], layout.slack_of("slip", i)
-            upper = self.problem.limits.GT or 1.0 if slack is None else 0.0
-            label = RowLabel("slip", case.name)
+            upper = self.quantity.number if slack is None else 0.0
+            label = RowLabel(self.kind, case.name)
             result.append(CaseRows(j, layout.y[case.task], [label], -np.inf, upper, slack))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
         if (slack := at.layout.slack.get("slip")) is not None:
             cases = at.layout.contact_cases(at.layout.counting)
-            x[slack] = np.max(self._evaluate(at.footing, at.wrenches[cases], derivatives=False)[0])
+            x[slack] = np.max(known(Loaded(at.footing, at.wrenches[cases]).slip.GT))
 
     def values(self, at: Point, block: CaseRows) -> np.ndarray:
         value = self._at(at)[0][block.of]
@@ -172,7 +179,7 @@ class SlipLimit(PlacementLimit):
         size = np.max(np.abs(wrenches * np.r_[1, 1, 1, np.ones(3) / length]), axis=1)
         steps = _STEP * size[:, None] * np.r_[1, 1, 1, np.full(3, length)]
         moved = wrenches[:, None] + steps[:, :, None] * np.eye(6)
-        gradients = self._evaluate(at.footing, moved.reshape(-1, 6))[1].reshape(-1, 6, 6)
+        gradients = self.quantity.exact_rows(Loaded(at.footing, moved.reshape(-1, 6)))[1].reshape(-1, 6, 6)
         result = []
         for i, step, gradient in zip(cases, steps, gradients, strict=True):
             bend = (gradient - slopes[i]) / step[:, None]
@@ -185,20 +192,12 @@ class SlipLimit(PlacementLimit):
 
         def evaluate() -> tuple[dict, dict]:
             held = at.layout.held
-            GT, slope = self._evaluate(at.footing, at.wrenches[held])
-            return {j: float(GT[k]) for k, j in enumerate(held)}, {j: slope[k] for k, j in enumerate(held)}
+            if not held:
+                return {}, {}
+            GT, slopes = self.quantity.exact_rows(Loaded(at.footing, at.wrenches[held]))
+            return dict(zip(held, GT[:, 0].tolist(), strict=True)), dict(zip(held, slopes[:, 0], strict=True))
 
         return at.once(self, evaluate)
-
-    @staticmethod
-    def _evaluate(
-        footing: Footing, wrenches: np.ndarray, derivatives: bool = True
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """GT (N,) and its derivative (N, 6)."""
-        if not len(wrenches):
-            return np.empty(0), np.empty((0, 6))
-        reserve = footing.slip.evaluate(footing.contact_states(wrenches), derivatives)
-        return reserve.for_program() if derivatives else (known(reserve.GT), np.empty((0, 6)))
 
 
 class HeldForces(PlacementLimit):

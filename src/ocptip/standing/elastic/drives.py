@@ -311,13 +311,6 @@ def _modes(simulation: Simulation) -> tuple[RingingMode, ...]:
     )
 
 
-class _Rung(Loaded):
-    """A base under given wrenches."""
-
-    def __init__(self, robot: StandingMechanism, wrenches: np.ndarray) -> None:
-        self.robot, self.wrenches = robot, wrenches
-
-
 def _on_base(robot: StandingMechanism, course: Course) -> tuple[ContactMargins, Margin, Margin]:
     """Contacts, GN and GT at their worst: at every few instants, then at all near the worst of these."""
     count = len(course.times)
@@ -339,7 +332,7 @@ def _evaluated(
     robot: StandingMechanism, course: Course, rows: np.ndarray
 ) -> tuple[ContactMargins, np.ndarray]:
     """Contacts at their worst, and GN and GT (k, 2), infinite where they are not known, at these instants."""
-    at = _Rung(robot, course.wrenches[rows])
+    at = Loaded(robot, course.wrenches[rows])
     values = np.column_stack([_tip(at), at.largest_slip.GT])
     values[np.isnan(values)] = np.inf
     return ContactMargins.of(at, course.times[rows]), values
@@ -347,8 +340,8 @@ def _evaluated(
 
 def _tip(at: Loaded) -> np.ndarray:
     """(N,) GN, where the accelerations of contacts are not known."""
-    moments = TipMap(at.robot.tip_over)(at.wrenches)[0]
-    return at.robot.tip_over.ratio(np.min(moments, axis=1)) if moments.shape[1] else at.tip.GN
+    moments = TipMap(at.footing.tip_over)(at.wrenches)[0]
+    return at.footing.tip_over.ratio(np.min(moments, axis=1)) if moments.shape[1] else at.tip.GN
 
 
 def _reserve(value: float) -> str:

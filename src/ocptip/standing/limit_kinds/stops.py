@@ -259,14 +259,13 @@ class _Stopped(Loaded):
     """States of the stops that begin at N nodes."""
 
     def __init__(self, robot: Robot, at: StopStates, count: int, process: np.ndarray) -> None:
-        self.robot, self.count, self.states_of_stops = robot, count, at
-        self.wrenches = robot.loads(at.q, at.qd, at.qdd, process[at.owner] if process.size else None)[1]
+        acting = process[at.owner] if process.size else None
+        super().__init__(robot, robot.loads(at.q, at.qd, at.qdd, acting)[1])
+        self.count, self.states_of_stops = count, at
 
     def some(self, rows: np.ndarray) -> Loaded:
         """Some of the states."""
-        found = Loaded()
-        found.robot, found.wrenches = self.robot, self.wrenches[rows]
-        return found
+        return Loaded(self.footing, self.wrenches[rows])
 
     def worst(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Maximum of values (M, width) at each node, (N, width), and the number of its state."""

@@ -20,6 +20,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.numerics.batch import BatchFunction
+from ocptip.standing.footing import Footing
 from ocptip.standing.instants import Loaded
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -162,7 +163,7 @@ class StopPoints(Loaded):
     """Corners of the curves u_min(x) at N states, and rest after a stop: P moments of stops, the worst there.
 
     Attributes:
-        robot: whose.
+        footing: the base on its contacts.
         starts: (N,) number of the first point of each state.
         owner: (P,) the state.
         x, u: (P,): square of the share of the planned speed; second derivative of the time law, 1/s.
@@ -171,7 +172,7 @@ class StopPoints(Loaded):
         wrenches: (P, 6), N and N m.
     """
 
-    robot: StandingMechanism
+    footing: Footing
     starts: np.ndarray
     owner: np.ndarray
     x: np.ndarray
@@ -216,7 +217,7 @@ class StopPoints(Loaded):
     def select(self, some: np.ndarray) -> StopPoints:
         """Some points; they no longer know their states' first points."""
         parts = (getattr(self, name)[some] for name in ("owner", "x", "u", "first", "second", "wrenches"))
-        return StopPoints(self.robot, np.empty(0, dtype=int), *parts)
+        return StopPoints(self.footing, np.empty(0, dtype=int), *parts)
 
     def worst(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Maximum of values (P, ...) at each state, (N, ...), and the number of its point."""
