@@ -162,7 +162,7 @@ def test_turns_follow_the_wish():
         ({"position": [0, 0, 5.0]}, r"cannot reach position \(0\.0, 0\.0, 5000\.0\) mm.*misses by 4\d\d\d"),
         ({"position": [0, 0, np.nan]}, "position: contains NaN"),
         ({"rotation": 2 * np.eye(3)}, "rotation: not a rotation matrix"),
-        ({"method": "guess"}, "method: must be one of auto, closed-form, search, got 'guess'"),
+        ({"method": "guess"}, "method: must be one of auto, closed-form, search, complete, got 'guess'"),
         ({"near": [0.0]}, "near: expected shape 6"),
     ],
 )
