@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 import ocptip
+from ocptip.api.chart import halton_postures
 from ocptip.cli.main import main
+from ocptip.standing.limits import Limits
+from ocptip.standing.stow_pose import StowSearch
 from tests.places import EXAMPLES
 
 TASK = EXAMPLES / "tasks/ur5_cart.toml"
@@ -115,6 +118,20 @@ def test_text_files_and_json(tmp_path, capsys):
 def test_mistakes_are_named(tmp_path, capsys, arguments, message):
     assert main(["drive", str(TASK), *arguments, "--out", str(tmp_path / "x")]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_stow_pose_is_clear_of_collisions_and_better_than_what_was_drawn():
+    few = {"uncertainty": "none", "samples": 150}
+    start, found = (ocptip.drive(TASK, posture, **few) for posture in (None, "stow"))
+    assert "in its stow pose" in found.name
+    assert found.worst_direction[0] > 1.3 * start.worst_direction[0]
+    search, limits = StowSearch(found.robot, Limits()), Limits()
+    drawn = halton_postures(found.robot, limits, 150, 0)
+    value = search.accelerations(found.q[None])[0]
+    assert value > np.max(search.accelerations(drawn[search.free(drawn)]))
+    assert found.robot.collision.least(found.q[None])[0] >= limits.clearance
+    # The closed form is that of all directions; its friction cones are pyramids from inside.
+    assert 0.98 * found.worst_direction[0] <= value <= found.worst_direction[0] * (1 + 1e-9)
 
 
 def test_parallel_robots_are_refused():

@@ -83,7 +83,7 @@ def chart(
     if most is None:
         most = _TIMES_RATED * rated if rated else robot.mass
     most = positive_number("most", most)
-    drawn = _halton(robot, limits, samples, seed)
+    drawn = halton_postures(robot, limits, samples, seed)
     gaps = robot.collision.gaps(drawn, limits.clearance)
     q = drawn[np.all(gaps >= limits.clearance, axis=1)]
     held = largest_payloads(robot, limits, q, most)
@@ -100,7 +100,7 @@ def _different(held: LargestPayloads, rated: float | None) -> np.ndarray:
     return np.unique([0.0, *([rated] if rated else []), *(float(f"{mass:.2g}") for mass in found)])
 
 
-def _halton(robot: Robot, limits: Limits, samples: int, seed: int) -> np.ndarray:
+def halton_postures(robot: Robot, limits: Limits, samples: int, seed: int) -> np.ndarray:
     """(N, n) postures within the joint limits; a joint without limits turns once, or slides 1 m."""
     ends, turns = robot.arm.limits, np.array([unit == "rad" for unit in robot.units])
     margin = np.where(turns, limits.angle_margin, 0.0)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ocptip.api.chart import halton_postures
 from ocptip.api.postures import RestingPosture, resting_posture
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.basics.outputs import replace_folder
@@ -25,11 +26,16 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.drive_envelope import LARGEST, LargestManoeuvres, Manoeuvres, largest_manoeuvres
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stow_pose import StowSearch
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.tolerance import load_tolerance
 
-DIRECTIONS, SPEED, TURNING, SLOPE = 36, 1.0, 0.5, np.radians(5.0)
+DIRECTIONS, SPEED, TURNING, SLOPE, SAMPLES = 36, 1.0, 0.5, np.radians(5.0), 4000
+STOW = "stow"
+"""Name of the posture that is searched."""
+
+_STARTS = 6  # postures that are improved
 NOT_COVERED = ("motion of the arm", "compliance of wheels", "uneven floor", "sway after a step")
 
 
@@ -67,6 +73,8 @@ def drive(
     slope: float = SLOPE,
     deceleration: float | None = None,
     payload: float | None = None,
+    samples: int = SAMPLES,
+    seed: int = 0,
     holonomic: bool = False,
 ) -> DriveEnvelope:
     """Return the largest accelerations of a mobile base with which all wheels keep contact and grip.
@@ -82,7 +90,8 @@ def drive(
     Args:
         what: a task of an arm, its file, or a robot.
         q: its posture: (n,), rad (prismatic joints: m), or a name in the task ("start", "goal", a segment);
-            default: the start of a task.
+            default: the start of a task. "stow" searches the posture, clear of collisions, with the largest
+            acceleration in its worst direction.
         uncertainty: what the limits hold within, an object, a preset ("workshop", "none") or a TOML file with
             a table `[tolerance]`. Default: that of the task, else "workshop".
         directions: of acceleration on level ground.
@@ -92,6 +101,7 @@ def drive(
         deceleration: m/s^2, of the emergency stop whose largest speed is wanted; default: the largest on
             level ground.
         payload: kg, instead of that of the task.
+        samples, seed: of the search for a stow pose: postures that are drawn, and which.
         holonomic: whether the parameters for navigation have sideways acceleration.
 
     Raises:
@@ -101,7 +111,10 @@ def drive(
     speed, turning = positive_number("speed", speed), positive_number("turning", turning)
     if not 0 <= (slope := positive_number("slope", slope, zero_allowed=True)) < np.pi / 4:
         raise InputError(f"slope: must be below 45 degrees, got {np.degrees(slope):.4g} degrees")
-    posture = resting_posture(what, q)
+    for name, value, least in (("samples", samples, 1), ("seed", seed, 0)):
+        whole_number(name, value, least)
+    stow = isinstance(q, str) and q == STOW
+    posture = resting_posture(what, None if stow else q)
     robot = posture.robot
     if not isinstance(robot, Robot):
         raise InputError("task: drive envelopes are for arms; this robot is a parallel one")
@@ -114,7 +127,18 @@ def drive(
         tolerance = load_tolerance(tolerance)
     counting = tolerance.only(*(name for name in tolerance.given if name in AT_REST))
     given = _Given(directions, speed, turning, slope, deceleration, holonomic)
-    return DriveEnvelope(posture.scene.name, robot, posture.q, tolerance, counting, given)
+    if not stow:
+        return DriveEnvelope(posture.scene.name, robot, posture.q, tolerance, counting, given)
+    search = StowSearch(robot, posture.limits)
+    drawn = np.vstack([posture.q, halton_postures(robot, posture.limits, samples, seed)])
+    name = posture.scene.name.removesuffix(f" at {posture.name}") + " in its stow pose"
+    found = [
+        DriveEnvelope(name, robot, best, tolerance, counting, given)
+        for best in search.best(drawn, _STARTS, np.random.default_rng(seed))
+    ]
+    if not found:
+        raise InputError("stow: every posture drawn collides, or comes nearer than the clearance")
+    return max(found, key=lambda one: one.worst_direction[0])
 
 
 @dataclass(frozen=True)

@@ -397,9 +397,10 @@ COMMANDS = (
             argument("task", "TASK.toml", "the task file of an arm on a mobile base"),
             argument(
                 "--posture",
-                "Q1,Q2,...|start|goal|SEGMENT",
+                "Q1,Q2,...|start|goal|SEGMENT|stow",
                 "posture of the arm: joint values as in the file (degrees, prismatic joints m), or the name "
-                "of a start or goal (default: start)",
+                "of a start or goal (default: start); stow: search the posture in which the base may "
+                "accelerate hardest",
                 default="start",
             ),
             TOLERANCE,
@@ -415,6 +416,8 @@ COMMANDS = (
                 type=float,
             ),
             argument("--payload", "KG", "payload, kg (default: that of the task)", type=float),
+            argument("--samples", "N", "postures drawn for stow (4000)", type=int, default=4000),
+            SEED,
             argument("--holonomic", None, "the base also moves sideways", action="store_true"),
             OUT,
         ),

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.api.drive import NOT_COVERED, DriveEnvelope, Manoeuvre, drive
+from ocptip.api.drive import NOT_COVERED, STOW, DriveEnvelope, Manoeuvre, drive
 from ocptip.basics.errors import naming
 from ocptip.basics.text import table
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, named, under
-from ocptip.cli.options import naming_options, output_directory
+from ocptip.cli.options import naming_options, output_directory, require_least
 from ocptip.cli.stand_posture import posture_of
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.drive_envelope import LargestManoeuvres
@@ -26,17 +26,20 @@ _NOISE = 1e-9
 
 def run(options: Namespace) -> DriveReport:
     """Compute the envelope of one posture."""
-    posture, tolerance = posture_of(options.task, options.posture), None
+    stow, tolerance = options.posture == STOW, None
+    posture = posture_of(options.task, "start" if stow else options.posture)
     if options.tolerance is not None:
         with naming("--tolerance"):
             tolerance = load_tolerance(options.tolerance)
     folder = output_directory(options, posture.scene.name)
     say_if_compiling()
+    require_least(options, samples=1, seed=0)
     names = ("directions", "speed", "turning", "deceleration", "payload", "slope")
     with naming_options(*names):
         given = {name: getattr(options, name) for name in names}
         given["slope"] = np.radians(given["slope"])
-        found = drive(posture, uncertainty=tolerance, holonomic=options.holonomic, **given)
+        given |= {"holonomic": options.holonomic, "samples": options.samples, "seed": options.seed}
+        found = drive(posture, STOW if stow else None, uncertainty=tolerance, **given)
         _ = found.worst  # refusals name options
     return DriveReport(found, folder, not options.no_figures)
 
@@ -76,6 +79,7 @@ class DriveReport(Report):
         heads = ["", "nominal", *(["worst case"] if found.within else []), "limited by"]
         rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
         lines = [
+            ("posture", self._posture()),
             ("worst direction", f"{_down(value)} m/s^2 at {np.degrees(angle):.0f} deg from forward to left"),
             ("locked wheels", self._locked()),
             *under("together", self._together()),
@@ -85,6 +89,14 @@ class DriveReport(Report):
         ]
         written = [f"wrote {path}" for path in self.written]
         return "\n".join([head, "", *table(rows, left=(0, len(heads) - 1)), "", *named(lines), *written])
+
+    def _posture(self) -> str:
+        robot = self.found.robot
+        shown = zip(robot.names, self.found.q, robot.units, strict=True)
+        return ", ".join(
+            f"{name} {np.degrees(value):.4g} deg" if unit == "rad" else f"{name} {value:.4g} m"
+            for name, value, unit in shown
+        )
 
     def _row(self, k: int, one: Manoeuvre) -> list[str]:
         found, at = self.found, len(self.found.angles) + k
