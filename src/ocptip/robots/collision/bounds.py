@@ -43,12 +43,18 @@ class DistanceBounds:
         other._pairs = pairs
         return other
 
-    def __call__(self, axes: np.ndarray, origins: np.ndarray) -> np.ndarray:
-        """(N, m), m, where the bodies have these axes (N, K, 3, 3) and origins (N, K, 3)."""
+    def __call__(
+        self, axes: np.ndarray, origins: np.ndarray, enough: float | np.ndarray = np.inf
+    ) -> np.ndarray:
+        """(N, m), m, where the bodies have these axes (N, K, 3, 3) and origins (N, K, 3).
+
+        Bounds above `enough` (m; one for all, or (m,)) need not be close.
+        """
         found = np.empty((len(axes), len(self._pairs)))
         bodies = self._bodies % axes.shape[1]
         solids = self._ends, self._radii, self._planes, self._begins
-        _bounds(axes, origins, bodies, *solids, self._pairs, found)
+        wanted = np.asarray(enough, dtype=float) if np.ndim(enough) else np.full(len(self._pairs), enough)
+        _bounds(axes, origins, bodies, *solids, self._pairs, wanted, found)
         return found
 
 
@@ -64,8 +70,14 @@ def _planes(shape: Shape) -> np.ndarray:
 
 
 @compiled
-def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, found):
+def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, enough, found):
     placed, faces = np.empty((len(bodies), 2, 3)), np.empty((len(planes), 4))
+    reach = np.empty(len(bodies))  # of balls about the capsules
+    for s in range(len(bodies)):
+        square = 0.0
+        for i in range(3):
+            square += (ends[s, 1, i] - ends[s, 0, i]) ** 2
+        reach[s] = radii[s] + 0.5 * np.sqrt(square)
     for n in range(len(axes)):
         for s in range(len(bodies)):
             k = bodies[s]
@@ -83,19 +95,22 @@ def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, found):
                     faces[p, 3] -= faces[p, i] * origins[n, k, i]
         for m in range(len(pairs)):
             a, b = pairs[m, 0], pairs[m, 1]
-            bound = -np.inf
-            if radii[a] < np.inf and radii[b] < np.inf:
-                bound = between_lines(placed[a], placed[b]) - (radii[a] + radii[b])
+            square = 0.0
+            for i in range(3):
+                between = placed[a, 0, i] + placed[a, 1, i] - placed[b, 0, i] - placed[b, 1, i]
+                square += between * between
+            bound = 0.5 * np.sqrt(square) - (reach[a] + reach[b]) - _ROUNDED
             for side in range(2):
                 flat, solid = pairs[m, side], pairs[m, 1 - side]
                 for p in range(begins[flat], begins[flat + 1]):
-                    height = np.inf
-                    for end in range(2):
-                        own = faces[p, 3]
+                    if bound < enough[m]:
+                        low = high = faces[p, 3]
                         for i in range(3):
-                            own += faces[p, i] * placed[solid, end, i]
-                        height = min(height, own)
-                    bound = max(bound, height - radii[solid] - _ROUNDED)
+                            low += faces[p, i] * placed[solid, 0, i]
+                            high += faces[p, i] * placed[solid, 1, i]
+                        bound = max(bound, min(low, high) - radii[solid] - _ROUNDED)
+            if bound < enough[m] and radii[a] < np.inf and radii[b] < np.inf:
+                bound = max(bound, between_lines(placed[a], placed[b]) - (radii[a] + radii[b]))
             found[n, m] = bound
 
 

@@ -99,7 +99,7 @@ class Distances:
         found = np.empty((len(y), len(begins)))
         for begin in range(0, len(y), _AT_ONCE):
             axes, origins = self._poses(y[begin : begin + _AT_ONCE])
-            gaps = self._bounds(axes, origins)[:, order]
+            gaps = self._bounds(axes, origins, below)[:, order]
             near = gaps < np.broadcast_to(below, len(order))[order]
             first = gaps == np.minimum.reduceat(gaps, begins, axis=1)[:, own]
             most = np.inf
@@ -113,7 +113,7 @@ class Distances:
     def proved(self, y: np.ndarray, least: float, needed: np.ndarray) -> np.ndarray | None:
         """See `Collisions.proved`; the first distance below `least` ends it, of the nearest pairs first."""
         axes, origins = self._poses(y)
-        bounds = self._bounds(axes, origins)
+        bounds = self._bounds(axes, origins, needed)
         states, pairs = np.nonzero(bounds < needed)
         order = np.argsort(bounds[states, pairs], kind="stable")
         kept, result, poses = np.ones(len(y), dtype=bool), self._coal.DistanceResult(), dict[Any, Any]()
@@ -196,9 +196,10 @@ class Distances:
     def _poses(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Axes (N, K + 1, 3, 3) and origins (N, K + 1, 3) of the bodies; the last one rests."""
         values = self._frames(y)[0].reshape(len(y), self._moving, 12)
-        axes = np.concatenate([values[:, :, :9], np.tile(np.eye(3).ravel(), (len(y), 1, 1))], axis=1)
-        origins = np.concatenate([values[:, :, 9:], np.zeros((len(y), 1, 3))], axis=1)
-        return axes.reshape(len(y), self._moving + 1, 3, 3), origins
+        axes, origins = np.empty((len(y), self._moving + 1, 3, 3)), np.zeros((len(y), self._moving + 1, 3))
+        axes[:, :-1], axes[:, -1] = values[..., :9].reshape(len(y), self._moving, 3, 3), np.eye(3)
+        origins[:, :-1] = values[..., 9:]
+        return axes, origins
 
     def _nearest(
         self,
