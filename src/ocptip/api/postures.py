@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.text import did_you_mean
-from ocptip.contact.support import Load
+from ocptip.contact.support import Load, Support
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.load_cases import RestLoads
-from ocptip.placement.within import posture_within
+from ocptip.placement.within import posture_case, posture_within
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
@@ -26,7 +26,9 @@ from ocptip.standing.rest import own_refusals
 from ocptip.standing.sensitivity import payload_torques
 from ocptip.standing.slope import FloorSlope, largest_slope
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
-from ocptip.standing.within.rest import WithinAtRest
+from ocptip.standing.within.design import Design, smallest_design
+from ocptip.standing.within.rest import CaseWithin, WithinAtRest
+from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.scene import Scene
 
@@ -125,6 +127,18 @@ class RestingPosture:
             return None
         found = largest_payloads(robot, replace(self.limits, tolerance=tolerance), self.q[None], robot.mass)
         return LargestPayload(float(found.masses[0]), found.names[found.limits[0]])
+
+    def design(self, tolerance: Uncertainty) -> Design | None:
+        """The smallest base for this posture within an uncertainty; None without an arm."""
+        if not isinstance(robot := self.robot, Robot):
+            return None
+        counts = tolerance.of(robot.payload)
+        counts = counts.only(*(name for name in AT_REST if name in counts.given))
+
+        def case(support: Support) -> CaseWithin:
+            return posture_case(robot.varied(support=support), self.q, counts, self.base_motion)(counts)
+
+        return smallest_design(robot.support, case)
 
     def within(self, tolerance: Uncertainty) -> WithinAtRest | None:
         """The worst within an uncertainty; None without one, and for parallel robots, which have none."""

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ocptip.robots.base_motion import BaseMotion
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
+    from ocptip.standing.within.design import Design
     from ocptip.standing.within.rest import WithinAtRest
 
 NO_MARGIN = 1 - 1e-9
@@ -108,10 +109,8 @@ def _solved(
     if posture is not None:
         within = posture.within(tolerance)
     elif tolerance.given:
-        from ocptip.standing.within.rest import scene_within
-
         with naming(scene.name):
-            within = scene_within(support, scene.loads, tolerance, reference)
+            within = _scene_within(scene, tolerance, reference)
     verdict = stability(support, scene.wrench)
     state = verdict.state
     if verdict.weak and state.solved and not state.persistent:
@@ -135,6 +134,12 @@ def _solved(
         tolerance=tolerance,
         posture=posture,
     )
+
+
+def _scene_within(scene: Scene, tolerance: Uncertainty, reference: float | None = None) -> WithinAtRest:
+    from ocptip.standing.within.rest import scene_within  # loads CasADi, which other scenes do not need
+
+    return scene_within(scene.support, scene.loads, tolerance, reference)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -226,9 +231,7 @@ class Standing:
         if self.posture is not None:
             within = self.posture.within(uncertainty)
         elif wanted.name not in ("payload", "push"):
-            from ocptip.standing.within.rest import scene_within
-
-            within = scene_within(self.scene.support, self.scene.loads, uncertainty)
+            within = _scene_within(self.scene, uncertainty)
         if wanted.bound == 0:
             return wanted.compared(0.0, at_least=True)
         if within is None or within.ignored:
@@ -324,6 +327,21 @@ class Standing:
             return posture.largest_slope
         footing = Footing(support, self.tip.tip_over.reference_moment, self.redistribution)
         return largest_slope(footing, gravity, tilted_wrench(support, self.scene.loads))
+
+    @cached_property
+    def smallest_design(self) -> Design | None:
+        """The narrowest feet and the lightest base that lose no contact within the uncertainty.
+
+        None of planar scenes, without gravity, and of mechanisms that are no arm.
+        """
+        support, tolerance = self.scene.support, self.tolerance
+        if self.scene.planar or not support.gravity.any():
+            return None
+        if self.posture is not None:
+            return self.posture.design(tolerance)
+        from ocptip.standing.within.design import scene_design
+
+        return scene_design(support, self.scene.loads, tolerance)
 
     @cached_property
     def largest_payload(self) -> LargestPayload | None:

@@ -269,6 +269,12 @@ COMMANDS = (
             TOLERANCE,
             SENSITIVITIES,
             argument(
+                "--design",
+                None,
+                "print how narrow the feet and how light the base may be within the uncertainty",
+                action="store_true",
+            ),
+            argument(
                 "--gn-reference",
                 "NM",
                 "reference moment M0 of GN, N m (default: a tenth of the largest moment margin at rest)",

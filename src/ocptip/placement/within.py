@@ -61,10 +61,17 @@ def posture_within(
         tolerance: of floor, base, arm and payload; what needs motion of the arm is left out, and reported.
         base_motion: of a base that drives, at one instant.
     """
+    of_payload = tolerance.of(robot.payload)
+    return _within([posture_case(robot, q, of_payload, base_motion)], of_payload)
+
+
+def posture_case(
+    robot: Robot, q: np.ndarray, tolerance: Uncertainty, base_motion: BaseMotion | None = None
+) -> Callable[[Uncertainty], CaseWithin]:
+    """A robot in a posture, by parts of an uncertainty; arguments are those of `posture_within`."""
     if base_motion is not None:
         counting = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
-        cases = worst_case_of(robot, counting, True)
-        return _within([partial(MovingCase, cases, q, base_motion)], tolerance.of(robot.payload))
+        return partial(MovingCase, worst_case_of(robot, counting, True), q, base_motion)
     still, support, gravity = np.zeros((1, robot.n)), robot.support, robot.support.gravity
     wrench = robot.loads(q[None], still, still)[1][0]
 
@@ -76,7 +83,7 @@ def posture_within(
         fixed, moment = wrench - support.weight - carried, robot.tip_over.reference_moment
         return RestCase(support, weights, fixed, some, pushes, moment)
 
-    return _within([case], tolerance.of(robot.payload))
+    return case
 
 
 def _within(cases: Sequence[Callable[[Uncertainty], CaseWithin]], tolerance: Uncertainty) -> WithinAtRest:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any, Protocol
 
@@ -149,13 +150,16 @@ def scene_within(
     if not np.any(support.gravity):
         raise InputError("tolerance: without gravity there is no tilt and no weight (--tolerance none)")
     moment = reference_moment or TipOver(support).reference_moment
+    return found_within([partial(scene_case, support, loads, moment)], tolerance, SEARCHED)
+
+
+def scene_case(
+    support: Support, loads: Sequence[Load], moment: float | None, tolerance: Uncertainty
+) -> RestCase:
+    """A scene within an uncertainty; see `scene_within`."""
     fixed, hanging = fixed_and_hanging(support, loads)
-
-    def within(some: Uncertainty) -> RestCase:
-        weights = [base_weight(support, some), *hanging]
-        return RestCase(support, weights, fixed, some, base_pushes(some), moment)
-
-    return found_within([within], tolerance, SEARCHED)
+    weights = [base_weight(support, tolerance), *hanging]
+    return RestCase(support, weights, fixed, tolerance, base_pushes(tolerance), moment)
 
 
 def base_weight(support: Support, tolerance: Uncertainty) -> Weight:
