@@ -247,7 +247,8 @@ MACHINE_COMMANDS = (
             ),
             group(
                 "code and models",
-                argument("--c", "FILE", "write C source, and a header beside it"),
+                argument("--c", "FILE", "write C source (also a MEX file), and a header beside it"),
+                argument("--matlab", "FILE", "write a Matlab file, text that needs no compiler"),
                 argument("--urdf", "FILE", "write the robot as URDF (a tree, loops cut)"),
                 argument("--mjcf", "FILE", "write the robot as a MuJoCo model with its loops"),
                 argument(
@@ -267,6 +268,6 @@ MACHINE_COMMANDS = (
                 ),
             ),
         ),
-        files=("c", "urdf", "mjcf", "plot"),
+        files=("c", "matlab", "urdf", "mjcf", "plot"),
     ),
 )

@@ -26,6 +26,7 @@ from ocptip.parallel.analysis.singularity import Singularity
 from ocptip.parallel.analysis.workspace import LENGTHS, Workspace, workspace
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
+from ocptip.parallel.code.matlab import matlab_text
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf
@@ -35,7 +36,13 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters
 from ocptip.task_files.parallel import read_robot
 
-_SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",), "plot": (".png", ".pdf", ".svg")}
+_SUFFIXES = {
+    "urdf": (".urdf",),
+    "mjcf": (".xml", ".mjcf"),
+    "c": (".c",),
+    "matlab": (".m",),
+    "plot": (".png", ".pdf", ".svg"),
+}
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
 
 
@@ -107,8 +114,11 @@ class ParallelReport(Report):
                 with naming(f"--{option}"):
                     self.models.append((targets[option], make(self.description)))
         self.code = targets.get("c")
-        if self.code and not self.functions:
-            raise InputError(f"--c: no code for {self.description.name}: {self.without_code}")
+        for option in {"c", "matlab"} & {*targets}:
+            if not self.functions:
+                raise InputError(f"--{option}: no code for {self.description.name}: {self.without_code}")
+        if path := targets.get("matlab"):
+            self.models.append((path, matlab_text([*self.functions, *self.joints], path.stem)))
 
     def write(self) -> Iterator[Path]:
         """Write the C code with its header, then the other formats."""
@@ -212,8 +222,9 @@ def targets(options: Namespace) -> dict[str, Path]:
             found[option] = file_target(path, _SUFFIXES[option])
         except InputError as error:
             raise InputError(f"--{option}: {str(error).removeprefix('path: ')}") from None
-        if option == "c" and not found[option].stem.isidentifier():
-            raise InputError(f"--c: expected a file NAME.c with NAME an identifier, got {path!r}")
+        if option in ("c", "matlab") and not found[option].stem.isidentifier():
+            kind = _SUFFIXES[option][0]
+            raise InputError(f"--{option}: expected a file NAME{kind} with NAME an identifier, got {path!r}")
     return found
 
 

@@ -72,7 +72,7 @@ def write_c(
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.stem}-") as folder:
         generator.generate(folder + os.sep)
         made = Path(folder) / target.name
-        comment = "\n".join(_described(one) for one in listed)
+        comment = "\n".join("/* {}\n */".format("\n * ".join(described(one))) for one in listed)
         for written, about in ((made, comment), (made.with_suffix(".h"), f"/* {MARK}. */")):
             written.write_bytes(f"{about}\n".encode() + written.read_bytes())
         os.replace(made.with_suffix(".h"), header)
@@ -80,13 +80,14 @@ def write_c(
     return CFiles(target, header, names[0])
 
 
-def _described(given: LeanFunction | cs.Function) -> str:
+def described(given: LeanFunction | cs.Function) -> list[str]:
+    """Lines on a function: operations, inputs and outputs in order, and the values of its robot."""
     function = given.function if isinstance(given, LeanFunction) else given
-    lines = [f"/* {function.name()}: {MARK} with CasADi {cs.CasadiMeta.version()}."]
+    lines = [f"{function.name()}: {MARK} with CasADi {cs.CasadiMeta.version()}."]
     if function.is_a("SXFunction"):
         count = count_operations(function)
         lines.append(
-            f" * {count.additions} additions, {count.multiplications} multiplications, {count.divisions} "
+            f"{count.additions} additions, {count.multiplications} multiplications, {count.divisions} "
             f"divisions, {count.trigonometric} sines and cosines."
         )
     for kind, names, size in (
@@ -95,11 +96,11 @@ def _described(given: LeanFunction | cs.Function) -> str:
     ):
         for k, name in enumerate(names):
             rows, columns = size(k)
-            lines.append(f" * {kind}[{k}]: {name}, {rows} x {columns}{_entries(given, name)}")
+            lines.append(f"{kind}[{k}]: {name}, {rows} x {columns}{_entries(given, name)}")
             if kind == "arg" and isinstance(given, LeanFunction) and rows * columns and name in _OWN:
                 own = np.ravel(getattr(given, name), order="F").tolist()
-                lines.append(f" *   of this robot: {{{', '.join(map(repr, own))}}}")
-    return "\n".join([*lines, " */"])
+                lines.append(f"  of this robot: {{{', '.join(map(repr, own))}}}")
+    return lines
 
 
 def _entries(given: LeanFunction | cs.Function, name: str) -> str:
