@@ -376,7 +376,7 @@ COMMANDS = (
             argument(
                 "--payloads",
                 "KG",
-                "payloads of the reaches, kg (default: the task's, and what 90 to 10 % of the postures hold)",
+                "payloads of the reaches, kg (default: the task's, and what 90 to 10 %% of postures hold)",
                 nargs="+",
                 type=float,
             ),
