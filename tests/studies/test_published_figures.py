@@ -51,6 +51,7 @@ def test_power_map_has_the_printed_symmetry_step_and_generator():
     assert powers.min() < -10.0
 
 
+@pytest.mark.slow
 def test_figures_are_written(tmp_path):
     assert published_figures.main(["--out", str(tmp_path), "--grid", "7"]) == 0
     for name in ("power_map", "gradient_field", "design_maps"):
