@@ -1,4 +1,7 @@
-"""Pictures of forces at rest and automaton of planar contacts (no options; writes into the results)."""
+"""Pictures of forces at rest and automaton of contacts (no options; writes into the results).
+
+All kinds in the plane; in space the foot and the clamp of the published rig, with four facets.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,12 @@ def main() -> None:
     ]
     for binding in bindings:
         binding_figure(binding, 200.0).savefig(RESULTS / f"binding_{binding.kind}.png", dpi=70)
+    spatial = [
+        UnilateralContact(position=(0, 0, 0), friction=0.5, facets=4),
+        clamps.ForceConstantHalfRigidClamp(position=(0, 0, 0), **JAWS, clamp_force=60.0, facets=4),
+    ]
+    for binding in spatial:
+        binding_figure(binding, 200.0).savefig(RESULTS / f"binding_spatial_{binding.kind}.png", dpi=85)
 
 
 if __name__ == "__main__":
