@@ -21,6 +21,7 @@ from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import CycleTask, Task
+from ocptip.motion.design import motion_design
 from ocptip.motion.objective import TIME
 from ocptip.motion.output import csv_blocks, joint_trajectory
 from ocptip.motion.plan_files import samples_joined, task_samples
@@ -32,6 +33,7 @@ from ocptip.motion.tolerated import robustness
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import TORQUE_WITHIN
+from ocptip.standing.within.design import Design
 from ocptip.trajectories.bags import write_bag
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path_fit import path_of_motion
@@ -58,6 +60,7 @@ class Check(CheckedMotion):
             for angles, "m" for lengths, as far as the coordinates have such.
         misses: where segments of a cycle do not end where the task wants it, one sentence each.
         retimed: what another timing of the path of a motion that fails would be; empty: not known.
+        design: the smallest base on which limits of tip-over and slip are kept; None: not asked for.
     """
 
     name: str
@@ -66,6 +69,7 @@ class Check(CheckedMotion):
     offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     misses: tuple[str, ...] = ()
     retimed: str = ""
+    design: Design | None = None
 
     @property
     def assumed(self) -> list[str]:
@@ -144,6 +148,7 @@ class Check(CheckedMotion):
             "tolerated": [one.to_dict() for one in self.robustness],
             **stops_to_dict(self.task, self.stops),
             **({"sensitivities": changes} if changes else {}),
+            **({"design": self.design.to_dict()} if self.design else {}),
             "assumed": [*self.task.robot.notes, *self.assumed],
             "interpolation": self.motion.points.interpolation if self.motion.points else None,
             "fit": self.motion.fit.to_dict() if self.motion.fit else None,
@@ -163,6 +168,7 @@ def check(
     time_scale: Sequence[float] = (),
     stops: Kinds | None = None,
     sensitivities: bool = False,
+    design: bool = False,
     rise_time: float | None = None,
     unit: str | None = None,
     rate: float | None = None,
@@ -191,6 +197,7 @@ def check(
         stops: what if the motion is stopped at any instant: along the path, by brakes, both, by a controller
             that is cancelled, or all.
         sensitivities: say what changes of masses and contacts would do.
+        design: say how narrow the feet and how light the base may be.
         rise_time: s, of profile commands; default: that of the file, or of the task.
         unit, rate, columns, topic: of files, see `ocptip.trajectories.read.load_motion`.
         stage: called with what is done next.
@@ -227,6 +234,10 @@ def check(
         scaled = [(f, check_cycle(task, sequence.time_scaled(f), **how).whole) for f in time_scale]
     say("finding which deviations lose no contact ...")
     robust = robustness(task, sequence)
+    smallest = None
+    if design:
+        say("searching the smallest base ...")
+        smallest = motion_design(task, sequence)
     say("checking stops ...")
     stopped = stops_by_segment(task, sequence, checked, stops)
     alone = None if task.is_cycle else task.segments[0].task
@@ -241,6 +252,7 @@ def check(
         offsets,
         misses,
         "" if alone is None else retimed(alone, given, checked.whole),
+        smallest,
         task=task,
         checked=checked,
         robustness=robust,

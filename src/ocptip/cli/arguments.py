@@ -118,6 +118,12 @@ OUT = group(
     argument("--overwrite", None, "replace files that ocptip did not write", action="store_true"),
     argument("--no-figures", None, "write no figures", action="store_true"),
 )
+DESIGN = argument(
+    "--design",
+    None,
+    "print how narrow the feet and how light the base may be within the uncertainty",
+    action="store_true",
+)
 SENSITIVITIES = argument(
     "--sensitivities",
     None,

@@ -19,7 +19,7 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import quantity, ratio, table
 from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import check_rows, gear_rows, masses
-from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
+from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows, wrapped
 from ocptip.cli.options import given_columns, given_limits, naming_options, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
@@ -60,7 +60,9 @@ def run(options: Namespace) -> CheckReport:
     if options.bag:
         with naming("--bag"):
             require_new(options.bag)
-    with naming_options("base", "step", "time_scale", "rate", "rise_time", "sensitivities", "topic"):
+    with naming_options(
+        "base", "step", "time_scale", "rate", "rise_time", "sensitivities", "design", "topic"
+    ):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
         task = with_cancel(load_task(task, **given_limits(options)), options)
         say_if_compiling()
@@ -72,6 +74,7 @@ def run(options: Namespace) -> CheckReport:
                 time_scale=options.time_scale,
                 stops=options.stops,
                 sensitivities=options.sensitivities,
+                design=options.design,
                 rise_time=options.rise_time,
                 unit=options.unit,
                 rate=options.rate,
@@ -127,6 +130,8 @@ class CheckReport(GatedReport):
                 details.append(("masses", masses(found.task.robot)))
             tables = [table(worst_rows(checked), left=(0, 4, 5))]
             tables += [_scale_table(found.time_scale)] if found.time_scale else []
+        if found.design:
+            tables.append(wrapped("Design", found.design.lines(found.task.robot.support)))
         head = [self.headline, motion_line(checked)]
         more = {"scaled": found.time_scale, "more": self._notes(), "assumed": found.assumed}
         required = required_lines(self.outcomes)

@@ -20,7 +20,6 @@ from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
-from ocptip.contact.support import Support
 from ocptip.numerics.jit.compiled import interpreted
 from ocptip.standing.slope import FloorSlope
 from ocptip.task_files.scene import read_scene
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from ocptip.standing.within.design import Design
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
-_LEAST = 0.1001  # of the present base: smaller ones are not tried
 FEW = 8  # contacts: one state is solved sooner than machine code is loaded
 
 
@@ -202,7 +200,7 @@ class StandReport(GatedReport):
             lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
         lines += under("what if", changes_table(found.sensitivities))
         if self.design:
-            lines += under("design", _design_texts(self.design, support=found.scene.support))
+            lines += under("design", self.design.lines(found.scene.support))
         elif not found.stable and state.solved and not found.scene.planar:
             lines.append(("next", "--design prints how wide the feet or how heavy the base must be"))
         only = " Under exactly this load; there is no margin." if found.without_reserve else ""
@@ -268,22 +266,6 @@ def _slope_text(slope: FloorSlope) -> str:
     about = f" about contacts {' and '.join(map(str, slope.contacts))}" if slope.contacts else ""
     downhill = f"downhill {towards(slope.downhill)}"
     return f"{angle} of the floor, nominal, {downhill}; beyond it the base {slope.loss}{about}"
-
-
-def _design_texts(design: Design, support: Support) -> list[str]:
-    """The smallest base in words."""
-    if design.size_m is None or design.feet is None:
-        texts = ["feet: no width up to 10 times the present one keeps the contacts"]
-    else:
-        x, y = design.size_m
-        share = f"{percent(design.feet)} of the present width{' or less' * (design.feet < _LEAST)}"
-        texts = [f"feet: {share} keep the contacts, {x:.3g} x {y:.3g} m"]
-    if design.base_mass_kg is None:
-        return [*texts, "base mass: no mass up to 10 times the present one keeps the contacts"]
-    least, more = design.base_mass_kg, design.base_mass_kg - support.mass
-    less = " or less" * (least < _LEAST * support.mass)
-    change = f"{quantity(abs(more), 'kg', 3)} {'more' if more > 0 else 'less'} at its centre of mass"
-    return [*texts, f"base mass: {quantity(least, 'kg', 3)}{less} keep the contacts, {change}"]
 
 
 def _feet_text(feet: Shared) -> str:

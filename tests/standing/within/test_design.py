@@ -10,7 +10,7 @@ import pytest
 
 import ocptip
 from ocptip.cli.main import main
-from ocptip.cli.stand import _design_texts
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.design import MOST, Design
 from ocptip.standing.within.rest import scene_within
 from tests.places import EXAMPLES
@@ -26,9 +26,9 @@ def test_a_pushed_cart_needs_the_lever_of_its_push(capsys):
     assert design["base_mass_kg"] == pytest.approx(260 * 1.0 / (9.81 * 0.3), rel=3e-3)
     assert main(["stand", str(PUSHED)]) == 1
     assert "--design prints how wide the feet" in capsys.readouterr().out
-    texts = _design_texts(Design(2.21, (1.33, 1.1), 88.4), ocptip.read_scene(PUSHED).support)
-    assert texts[0] == "feet: 221 % of the present width keep the contacts, 1.33 x 1.1 m"
-    assert texts[1] == "base mass: 88.4 kg keep the contacts, 48.4 kg more at its centre of mass"
+    texts = Design(2.21, (1.33, 1.1), 88.4).lines(ocptip.read_scene(PUSHED).support)
+    assert texts[0] == "feet: 221 % of the present width keep the limits, 1.33 x 1.1 m"
+    assert texts[1] == "base mass: 88.4 kg keep the limits, 48.4 kg more at its centre of mass"
 
 
 def test_what_slides_is_helped_by_mass_alone():
@@ -41,7 +41,9 @@ def test_what_slides_is_helped_by_mass_alone():
 
 
 def test_within_an_uncertainty_the_answer_is_on_the_safe_side():
-    found = ocptip.stand(EXAMPLES / "scenes" / "tripod_with_arm.toml", uncertainty="workshop")
+    found = ocptip.stand(
+        EXAMPLES / "scenes" / "tripod_with_arm.toml", uncertainty=Uncertainty(base_mass=0.05, friction=0.2)
+    )
     design, scene = found.smallest_design, found.scene
     middle = np.mean([contact.position for contact in scene.support.contacts], axis=0)
     for factor, stands in ((1.0, True), (0.99, False)):

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from ocptip.basics.text import percent, quantity
 from ocptip.contact.support import Load, Support
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.rest import SEARCHED, CaseWithin, scene_case
+from ocptip.standing.within.rest import SEARCHED, scene_case
 
 MOST = 10.0
 """Largest factor on the distances of the feet, and on the mass of the base, that is tried."""
 
 _CLOSE = 1.002  # ratio of the ends at which the bisection ends
 _LOST = 1 - 1e-9
+
+
+class LoadedBase(Protocol):
+    """A base with all that loads it, also in the worst case: `CaseWithin`, or motions."""
+
+    def tip(self) -> tuple[float, Any]:
+        """Use of the limit of tip-over, 1 at the limit, and what is worst."""
+        ...
+
+    def slip(self) -> tuple[float, Any]:
+        """Use of the limit of slip, 1 at the limit, and what is worst."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -38,8 +51,23 @@ class Design:
         """Plain data for JSON."""
         return dict(vars(self))
 
+    def lines(self, present: Support) -> list[str]:
+        """In words, beside the present base."""
+        least, none = 1.001 / MOST, f"up to {MOST:g} times the present one keeps the limits"
+        if self.size_m is None or self.feet is None:
+            texts = [f"feet: no width {none}"]
+        else:
+            x, y = self.size_m
+            share = f"{percent(self.feet)} of the present width{' or less' * (self.feet < least)}"
+            texts = [f"feet: {share} keep the limits, {x:.3g} x {y:.3g} m"]
+        if self.base_mass_kg is None:
+            return [*texts, f"base mass: no mass {none}"]
+        more, less = self.base_mass_kg - present.mass, " or less" * (self.base_mass_kg < least * present.mass)
+        change = f"{quantity(abs(more), 'kg', 3)} {'more' if more > 0 else 'less'} at its centre of mass"
+        return [*texts, f"base mass: {quantity(self.base_mass_kg, 'kg', 3)}{less} keep the limits, {change}"]
 
-def smallest_design(support: Support, case: Callable[[Support], CaseWithin]) -> Design:
+
+def smallest_design(support: Support, case: Callable[[Support], LoadedBase]) -> Design:
     """The narrowest feet and the lightest base.
 
     It is assumed that wider feet and more mass help. The answers are on the safe side, to 0.2 %.
@@ -75,7 +103,7 @@ def scene_design(support: Support, loads: Sequence[Load], tolerance: Uncertainty
     return smallest_design(support, lambda other: scene_case(other, loads, None, counts))
 
 
-def _smallest(case: Callable[[float], CaseWithin]) -> float | None:
+def _smallest(case: Callable[[float], LoadedBase]) -> float | None:
     """The smallest factor with which no contact is lost; None where it is above `MOST`."""
 
     def stands_upright(factor: float) -> bool:
