@@ -77,7 +77,7 @@ def drive(
     seed: int = 0,
     holonomic: bool = False,
 ) -> DriveEnvelope:
-    """Return the largest accelerations of a mobile base with which all wheels keep contact and grip.
+    """Return the largest accelerations with which a mobile base neither tips nor slides.
 
     Example::
 

@@ -42,7 +42,7 @@ def envelope_picture(
     for title, own, line in cases:
         slips = np.where(own.slip < own.tip, own.slip, np.nan)[:count]
         for word, values, color in (
-            ("a wheel lifts", own.tip[:count], style.TIPPING.color),
+            ("the base tips", own.tip[:count], style.TIPPING.color),
             ("wheels slide", slips, style.FRICTION.color),
         ):
             drawn = np.where(values < LARGEST, values, np.nan)

@@ -81,7 +81,7 @@ class LargestManoeuvres:
     """Largest parameters of P manoeuvres; `LARGEST` where nothing limits them up to there.
 
     Attributes:
-        tip: (P,) up to which no wheel lifts.
+        tip: (P,) up to which the base does not tip.
         contacts: (P, 2) of the axis about which the base tips there, from 1; 0 for none.
         slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
         normals: (P, 6) of half spaces that limit the load there.
@@ -160,7 +160,7 @@ class _ManoeuvreSearch:
     # --- tip-over -----------------------------------------------------------------------------------------
 
     def tip(self) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) parameters up to which no wheel lifts, and (P, 2) contacts of the axis, see
+        """(P,) parameters up to which the base does not tip, and (P, 2) contacts of the axis, see
         `LargestManoeuvres`.
         """
         count, axes = len(self._manoeuvres), self._cases.axes
