@@ -104,7 +104,7 @@ def run(*arguments, **environment):
         env={**os.environ, **environment},
         check=False,
     )
-    done.stderr = re.sub(r"^ocptip \w+: .* \(now \d+ s\)\n", "", done.stderr, flags=re.MULTILINE)
+    done.stderr = re.sub(r"^ocptip \w+: .* \(\d+ s\)\n", "", done.stderr, flags=re.MULTILINE)
     return done
 
 

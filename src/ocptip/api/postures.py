@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.basics.text import did_you_mean
+from ocptip.basics.text import did_you_mean, quantity
 from ocptip.contact.support import Load, Support
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.load_cases import RestLoads
@@ -19,7 +19,7 @@ from ocptip.placement.within import posture_case, posture_within
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
-from ocptip.standing.largest_payload import largest_payloads
+from ocptip.standing.largest_payload import LARGEST_TRIED, largest_payloads
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import own_refusals
@@ -32,21 +32,38 @@ from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.scene import Scene
 
+_NO_LIMIT = 1e9  # torque / torque limit: what the contacts alone hold is asked for
+
 Rests = dict[str, tuple[StandingMechanism, np.ndarray, Limits]]
 """Robot, joint values and limits of postures at rest, by name."""
 
 
 @dataclass(frozen=True)
 class LargestPayload:
-    """The largest payload in a posture.
+    """The largest payload in a posture, in all, with the centre of mass of the robot's payload.
 
     Attributes:
-        mass_kg: in all, with the centre of mass of the robot's payload; without one at the TCP.
-        limit: which decides.
+        mass_kg: that keeps all limits at rest; without a payload of the robot it is at the TCP.
+        limit: which decides; the largest payload that is tried is none.
+        contacts_kg: that keeps the limits of the contacts, whatever the drives hold.
+        contacts_limit: which of these decides.
     """
 
     mass_kg: float
     limit: str
+    contacts_kg: float
+    contacts_limit: str
+
+    def __str__(self) -> str:
+        drives = _mass_text(self.mass_kg, self.limit)
+        if self.limit == self.contacts_limit:
+            return drives
+        return f"{drives}; contacts alone {_mass_text(self.contacts_kg, self.contacts_limit)}"
+
+
+def _mass_text(mass: float, limit: str) -> str:
+    text = quantity(mass, "kg", 3)
+    return f">= {text}, more is not tried" if limit == LARGEST_TRIED else f"{text} ({limit} decides)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +142,13 @@ class RestingPosture:
         robot = self.robot
         if self.base_motion is not None or not isinstance(robot, Robot) or robot.tip_over.free_rotation:
             return None
-        found = largest_payloads(robot, replace(self.limits, tolerance=tolerance), self.q[None], robot.mass)
-        return LargestPayload(float(found.masses[0]), found.names[found.limits[0]])
+        limits = replace(self.limits, tolerance=tolerance)
+        no_drives = replace(limits, torque_ratio=_NO_LIMIT)
+        found = []
+        for own in (limits, no_drives):
+            largest = largest_payloads(robot, own, self.q[None], robot.mass)
+            found += [float(largest.masses[0]), largest.names[largest.limits[0]]]
+        return LargestPayload(*found)
 
     def design(self, tolerance: Uncertainty) -> Design | None:
         """The smallest base for this posture within an uncertainty; None without an arm."""

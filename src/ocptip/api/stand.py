@@ -238,7 +238,7 @@ class Standing:
             raise InputError(f"require: {wanted.name}: needs an arm; give its task file with --posture")
         value, at_least = within.possible * wanted.bound, within.stands
         if wanted.name == "payload" and self.posture and (held := self.posture.held_by_drives) < value:
-            return wanted.compared(held, note="the drives hold no more")
+            return wanted.compared(held, note="beyond what is held, nominal; the drives hold no more")
         return wanted.compared(value, at_least=at_least)
 
     @property

@@ -114,6 +114,8 @@ class StandReport(GatedReport):
         about = f" WITHIN {found.within.scope.upper()}" if found.within and not lost else ""
         verdict, _, remark = self._answer().partition(".")
         verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
+        if found.posture and found.posture.refusals:
+            verdict += ", BUT the arm cannot be there, see below"
         return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
 
     def _answer(self) -> str:
@@ -166,8 +168,7 @@ class StandReport(GatedReport):
             rows.append(("Max slope", _slope_text(found.largest_slope)))
         if largest := found.largest_payload:
             scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
-            text = f"{quantity(largest.mass_kg, 'kg', 3)} in all, {scope}; {largest.limit} decides"
-            rows.append(("Max payload", text))
+            rows.append(("Max payload", f"in all, {scope}: {largest}"))
         return rows
 
     def _contact_table(self) -> list[str]:

@@ -68,17 +68,18 @@ class Progress:
         bar = "#" * filled + "." * (_BAR - filled)
         seconds = time.monotonic() - self._begin
         value = self._none if best is None else self._best.format(best)
-        value = f"{value}, " if value else ""
-        self._show(f"[{bar}] {done}/{total} {self._what}, {value}{seconds:.0f} s")
+        # Lines have a clock of their own.
+        text = f"[{bar}] {done}/{total} {self._what}{value and ', '}{value}"
+        self._show(text, f", {seconds:.0f} s")
 
     def stage(self, text: str) -> None:
         """Show what is computed now."""
         self._show(text)
 
-    def _show(self, text: str) -> None:
+    def _show(self, text: str, clock: str = "") -> None:
         latest.text = text
         if self._shown:
-            self._stream.write(f"\r{text}\x1b[K")  # erases the rest of the line
+            self._stream.write(f"\r{text}{clock}\x1b[K")  # erases the rest of the line
             self._stream.flush()
 
 
@@ -100,7 +101,7 @@ def lines_while(stream: TextIO, name: str, every: float = EVERY) -> Iterator[Non
         while not done.wait(every):
             if latest.text:
                 with suppress(OSError, ValueError):  # nobody reads it any longer
-                    stream.write(f"{name}: {latest.text} (now {time.monotonic() - begin:.0f} s)\n")
+                    stream.write(f"{name}: {latest.text} ({time.monotonic() - begin:.0f} s)\n")
                     stream.flush()
 
     latest.text = ""

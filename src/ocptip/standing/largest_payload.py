@@ -79,6 +79,9 @@ class ReachBySector:
     best_posture: tuple[float | None, ...]
 
 
+LARGEST_TRIED = "largest payload tried"
+"""Name of the maximum asked for among the limits."""
+
 _ROUNDS = 40
 _CLOSE = 1e-12  # relative: values nearer to their bound keep it
 _HALVINGS = 40  # of friction without facets
@@ -172,7 +175,7 @@ class _PayloadSearch:
         pairs = [sorted({k + 1 for k in axis.contacts}) for axis in self.robot.tip_over.axes]
         tips = [f"tipping about {' and '.join(map(str, own))}" for own in pairs]
         torques = [f"torque of {name}" for name in self.robot.names]
-        self.names = (*tips, "friction", *torques, "largest payload tried")
+        self.names = (*tips, "friction", *torques, LARGEST_TRIED)
         self._axes = len(tips)
         self.masses = np.full(len(q), float(most))
         self.which = np.full(len(q), len(self.names) - 1)

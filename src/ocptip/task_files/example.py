@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -58,7 +58,7 @@ class ExampleBase:
         height: m, of the base link's frame.
         of_urdf: mass, centre of mass and inertia are those of the URDF's links that rest.
         contacts_of_urdf: contacts and height follow from the URDF's geometry.
-        foot_mass: kg, of resting links that an invented base has to contain.
+        foot_mass, foot_center: kg, and (3,) m, of resting links that an invented base has to contain.
     """
 
     mass: float
@@ -69,6 +69,7 @@ class ExampleBase:
     of_urdf: bool
     contacts_of_urdf: bool
     foot_mass: float = 0.0
+    foot_center: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def feet(self) -> np.ndarray:
@@ -115,7 +116,8 @@ def example_base(file: UrdfFile, arm: ArmModel) -> ExampleBase:
     if not mass or not (stands or (drives and arm.base_link == file.standing)):
         heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10), np.ceil(mass))
         middle = np.array([0.0, 0.0, 0.3])
-        return ExampleBase(heavy, middle, None, invented, _HEIGHT, False, False, mass)
+        high = centre + np.array([0.0, 0.0, _HEIGHT]) if mass else np.zeros(3)
+        return ExampleBase(heavy, middle, None, invented, _HEIGHT, False, False, mass, high)
     height = -float(contacts[0].position[2]) if contacts else _HEIGHT
     lifted = tuple(replace(own, position=own.position * [1.0, 1.0, 0.0]) for own in contacts)
     about = None if why_impossible(inertia, ROUNDED * np.abs(inertia).max()) else inertia

@@ -169,7 +169,10 @@ def _base(foot: ExampleBase) -> Iterator[str]:
     yield f"# {foot.source}."
     keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else "invented"
     if foot.foot_mass > 1e-9:
-        about += f"; your value has to include {foot.foot_mass:.3g} kg of links of the URDF that do not move"
+        about += (
+            f"; your value has to include {foot.foot_mass:.3g} kg of links of the URDF that do not move, "
+        )
+        about += f"with their centre at {_list(np.round(foot.foot_center, 3))} m as the arm is mounted here"
     yield _line(keys, "mass", f"{foot.mass:.9g}", about, mark=not foot.of_urdf)
     where, invented = "of the URDF" if foot.of_urdf else "invented", not foot.contacts_of_urdf
     yield _line(keys, "center_of_mass", _list(np.round(foot.center_of_mass, 6)), where, mark=not foot.of_urdf)
