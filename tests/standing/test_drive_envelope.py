@@ -1,11 +1,14 @@
 """Largest accelerations of a base by hand, by bisection on `stand`, and by cone programs of another kind."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import ocptip
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.bindings.wheel import FreeWheel
 from ocptip.contact.force_programs import LoadRays
 from ocptip.contact.support import Support
 from ocptip.standing.drive_envelope import Manoeuvres, first_zero, largest_manoeuvres
@@ -92,6 +95,24 @@ def test_friction_within_the_uncertainty_does_not_depend_on_where_the_search_beg
     anew = largest_manoeuvres(task.robot, task.start, paths, WORKSHOP)
     np.testing.assert_allclose(from_nominal.slip, anew.slip, rtol=1e-6)
     assert np.all(anew.largest < nominal.largest)
+
+
+def test_limits_within_pushes_and_on_free_wheels_are_those_of_the_worst_case(task):
+    robot, q = task.robot, task.start
+    front, rear = robot.support.contacts[:2], robot.support.contacts[2:]
+    rolling = [FreeWheel(position=contact.position, friction=contact.friction) for contact in rear]
+    wheeled = robot.varied(support=robot.support.varied([*front, *rolling]))
+    pushed = dataclasses.replace(ROUGH, push=20.0, base_push=20.0, center_of_mass=(0.01, 0.02, 0.03))
+    kinds = np.array([[0.4, 1, 0], [1, 0.3, 0]])
+    for model, tolerance in ((robot, pushed), (wheeled, ROUGH)):
+        paths = Manoeuvres.accelerations(kinds, robot.support.gravity)
+        found = largest_manoeuvres(model, q, paths, tolerance)
+        cases = worst_case_of(model, tolerance, True)
+        assert np.any(found.slip < found.tip)
+        for kind, largest in zip(kinds, found.largest, strict=True):
+            for share, holds in ((1 - 1e-4, True), (1 + 1e-4, False)):
+                case = MovingCase(cases, q, ocptip.BaseMotion(share * largest * kind), tolerance)
+                assert (max(case.tip()[0], case.slip()[0]) < 1) == holds
 
 
 def test_a_slope_is_another_gravity(task):
