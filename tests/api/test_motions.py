@@ -98,6 +98,7 @@ def test_a_proof_is_what_the_command_says(folder, tmp_path, capsys):
     assert main(["certify", str(found.save(tmp_path / "proof.json"))]) == 0
 
 
+@pytest.mark.slow
 def test_a_report_is_what_the_command_says(folder, tmp_path, capsys, few_tilts):
     code, data = said(capsys, "report", folder, "--out", tmp_path / "report.html")
     found = ocptip.report(folder)

@@ -27,6 +27,7 @@ from ocptip.standing.sensor import WrenchSensor
 from ocptip.task_files.arm import arm_of_file
 from tests.measured.machines import changed, predictor, recorded, values_of
 from tests.places import ROOT
+from tests.quick import THOROUGH
 
 HELD = Payload(2.0, [0.02, -0.01, 0.05], [0.01, 0.012, 0.008])
 
@@ -75,7 +76,7 @@ def test_a_payload_is_found_within_a_percent_and_its_intervals_hold():
     robot = predictor().robot
     robot = robot.varied(arm=robot.arm.with_payload(HELD))
     inside = []
-    for seed in range(8):
+    for seed in range(8 if THOROUGH else 4):
         found = identify_bodies(recorded(seed, robot=robot), predictor(), bandwidth=np.inf)
         body = found.bodies[0]
         away = np.append(body.mass - HELD.mass, body.center - HELD.center_of_mass)

@@ -57,6 +57,7 @@ def test_rise_times_next_to_one(rise, expected):
     assert found == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_s_curves_cost_less_than_ramps_where_jumps_count():
     own, ramps = (plan_motion(within("A", **how), starts=1, jobs=1) for how in ({}, {"rise_times": 0}))
     assert not ramps.motion.rise_times

@@ -151,9 +151,8 @@ def test_limits_become_active():
     assert "manipulability" in [m.kind for m in tight.active]
 
 
-@pytest.mark.parametrize(
-    "index", ["dm_2", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pi_oe", "inv_cdn_oe"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("index", ["dm_2", "pi_oe", "inv_cdn_oe"])
 def test_a_performance_index_is_kept(index):
     """On a six-axis arm, against the index as `ocptip rate` gives it."""
     problem = drilling(limits=PlacementLimits(index=index, index_min=1e-9))
@@ -262,7 +261,7 @@ def test_unreachable_pose_says_by_how_much():
 def test_too_large_force_names_torque_or_standing():
     task = GripperTask([0.0, 0.0, 0.55], INTO_WALL, [ProcessLoad([-6.0, 0.0, -400.0])])
     with pytest.raises(NoPlacementError) as caught:
-        place(drilling(tasks=task, limits=PlacementLimits(GN=None, GT=None)), starts=2)
+        place(drilling(tasks=task, limits=PlacementLimits(GN=None, GT=None)), starts=1)
     kinds = {m.kind for m in caught.value.nearest.violations}
     assert kinds & {"torque", "persistence", "tip-over"}
     assert "reach" not in kinds  # the pose itself can be reached

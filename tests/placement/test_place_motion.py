@@ -73,7 +73,7 @@ def test_placements_are_ranked_by_planned_energy(swing):
 def test_shortest_way_keeps_poses_and_constraints(swing):
     from ocptip.placement.place import place
 
-    placement = place(swing, starts=2).best
+    placement = place(swing, starts=1).best
     evaluator = Evaluator(swing)
     shorter = shortest_way(evaluator, placement)
     assert shorter.feasible

@@ -41,14 +41,16 @@ def test_static_angle_is_the_floor_tilt_that_tips_base_and_arm(robot):
     slope, offset = robot.tip_over.affine_moments
 
     def least(tilt):
-        """Minimum tipping moment on floors tilted by so much, in 720 directions."""
-        found = []
-        for around in np.linspace(0, 2 * np.pi, 720, endpoint=False):
+        """Minimum tipping moment on floors tilted by so much, in 24 directions and 24 near the worst."""
+
+        def moment(around):
             axis = np.array([np.cos(around), np.sin(around), 0.0])
             other = turned(robot, Rotation.from_rotvec(tilt * axis))
             wrench = other.loads(q[None], 0 * q[None], 0 * q[None])[1][0]
-            found.append(np.min(slope @ wrench + offset))
-        return min(found)
+            return np.min(slope @ wrench + offset)
+
+        coarse = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        return min(map(moment, min(coarse, key=moment) + np.linspace(-0.27, 0.27, 25)))
 
     assert least(0.999 * angle) > 0
     assert least(1.001 * angle) < 0

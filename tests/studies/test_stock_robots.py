@@ -68,6 +68,7 @@ def test_outcomes(name, code, said, complained, outcome):
     assert run.classified(name, code, said, complained) == outcome
 
 
+@pytest.mark.slow
 def test_a_robot_is_run_once_and_its_row_is_printed(tmp_path, monkeypatch, capsys):
     """A robot without an inertia: `init` says why, and nothing else is run."""
     packages, out = tmp_path / "packages", tmp_path / "out"

@@ -150,6 +150,7 @@ def test_events_more_than_a_delay_apart_stay_so(task, seed):
     assert len(order.kept_apart(x, 2 * times[-1]).apart) == 0
 
 
+@pytest.mark.slow
 def test_a_path_costs_more_slowed_down_until_it_has_a_tolerance(task):
     """And nothing is as slow as that where the floor is too steep at rest."""
     motion = random_start(

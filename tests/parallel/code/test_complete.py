@@ -146,7 +146,7 @@ def test_a_robot_generates_complete_code_by_itself(tmp_path):
             robot.lean(**option)
 
 
-@pytest.mark.parametrize("name", ["five_bar", "exechon", pytest.param("sps6", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", some(1, ["five_bar", "exechon", "sps6"]))
 def test_base_parameters_of_the_whole_robot_have_the_same_forces(name):
     """DynPar 3: fewer parameters and operations, the same forces; W is their regressor."""
     robot = robot_of(name)

@@ -64,7 +64,7 @@ def test_the_rest_after_a_stop_counts():
     robot = experiment_task("A", "effective").robot
     robot = robot.varied(support=robot.support.varied(mass=70.0))
     rng = np.random.default_rng(0)
-    q, qd = rng.uniform(-2, 2, (60, 6)), rng.uniform(-1, 1, (60, 6))
+    q, qd = rng.uniform(-2, 2, (15, 6)), rng.uniform(-1, 1, (15, 6))
     least = np.array([1.7, 17.0, 7.6, 1.7, 1.7, 1.7])
     found = BrakeCheck(robot, Brakes(tuple(least), tuple(least))).stops(q, qd)
     ends = brake(robot.arm, q, qd, robot.support.gravity, least).angles[-1]

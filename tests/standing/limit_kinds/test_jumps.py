@@ -202,6 +202,7 @@ def test_derivatives_of_the_rows_at_jumps(task, seed):
         np.testing.assert_allclose(H[j], bend, atol=1e-5 * np.abs(H).max())
 
 
+@pytest.mark.slow
 def test_plans_carry_their_jumps(task):
     """A plan that takes no notice of jumps does not."""
     attempt = Search(task).run(1, 0)

@@ -80,7 +80,7 @@ def test_nothing_inside_is_worse(seed):
 
 
 @pytest.mark.parametrize(
-    ("center", "half", "stands"), [(0.5, 0.2, False), (0.5, 0.0, True), (0.7, 0.0, False)]
+    ("center", "half", "stands"), some(2, [(0.5, 0.2, False), (0.5, 0.0, True), (0.7, 0.0, False)])
 )
 def test_a_push_at_an_uncertain_centre_acts_where_the_centre_is(center, half, stands):
     """100 N at 0.7 m above the feet are 70 N m; the weight bears 20 . 9.81 . 0.3 = 58.86 N m."""
