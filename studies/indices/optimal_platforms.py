@@ -31,8 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.indices.platforms.controllability import control_number, platform_conditioning
-from ocptip.indices.platforms.planar import PlanarPlatformPose
-from ocptip.indices.platforms.platform import PlatformFile, PlatformPose, StewartPlatform
+from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformFile, PlatformPose, StewartPlatform
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
 from ocptip.indices.workspace_maps import index_maps
 from studies.common import ended, software, table

@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from ocptip.basics.made_of import MadeOf
+from ocptip.basics.frozen import MadeOf
 
 
 class Lamp(MadeOf):

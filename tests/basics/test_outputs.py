@@ -11,12 +11,12 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.outputs import (
+    SUMS,
     remove_figures,
     replace_folder,
     require_replaceable,
     require_replaceable_file,
 )
-from ocptip.basics.sums import SUMS
 from ocptip.basics.write import MARK
 
 PLAN = {

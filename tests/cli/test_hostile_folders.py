@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from ocptip.basics.sums import SUMS
+from ocptip.basics.outputs import SUMS
 from ocptip.basics.write import MARK
 from ocptip.cli.main import main
 from ocptip.motion.plan_files import write_plan

@@ -96,33 +96,3 @@ def test_prepared_processes_have_the_modules():
     prepared = f"{sys.platform.startswith('linux')}"
     assert said.stdout.split() == ["False", prepared, prepared, "1"], said.stderr
     assert said.stderr == ""
-
-
-INTERRUPTED = """
-import signal
-from ocptip.numerics.fork_server import interrupts_afterwards
-
-done = []
-def work(error=None):
-    try:
-        with interrupts_afterwards():
-            signal.raise_signal(signal.SIGINT)
-            done.append("what was begun")
-            if error:
-                raise error
-    except (KeyboardInterrupt, ValueError) as ending:
-        return type(ending).__name__
-
-signal.signal(signal.SIGINT, signal.default_int_handler)
-endings = [work(), work(ValueError("of its own"))]
-assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell does for what runs in the background
-endings.append(work())
-print(len(done), endings)
-"""
-
-
-def test_interrupts_count_afterwards():
-    """In a process of its own: other tests' threads may delay signals."""
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=True)
-    assert done.stdout == "3 ['KeyboardInterrupt', 'ValueError', None]\n"

@@ -293,7 +293,7 @@ def test_generated_function_equals_the_reference(kind):
 
 def test_counts_and_base_parameters_are_reached_from_the_robot():
     robot = ROBOTS["3RRR"]
-    assert robot.op_count(dynpar=3).divisions < robot.op_count().multiplications
+    assert robot.lean(form="A", dynpar=3).count.divisions < robot.lean(form="A").count.multiplications
     assert len(robot.base_parameters("leg").names) == 10
     assert robot.base_parameters("numeric").rank == 9
 

@@ -11,7 +11,7 @@ from ocptip.contact.support import Support
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.limits.judged import smallest_margin
+from ocptip.placement.limits.limit import smallest_margin
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights, sampled_loads
 from ocptip.placement.result import NoPlacementError, evaluate_placement

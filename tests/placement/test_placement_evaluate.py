@@ -10,7 +10,7 @@ from ocptip.contact.solver import solve
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.limits.arm import LogMeasures, index_of, measures
-from ocptip.placement.limits.judged import TaskEvaluation
+from ocptip.placement.limits.limit import TaskEvaluation
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad
 from ocptip.placement.result import evaluate_placement
 from ocptip.placement.terrain import plane

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.sums import SUMS
+from ocptip.basics.outputs import SUMS
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.execution import execute

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
-from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
+from ocptip.task_files.platform_points import read_platform
 
 POINTS = [[100.0, 0, 0], [50, 80, 0], [-50, 80, 0], [-100, 0, 0], [-50, -80, 0], [50, -80, 0]]
 MINIMAL = {"base": POINTS, "platform": POINTS}
@@ -90,9 +90,3 @@ def test_unreadable_files_are_refused(tmp_path):
     broken.write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="not a text file"):
         read_platform(broken)
-
-
-def test_rotation_vector_in_degrees():
-    np.testing.assert_allclose(
-        rotation_from_degrees("r", [0, 0, 90]), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15
-    )

@@ -1,8 +1,10 @@
-"""Fields of frozen data classes, set when they are checked."""
+"""Records that nobody changes, and objects that are pickled and varied by the arguments they were made of."""
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
+from inspect import signature
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,3 +19,28 @@ def settle(record: object, **values: Any) -> None:
     """Set fields of a frozen data class; arrays become read-only."""
     for name, value in values.items():
         object.__setattr__(record, name, read_only(value) if isinstance(value, np.ndarray) else value)
+
+
+class MadeOf:
+    """Base of classes whose objects hold what cannot be pickled, such as CasADi's functions."""
+
+    _arguments: dict[str, Any]
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        """An object that knows its arguments by name."""
+        self = super().__new__(cls)
+        arguments = signature(cls.__init__).bind(self, *args, **kwargs).arguments
+        self._arguments = dict(list(arguments.items())[1:])
+        return self
+
+    def varied(self, **arguments: Any) -> Self:
+        """An object made of the same arguments but for the given ones."""
+        return type(self)(**{**self._arguments, **arguments})
+
+    def argument(self, name: str) -> Any:
+        """The argument of that name it was made of; None if it was left out."""
+        return self._arguments.get(name)
+
+    def __reduce__(self) -> tuple:
+        """The call that makes an equal object, for pickle."""
+        return partial(type(self), **self._arguments), ()

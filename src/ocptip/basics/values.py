@@ -61,11 +61,12 @@ def _quaternion(value: Any) -> np.ndarray:
     quaternion = vector_of(value, 4)
     if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:  # people round
         raise InputError(f"must have length 1 (x, y, z, w), got {value!r}", "")
-    return _rotations().from_quat(quaternion).as_matrix()
+    return rotations().from_quat(quaternion).as_matrix()
 
 
-def _rotations() -> type[Rotation]:
-    from scipy.spatial.transform import Rotation  # loads for 0.3 s, and most files hold none
+def rotations() -> type[Rotation]:
+    """SciPy's rotations, which load for 0.3 s; most files and tasks need none."""
+    from scipy.spatial.transform import Rotation
 
     return Rotation
 
@@ -93,10 +94,10 @@ def folders_of(value: Any, _: int | None) -> list[str]:
 
 
 ROTATIONS: dict[str, Callable[[Any, int | None], np.ndarray]] = {
-    "rpy_deg": lambda value, _: _rotations().from_euler("xyz", vector_of(value, 3), degrees=True).as_matrix(),
+    "rpy_deg": lambda value, _: rotations().from_euler("xyz", vector_of(value, 3), degrees=True).as_matrix(),
     "quaternion": lambda value, _: _quaternion(value),
     "rotation_vector_deg": lambda value, _: (
-        _rotations().from_rotvec(np.radians(vector_of(value, 3))).as_matrix()
+        rotations().from_rotvec(np.radians(vector_of(value, 3))).as_matrix()
     ),
     "rotation": lambda value, _: rotation_matrix("value", numbers_of(value), tolerance=1e-8),
 }

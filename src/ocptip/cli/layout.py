@@ -45,11 +45,6 @@ def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
     return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
 
 
-def sensitivities_to_dict(found: Sequence[Sensitivity]) -> dict[str, Any]:
-    """An entry for JSON; none if they were not asked for."""
-    return {"sensitivities": [one.to_dict() for one in found]} if found else {}
-
-
 def changes_table(found: Sequence[Sensitivity], title: str = "") -> list[str]:
     """The worst values as they are and after each change; empty without changes."""
     if not found:

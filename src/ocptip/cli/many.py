@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.outputs import OUTPUTS
+from ocptip.basics.outputs import OUTPUTS, require_unchanged
 from ocptip.basics.read import read_json, read_text
-from ocptip.basics.sums import require_unchanged
 from ocptip.basics.text import table
 from ocptip.basics.version import version
 from ocptip.basics.write import plain

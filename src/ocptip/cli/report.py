@@ -12,9 +12,8 @@ import numpy as np
 
 from ocptip.api.report import Stability, Stage, report
 from ocptip.basics.errors import naming
-from ocptip.basics.outputs import require_replaceable_file
+from ocptip.basics.outputs import SUMS, read_sums, require_replaceable_file
 from ocptip.basics.read import only_inside, read_bytes
-from ocptip.basics.sums import SUMS, read_sums
 from ocptip.basics.text import percent, quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
 from ocptip.cli import report_page as html

@@ -96,8 +96,7 @@ def pdf(title: str, parts: Iterable[str]) -> bytes:
         InputError: fpdf2, which makes it, is not there.
     """
     try:
-        from fpdf import FPDF
-        from fpdf.fonts import TextStyle
+        from fpdf import FPDF, TextStyle
     except ImportError:
         raise InputError("--out: a .pdf needs fpdf2 (pip install 'ocptip[report]'); .html does not") from None
     document = FPDF(format="A4")

@@ -48,23 +48,6 @@ def cores() -> int:
 
 
 @contextmanager
-def interrupts_afterwards() -> Iterator[None]:
-    """Ctrl-C counts when this ends; inside a library's compiled code it may come out as another error."""
-    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # as of commands in the background
-    if ignored or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt
-
-
-@contextmanager
 def interrupts_held() -> Iterator[None]:
     """Interrupts of this thread come afterwards; a process started here gets none at all."""
     if not hasattr(signal, "pthread_sigmask"):

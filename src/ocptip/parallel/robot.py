@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
-from ocptip.basics.made_of import MadeOf
+from ocptip.basics.frozen import MadeOf
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes, assembly_modes
 from ocptip.parallel.analysis.crossings import Crossing, crossings
 from ocptip.parallel.analysis.mobility import Mobility, mobility, require_mobility
 from ocptip.parallel.analysis.singularity import Singularity, require_regular, singularity
 from ocptip.parallel.code.codegen import CFiles, write_c
 from ocptip.parallel.code.complete import complete_function
-from ocptip.parallel.code.counting import OperationCount
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
@@ -289,10 +288,6 @@ class ParallelRobot(MadeOf):
                 options = {**options, "base": self.base_parameters("numeric")}
             return complete_function(self, outputs, **options)
         return lean_function(self.description, outputs, **options)
-
-    def op_count(self, **options: Any) -> OperationCount:
-        """Operations of the motor forces (form "A"), or of what the options ask for."""
-        return self.lean(**{"form": "A", **options}).count
 
     def codegen(
         self, path: str | os.PathLike[str], outputs: Sequence[str] = ("tau",), **options: Any

@@ -18,9 +18,8 @@ from ocptip.placement.estimates import ROUNDS, LeastSlip, edge_moments, friction
 from ocptip.placement.limits.arm import Clearance
 from ocptip.placement.limits.base import Ground
 from ocptip.placement.limits.contact import TipOverLimit
-from ocptip.placement.limits.judged import ConstraintRows, PlacedBase, TaskEvaluation
 from ocptip.placement.limits.kinds import BASE_LIMITS, TASK_LIMITS
-from ocptip.placement.limits.limit import PlacementLimit
+from ocptip.placement.limits.limit import ConstraintRows, PlacedBase, PlacementLimit, TaskEvaluation
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.stand import Stand, Stood
 from ocptip.reserves.slip import Slip

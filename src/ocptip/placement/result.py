@@ -12,8 +12,8 @@ from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import plain
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.kinds import KINDS
+from ocptip.placement.limits.limit import ConstraintRows, TaskEvaluation
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.reserves.friction_needed import friction_needed
 

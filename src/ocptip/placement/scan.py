@@ -10,7 +10,7 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.contact import SlipIndexLimit
-from ocptip.placement.limits.judged import ConstraintRows
+from ocptip.placement.limits.limit import ConstraintRows
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import FEASIBLE
 from ocptip.placement.search.starts import solutions

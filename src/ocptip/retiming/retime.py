@@ -16,12 +16,11 @@ from ocptip.motion.execution import CLOSE, STEPS
 from ocptip.motion.objective import TIME, Objective
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
-from ocptip.retiming.cheapest import CheapestTiming, Price, cheapest
+from ocptip.retiming.cheapest import CheapestTiming, PoweredTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, enough, fastest, spaced
 from ocptip.retiming.jerk import steady
 from ocptip.retiming.late import Couplings, LateJoints
-from ocptip.retiming.measured import PoweredTiming
 from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit

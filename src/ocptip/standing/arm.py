@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.doubts import too_light
 from ocptip.basics.errors import InputError, rotation_matrix
+from ocptip.basics.values import rotations
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
@@ -21,6 +22,7 @@ from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.arm_source import arm_from, resting_base
 from ocptip.robots.base_motion import BaseMotion
+from ocptip.robots.braking import gravity_torques
 from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
 from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import BodyShape
@@ -419,8 +421,6 @@ class Robot(StandingMechanism):
 
     def gravity_torques(self) -> np.ndarray:
         """See `StandingMechanism.gravity_torques`."""
-        from ocptip.robots.braking import gravity_torques  # Numba loads for 0.2 s, and few ask for brakes
-
         return gravity_torques(self.arm, self.support.gravity)
 
     def tool(self, q: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
@@ -439,10 +439,8 @@ class Robot(StandingMechanism):
 
     def gripper(self, q: np.ndarray) -> np.ndarray:
         """Poses (N, 7) of the gripper, see `MotionSamples`."""
-        from scipy.spatial.transform import Rotation  # loads for 0.3 s, and few ask for poses
-
         position, rotation, _ = gripper_batch(self.arm)(q)
-        return np.hstack([position, Rotation.from_matrix(rotation).as_quat()])
+        return np.hstack([position, rotations().from_matrix(rotation).as_quat()])
 
     def sticks(self, q: np.ndarray) -> list[np.ndarray]:
         """One line, from the mount over the joints to the gripper."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.basics.made_of import MadeOf
+from ocptip.basics.frozen import MadeOf
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.classical import ClassicalMeasures

@@ -23,9 +23,8 @@ from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
-from ocptip.task_files.joint_values import joint_values
+from ocptip.task_files.joints import FOLLOWS, LOCKED, LOCKED_KEYS, followers_of, joint_values, ranges_of
 from ocptip.task_files.shapes import SPHERES, with_spheres, without_excluded
-from ocptip.task_files.urdf_joints import FOLLOWS, LOCKED, LOCKED_KEYS, followers_of, ranges_of
 
 _LIMITS = {  # key: limit, whether it is one of sliding joints, meaning, unit
     "angle_min_deg": ("angle_min", False, "Lower limit", "deg"),

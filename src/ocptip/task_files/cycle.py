@@ -23,6 +23,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
 from ocptip.task_files.ends import end_keys, read_end
+from ocptip.task_files.joints import LOCKED, LOCKED_KEYS
 from ocptip.task_files.motion import (
     AIM,
     COURSE,
@@ -38,7 +39,6 @@ from ocptip.task_files.motion import (
 from ocptip.task_files.payload import OF_SEGMENT
 from ocptip.task_files.source import task_source
 from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limit_numbers, task_keys
-from ocptip.task_files.urdf_joints import LOCKED, LOCKED_KEYS
 
 _SHARED = (*COURSE, *AIM)  # of [motion], unless a segment has its own
 _GOALS = ("goal_deg", "goal_m", "goal_pose")

@@ -19,7 +19,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.task_files.joint_values import joint_values
+from ocptip.task_files.joints import joint_values
 
 _FREE = Keys(
     "free",

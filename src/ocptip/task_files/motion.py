@@ -34,7 +34,7 @@ from ocptip.standing.stops.by_cancel import LONGEST
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_kind
 from ocptip.task_files.ends import end_keys, read_end
-from ocptip.task_files.joint_values import joint_values
+from ocptip.task_files.joints import joint_values
 from ocptip.task_files.motors import GEARS, read_gears
 from ocptip.task_files.payload import PROCESS, SENSOR, read_process, read_sensor
 from ocptip.task_files.scene import SCENE

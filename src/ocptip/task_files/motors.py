@@ -13,7 +13,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors, PowerMaps
 from ocptip.robots.spring_chain import spring_chain
 from ocptip.task_files.arm import read_arm
-from ocptip.task_files.joint_values import joint_values
+from ocptip.task_files.joints import joint_values
 from ocptip.task_files.payload import load_table, read_payload, read_process
 from ocptip.task_files.shapes import carrying, read_shapes, require_geometry
 

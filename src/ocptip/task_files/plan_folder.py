@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.outputs import SUMS, require_unchanged
 from ocptip.basics.read import only_inside, read_json
-from ocptip.basics.sums import SUMS, require_unchanged
 from ocptip.motion.cycles.check import segments_of
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.output import PLAN

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.basics import schema
-from ocptip.basics.errors import finite_array
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Source, Table
 from ocptip.indices.metric import OperationEllipsoid
@@ -90,12 +88,3 @@ def read_platform(source: Source, name: str = "platform") -> PlatformFile:
             axes = table.rotation("axes_", np.eye(3))
             ellipsoid = table.make(OperationEllipsoid, center, axes, half_axes)
         return PlatformFile(platform, position, rotation, ellipsoid)
-
-
-def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
-    """(3, 3) rotation matrix of a rotation vector (3,) in degrees.
-
-    Raises:
-        InputError: no such vector.
-    """
-    return Rotation.from_rotvec(np.radians(finite_array(name, vector, (3,)))).as_matrix()

@@ -21,6 +21,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.arm import ARM, MOUNT, read_arm
 from ocptip.task_files.doubts import require_base_mass
+from ocptip.task_files.joints import LOCKED
 from ocptip.task_files.motors import MOTORS, PLATFORM_MOTORS, arm_and_motors, dc_motors, gear_damping_ratio
 from ocptip.task_files.payload import (
     PAYLOAD,
@@ -41,7 +42,6 @@ from ocptip.task_files.shapes import (
     stands_on_floor,
 )
 from ocptip.task_files.tolerance import tolerance_of
-from ocptip.task_files.urdf_joints import LOCKED
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ocptip.basics.errors import InputError, number_from, whole_number
-from ocptip.indices.platforms.planar import MINIMUM_LEGS, PlanarPlatformPose
+from ocptip.indices.platforms.platform import PLANAR_LEGS, PlanarPlatformPose
 
 ANCHOR_RADIUS = 2.0 / math.sqrt(3.0)
 """Radius of the circle of the anchors y_i: fixes the scale of the optimal poses."""
@@ -55,7 +55,7 @@ def optimal_planar_pose(
         InputError: an argument outside of its range.
     """
     angle = optimal_planar_angle(r, branch)
-    n = whole_number("n", n, MINIMUM_LEGS)
+    n = whole_number("n", n, PLANAR_LEGS)
     phi = 2.0 * np.pi * np.arange(n) / n
     y = ANCHOR_RADIUS * np.column_stack([np.cos(phi), np.sin(phi)])
     x = y + abs(r) * np.column_stack([np.cos(angle + phi), np.sin(angle + phi)])

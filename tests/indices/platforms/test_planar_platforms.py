@@ -8,8 +8,7 @@ from scipy.linalg import eigh
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.planar import PlanarPlatformPose
-from ocptip.indices.platforms.platform import PlatformPose
+from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformPose
 from studies.indices.designs.optimal_planar import LARGEST_R, optimal_planar_angle, optimal_planar_pose
 from tests.indices.sample_platforms import SEEDS
 from tests.quick import examples

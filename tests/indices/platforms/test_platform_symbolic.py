@@ -11,8 +11,7 @@ from ocptip.basics.errors import InputError
 from ocptip.indices.encodings import ratio_constraint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number, platform_conditioning
-from ocptip.indices.platforms.planar import PlanarPlatformPose
-from ocptip.indices.platforms.platform import StewartPlatform
+from ocptip.indices.platforms.platform import PlanarPlatformPose, StewartPlatform
 from ocptip.indices.platforms.reviewed import best_complex, manipulability, rigidity_rate
 from ocptip.indices.platforms.symbolic import SymbolicPlatform, planar_forms, roll_pitch_yaw
 from studies.indices.designs.flight_simulator import FlightSimulator

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.limits.judged import smallest_margin
+from ocptip.placement.limits.limit import smallest_margin
 from ocptip.placement.problem import GripperTask, ProcessLoad
 from ocptip.placement.search.starts import best_branches, exact_scores, rough_scores, sample, solutions
 from ocptip.robots.geometry import Pillar

@@ -29,8 +29,7 @@ from scipy.linalg.lapack import (
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.write import Record
-from ocptip.indices.platforms.planar import PlanarPlatformPose
-from ocptip.indices.platforms.platform import PlatformPose, rank_defect
+from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformPose, rank_defect
 
 
 @dataclass(frozen=True, eq=False)

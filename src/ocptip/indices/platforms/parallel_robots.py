@@ -14,8 +14,7 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.indices.meanings import PARALLEL, PLATFORM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.planar import PlanarPlatformPose
-from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
+from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformFile, StewartPlatform
 from ocptip.indices.platforms.rate import RatedPose, rate_platform
 from ocptip.parallel.analysis.workspace import motor_volume
 from ocptip.parallel.description.entries import value_of

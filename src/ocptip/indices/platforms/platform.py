@@ -6,6 +6,10 @@ velocity, velocity of the point at the origin of the base frame) causes the leg 
 ends of a leg turn as well, and nothing drives them: their angular velocities are the rest of the velocity of
 p_i (and, seen from the platform, of b_i) across the leg, divided by its length. Source: [Naw07] 2.2 and 6.3,
 (2.5) to (2.7), (6.4), (6.5).
+
+Planar RPR platforms have n >= 3 legs. A planar screw q = (angular velocity, velocity of the point at the
+origin) has three numbers; everything else is as above with the third coordinate zero. Source: [Naw07] 7.2,
+(7.8) to (7.15).
 """
 
 from __future__ import annotations
@@ -240,3 +244,44 @@ class PlatformFile:
     position: np.ndarray
     rotation: np.ndarray
     ellipsoid: OperationEllipsoid | None
+
+
+PLANAR_LEGS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarPlatformPose(AnchoredPose):
+    """A planar platform in a pose: all anchor points in the base frame.
+
+    Attributes:
+        base: (n, 2) anchors b_i in the base frame, m; n >= 3.
+        platform: (n, 2) anchors p_i in the base frame, m.
+
+    Raises:
+        InputError: too few legs, different numbers of anchors, no finite numbers, a leg of length zero.
+    """
+
+    _DIMENSION, _FEWEST_LEGS = 2, PLANAR_LEGS
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """J: (n, 3) leg rates per planar screw; row i is (moment about the origin, direction)."""
+        unit = self.legs / self.lengths[:, None]
+        moment = self.base[:, 0] * unit[:, 1] - self.base[:, 1] * unit[:, 0]
+        return np.column_stack([moment, unit])
+
+    @cached_property
+    def passive_map(self) -> np.ndarray:
+        """A: (2 n, 3) angular velocities of the unactuated joints per planar screw."""
+        normal = np.column_stack([-self.legs[:, 1], self.legs[:, 0]]) / (self.lengths**2)[:, None]
+        rows = []
+        for points in (self.platform, self.base):
+            turn = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
+            rows.append(np.column_stack([turn, normal]))
+        return np.vstack(rows)
+
+    def screw_from_scaled(self, screws: np.ndarray) -> np.ndarray:
+        """Planar screws (3, k) of the scaled frame as screws of the base frame."""
+        centre, extent = self.scale
+        spin, linear = screws[0], screws[1:]
+        return np.vstack([spin, extent * linear + np.outer([centre[1], -centre[0]], spin)])

@@ -16,7 +16,7 @@ import numpy as np
 
 from ocptip.motion.planner.profiles import Layout, Profiles
 from ocptip.trajectories.ramps import JointRamps
-from ocptip.trajectories.s_curves import s_curve
+from ocptip.trajectories.velocity_profiles import s_curve
 
 SLOWEST = 5e-3
 """Minimum peak speed of a command in an ordered program, rad/s."""

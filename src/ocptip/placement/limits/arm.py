@@ -12,16 +12,17 @@ from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.vectors import perpendicular
-from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Hessian, Point, Variables
 from ocptip.placement.limits.limit import (
     ANGLE_UNIT,
     LENGTH_UNIT,
     LOG_UNIT,
     CaseRows,
+    ConstraintRows,
     PlacementLimit,
     RowLabel,
     Symbols,
+    TaskEvaluation,
 )
 from ocptip.placement.limits.solids import WorldSolids, needs_solids
 from ocptip.placement.limits.twice import Twice

@@ -7,9 +7,17 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
-from ocptip.placement.limits.judged import ConstraintRows, PlacedBase
 from ocptip.placement.limits.layout import Variables
-from ocptip.placement.limits.limit import ANGLE_UNIT, LENGTH_UNIT, CaseRows, PlacementLimit, RowLabel, Symbols
+from ocptip.placement.limits.limit import (
+    ANGLE_UNIT,
+    LENGTH_UNIT,
+    CaseRows,
+    ConstraintRows,
+    PlacedBase,
+    PlacementLimit,
+    RowLabel,
+    Symbols,
+)
 from ocptip.placement.limits.solids import needs_solids
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem

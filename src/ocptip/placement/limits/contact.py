@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.placement.limits.forces import ContactForces
-from ocptip.placement.limits.judged import ConstraintRows, TaskEvaluation
 from ocptip.placement.limits.layout import Hessian, Point, Variables, corner_maps
-from ocptip.placement.limits.limit import CaseRows, PlacementLimit, RowLabel, Symbols
+from ocptip.placement.limits.limit import (
+    CaseRows,
+    ConstraintRows,
+    PlacementLimit,
+    RowLabel,
+    Symbols,
+    TaskEvaluation,
+)
 from ocptip.placement.limits.placed import LeastMoments, PlacedMoments, addable, least
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem

@@ -8,8 +8,7 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
-from ocptip.placement.limits.judged import TaskEvaluation
-from ocptip.placement.limits.limit import LENGTH_UNIT, RowLabel, Symbols
+from ocptip.placement.limits.limit import LENGTH_UNIT, RowLabel, Symbols, TaskEvaluation
 from ocptip.placement.problem import PlacementProblem
 from ocptip.robots.collision.distances import RESTING, Distances
 from ocptip.robots.collision.model import ShapeCollisions, link_frames_function

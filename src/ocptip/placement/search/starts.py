@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.limits.judged import smallest_margin
+from ocptip.placement.limits.limit import smallest_margin
 from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
 from ocptip.robots.inverse.joint_angles import search_box
 from ocptip.robots.inverse.pose_search import search

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from ocptip.basics.values import rotations
 from ocptip.numerics.vectors import cross
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel
@@ -147,9 +148,7 @@ def pose_errors(
     if orientation == "free":
         return position - at, jacobian[:, :3]
     if orientation == "full":
-        from scipy.spatial.transform import Rotation  # loads for 0.2 s, and most tasks have angles
-
-        turn = Rotation.from_matrix(rotation @ turned.transpose(0, 2, 1)).as_rotvec()
+        turn = rotations().from_matrix(rotation @ turned.transpose(0, 2, 1)).as_rotvec()
         return np.hstack([position - at, turn]), jacobian
     have, want = np.broadcast_arrays(turned @ tool_axis, rotation @ tool_axis)
     across = cross(have, want)

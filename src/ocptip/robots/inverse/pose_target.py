@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, is_whole, rotation_matrix
 from ocptip.basics.frozen import settle
+from ocptip.basics.values import rotations
 from ocptip.numerics.vectors import perpendicular
 from ocptip.robots.inverse.closed_form import closed_form_family
 from ocptip.robots.inverse.inverse_kinematics import (
@@ -212,10 +213,8 @@ class PoseTarget:
 
     def _turns(self, angles: np.ndarray) -> np.ndarray:
         """(N, 3, 3) Rotations by angles (N,), rad, about the axis of symmetry or the tool axis."""
-        from scipy.spatial.transform import Rotation  # loads for 0.2 s, and most tasks have angles
-
         axis = np.eye(3)[AXES.index(self.symmetric_about)] if self.fold else self.tool_axis
-        return Rotation.from_rotvec(angles[:, None] * axis).as_matrix()
+        return rotations().from_rotvec(angles[:, None] * axis).as_matrix()
 
     def equations(self, arm: ArmModel, q: cs.SX) -> cs.SX:
         """(conditions, 1), m and rad near a solution: zero where the gripper is where it should be.

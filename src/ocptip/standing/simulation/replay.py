@@ -120,7 +120,6 @@ def simulator_numbers(robot: Robot, step: float) -> str:
 def library_mujoco() -> Any:
     """MuJoCo; InputError says how to get it."""
     try:
-        import mujoco
         import mujoco.rollout
     except ImportError:
         raise InputError("MuJoCo is not installed (pip install 'ocptip[simulate]')") from None
