@@ -92,6 +92,11 @@ def _late():
     data["cover"] = [copy.deepcopy({**part, **late}) for part in data["cover"]]
     end = data["motion"]["times"][-1][0] + 0.01 + 2e-9
     _judged_within(data, [0.0, 0.006, 0.012, end], 0.5)
+    data["model"]["decelerations_on_cancel"] = [1.5]
+    cancels = {"GN_cancel_worst_case": 0.5, "GT_cancel_worst_case": 0.9, "angle_margin_cancel": 1.0}
+    data["bounds"] |= cancels
+    named = {key: rows[:1] * 4 for key, rows in data["cover_within"].items() if key in ("forces", "weights")}
+    data["cover_cancel_within"] = {"trees": ["."] * 4, **named}
     return copy.deepcopy(data)
 
 

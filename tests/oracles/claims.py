@@ -45,6 +45,14 @@ def falsehood(data, rng, samples):
             asked = bounds.get("clearance_worst_case")
             if asked is not None and (found := _gaps(model, asked, state[0], rng)):
                 return f"{found} with late joints at {late}"
+            if "decelerations_on_cancel" in model:
+                t, stopped = _cancelled(data, joints, rng)
+                wrench = _numbers(worlds.loads(_acting(model, t), world, stopped))[1]
+                asked = (bounds[f"{key}_cancel_worst_case"] for key in ("GN", "GT"))
+                if found := _contacts(model, wrench, *asked, weak):
+                    return f"{found} when cancelled at {t}"
+                if _outside(model, bounds["angle_margin_cancel"], stopped[0]):
+                    return f"angle when cancelled at {t}"
             state[1] *= world.pace
             if found := _fast(model, bounds.get("point_speed_ratio_worst_case"), state):
                 return f"{found} with late joints at {late}"
@@ -137,6 +145,46 @@ def _gaps(model, asked, q, rng):
         if gap < asked - 1e-9:
             return f"clearance {gap}"
     return None
+
+
+def _cancelled(data, joints, rng):
+    """When a motion is cancelled, and coordinates, speeds and accelerations (3, n) at some time after it.
+
+    Every joint is at a time of its own, by up to the delay earlier: in the motion, decelerating or at rest;
+    or just after a step of its acceleration, with overshoot.
+    """
+    rates = np.array(data["model"]["decelerations_on_cancel"], dtype=float)
+    pieces = np.flatnonzero(np.diff(joints.times, axis=1)[:, 0] > 0)
+    piece = int(rng.choice(pieces))
+    t = float(rng.choice([*joints.times[piece], rng.uniform(*joints.times[piece])]))
+    begun = np.array([joints._at(piece, t, j) for j in range(joints.n)]).T
+    rests = np.abs(begun[1]) / rates * (np.abs(begun[1]) > 1e-6)
+    after, state = rng.uniform(0.0, np.max(rests) + joints.delay), np.empty((3, joints.n))
+    for j, (q, v, acting) in enumerate(begun.T):
+        slower = -np.sign(v) * rates[j] * (rests[j] > 0)
+        steps = [when for when in (0.0, rests[j]) if after - joints.delay <= when <= after]
+        if steps and rng.random() < 0.5:
+            when = float(rng.choice(steps))
+            step = slower - acting if when == 0.0 else -slower
+            more = (slower if when == 0.0 else 0.0) + joints.more * step * rng.integers(2)
+        else:
+            when, more = after - rng.uniform(0, joints.delay), None
+        if when < 0:
+            earlier = int(np.clip(np.searchsorted(joints.events, t + when), 0, piece))
+            state[:, j] = joints._at(earlier, max(t + when, 0.0), j)
+            continue
+        own = min(when, rests[j])
+        state[:, j] = q + v * own + slower * own**2 / 2, v + slower * own, slower * (when < rests[j])
+        state[2, j] = state[2, j] if more is None else more
+    return t, state
+
+
+def _outside(model, margin, q):
+    low, high = (
+        np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
+        for key, none in (("angle_min", -np.inf), ("angle_max", np.inf))
+    )
+    return np.any(q < low + margin - 1e-9) or np.any(q > high - margin + 1e-9)
 
 
 def _fast(model, asked, state):

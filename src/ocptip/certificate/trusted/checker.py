@@ -19,6 +19,8 @@ A certificate is plain data:
 - `cover_within`: for the tolerance the ends t_0 < t_1 < ... of intervals (from 0 to the delay after the
   motion; without delays, from 1 s before it to 1 s after it), joints that are taken apart on each, contact
   forces and weights of every combination of the possible states of these delayed joints, or null;
+- `cover_cancel`, `cover_cancel_within`, where something is claimed of cancels: how times of cancels and times
+  after them are divided, forces and weights of every box of these;
 - `sha256`: of model, motion and tolerance.
 """
 
@@ -32,6 +34,7 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.certificate.trusted.cancelled import Cancelled
 from ocptip.certificate.trusted.described import (
     CLEARANCE,
     SPEED_OF_POINTS,
@@ -39,9 +42,14 @@ from ocptip.certificate.trusted.described import (
     TORQUES,
     Checker,
     Intervals,
+    angle_margins,
+    limits_of,
 )
+from ocptip.certificate.trusted.forms import known
 from ocptip.certificate.trusted.plain import (
+    DECELERATIONS,
     LARGEST,
+    NOTHING,
     POINTS,
     MalformedError,
     numbers,
@@ -60,7 +68,17 @@ from ocptip.certificate.trusted.sharing import Sharing
 FORMAT = "ocptip certificate 3"
 CLAIMS = ("GN", "GT", "torque_ratio", "clearance")
 CLAIMS_WITHIN = ("GN_worst_case", "GT_worst_case")
-_TIPPING = ("GN", "GN_worst_case")
+CLAIMS_OF_CONTACTS = "contacts within tolerance", "tip-over within tolerance"
+NOMINAL_CANCEL, WITHIN_CANCEL = "cover_cancel", "cover_cancel_within"
+COVERS_OF_CANCELS = {
+    NOMINAL_CANCEL: ("GN_cancel", "GT_cancel"),
+    WITHIN_CANCEL: ("GN_cancel_worst_case", "GT_cancel_worst_case"),
+}
+"""Claims about the states of a motion that is cancelled at any time, and the keys of what proves them."""
+ANGLE_MARGIN_CANCEL = "angle_margin_cancel"
+"""Claim: so far, rad or m, joints stay inside their limits in all cancels that claims are about."""
+_TIPPING = ("GN", "GN_worst_case", "GN_cancel", "GN_cancel_worst_case")
+_AT_ONCE = 400  # boxes
 
 
 @dataclass(frozen=True)
@@ -124,14 +142,17 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         require(data["tolerance"] is None, "tolerance: of a program nothing is known")
     require_motion(motion, len(model["limits"]["speed"]))
     require_process(model["arm"], motion)
+    cancels = [names for names in COVERS_OF_CANCELS.values() if bounds.keys() & set(names)]
     within = () if (tolerance := data["tolerance"]) is None else CLAIMS_WITHIN
     if tolerance is not None:
         require_tolerance(tolerance)
     ratios = (TORQUES, SPEED_OF_POINTS_WITHIN)
     own = (*within, *(key for key in ratios if within and key in bounds))
     own += (SPEED_OF_POINTS,) if model.get(POINTS) else ()
+    own += tuple(key for names in cancels for key in names)
     apart = [key for key in ("clearance", CLEARANCE) if key in bounds]
-    if unknown := set(bounds) - {*CLAIMS, *own, *(apart if within else ())}:
+    angles = [key for key in (ANGLE_MARGIN_CANCEL,) if cancels]
+    if unknown := set(bounds) - {*CLAIMS, *own, *(apart if within else ()), *angles}:
         found.append(f"unknown claims: {', '.join(sorted(unknown))}")
     found += [
         f"{key}: {bounds[key]} is no bound that proves anything"
@@ -139,11 +160,11 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
             ("GN", 1.0),
             ("GT", 1.0),
             ("torque_ratio", LARGEST),
-            *((key, 1.0 if key in CLAIMS_WITHIN else LARGEST) for key in own),
+            *((key, LARGEST if key in (*ratios, SPEED_OF_POINTS) else 1.0) for key in own),
         )
         if not 0 < numbers(key, bounds[key], ()) < most
     ]
-    numbers("clearance", [bounds[key] for key in apart], (None,))
+    numbers("clearance", [bounds[key] for key in (*apart, *angles)], (None,))
     if SPEED_OF_POINTS_WITHIN in bounds and not model.get(POINTS):
         found.append(f"{SPEED_OF_POINTS_WITHIN}: claimed without points")
     if "clearance" not in bounds if model["pairs"] else apart:
@@ -159,6 +180,10 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     if tolerance is not None:
         other, rows = _problems_within(data)
         problems, intervals = problems + other, intervals + rows
+    for cover, names in COVERS_OF_CANCELS.items():
+        if names in cancels:
+            other, rows = _problems_of_cancels(data, cover, names)
+            problems, intervals = problems + other, intervals + rows
     return problems, intervals
 
 
@@ -200,10 +225,8 @@ def _problems_within(data: Mapping[str, Any]) -> tuple[list[str], int]:
     ends = require_ends(cover["ends"], sharing.late.start, sharing.late.end)
     apart = require_joints(cover["apart"], len(ends) - 1, sharing.late.joints)
     groups = sharing.late.rows(ends[:-1], ends[1:], apart)
-    count, contacts = sum(len(rows.number) for rows in groups), sharing.contacts.count
-    shape = (count, 2, 1 + len(sharing.contacts.couples), contacts, 3)
-    forces = np.moveaxis(numbers("forces within tolerance", cover["forces"], shape), 0, -1)
-    weights = np.moveaxis(numbers("weights", cover["weights"], (count, contacts, 2), 0.0), 0, -1)
+    count = sum(len(rows.number) for rows in groups)
+    forces, weights = _shared(sharing, cover, count)
     found = []
     for rows in groups:
         own = forces[..., rows.number], weights[..., rows.number]
@@ -212,3 +235,38 @@ def _problems_within(data: Mapping[str, Any]) -> tuple[list[str], int]:
                 near = ends[rows.interval[int(np.argmin(margin))]]
                 found.append(f"{name}: not proved near {near:.6g} s, {np.sum(~(margin >= 0))} rows")
     return found, count
+
+
+def _problems_of_cancels(
+    data: Mapping[str, Any], cover: str, claimed: tuple[str, str]
+) -> tuple[list[str], int]:
+    """The problems of claims about a cancelled motion, and the number of boxes."""
+    model, motion, bounds, own = data["model"], data["motion"], data["bounds"], data[cover]
+    tolerance = data["tolerance"] if cover == WITHIN_CANCEL else NOTHING
+    if tolerance is None or model["arm"] is None:
+        raise MalformedError(f"{cover}: of an arm, within a tolerance")
+    claims: dict[str, float] = {key: bounds[name] for key, name in zip(CLAIMS_WITHIN, claimed, strict=True)}
+    sharing = Sharing(model, motion, tolerance, claims)
+    cancelled = Cancelled(motion, model[DECELERATIONS], sharing.late)
+    boxes = cancelled.cover(own["trees"])
+    count, limits = len(boxes.piece), limits_of(model)
+    forces, weights = _shared(sharing, own, count)
+    names = [*CLAIMS_OF_CONTACTS, "angle"]
+    least = np.full(len(names), np.inf)
+    for begin in range(0, count, _AT_ONCE):
+        for rows in cancelled.rows(boxes.some(slice(begin, begin + _AT_ONCE))):
+            here = begin + rows.number
+            margins = sharing.margins(sharing.terms(rows), forces[..., here], weights[..., here])
+            margins["angle"] = angle_margins(rows.q, limits) - bounds[ANGLE_MARGIN_CANCEL]
+            least = np.minimum(least, [np.min(known(margins[name])) for name in names])
+    within = " within tolerance" if cover == WITHIN_CANCEL else ""
+    short = [name.split()[0] for name, value in zip(names, least, strict=True) if not value >= 0]
+    return [f"{name} in cancels{within}: not proved" for name in short], count
+
+
+def _shared(sharing: Sharing, cover: Mapping[str, Any], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Forces and weights of so many rows, these last."""
+    contacts = sharing.contacts.count
+    shape = (count, 2, 1 + len(sharing.contacts.couples), contacts, 3)
+    forces = np.moveaxis(numbers("forces within tolerance", cover["forces"], shape), 0, -1)
+    return forces, np.moveaxis(numbers("weights", cover["weights"], (count, contacts, 2), 0.0), 0, -1)

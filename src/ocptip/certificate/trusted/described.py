@@ -116,10 +116,7 @@ class Checker:
             self._fastest = 1 + tolerance["speed"]
         self._points = model.get(POINTS, [])
         self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
-        self._limits = {
-            key: np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
-            for key, none in (("angle_min", -np.inf), *((key, np.inf) for key in _UPPER))
-        }
+        self._limits = limits_of(model)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def loads(self, at: Intervals) -> Loads:
@@ -167,9 +164,7 @@ class Checker:
             found["torque within tolerance"] = 1 - np.max(most, axis=0) / bounds[TORQUES] * (1 + U)
         found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
         found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
-        low, high = at.q.range
-        slack = np.minimum(low - limits["angle_min"][:, None], limits["angle_max"][:, None] - high)
-        found["angle"] = np.min(slack, axis=0) + ANGLE
+        found["angle"] = angle_margins(at.q, limits) + ANGLE
         if len(self.pairs):
             asked = bounds["clearance"]
             gaps = distances(loads.frames, self.bodies, self.pairs, asked, directions)
@@ -235,6 +230,21 @@ CLAIMS_OF_POINTS = {
     SPEED_OF_POINTS_WITHIN: "speed of points within tolerance",
 }
 _UPPER = ("angle_max", "speed", "acceleration", "torque")
+
+
+def limits_of(model: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Limits of joints (n,), infinite where there is none."""
+    return {
+        key: np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
+        for key, none in (("angle_min", -np.inf), *((key, np.inf) for key in _UPPER))
+    }
+
+
+def angle_margins(q: Form, limits: Mapping[str, np.ndarray]) -> np.ndarray:
+    """How far coordinates (n, N) are inside their limits, (N,), rad or m."""
+    low, high = q.range
+    slack = np.minimum(low - limits["angle_min"][:, None], limits["angle_max"][:, None] - high)
+    return np.min(slack, axis=0)
 
 
 def _share(values: Form, limits: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ SLACK = (
 )
 REST = 1.0  # s before and after a motion: what else is looked at if nothing is late
 MOST = 1e5  # combinations of branches of all intervals
-_ALIKE = (1, 3)  # numbers of boxes from which rows go with others
+ALIKE = (1, 3)  # numbers of boxes from which rows go with others
 _SMALL = 1e-5  # of a joint's greatest acceleration: changes below it are bounds of errors, not jumps
 
 
@@ -102,7 +102,7 @@ class Late:
         self._c = np.array(motion["angles"], dtype=float)
         self.joints = self._c.shape[1]
         self.delay = delay + SLACK if delay or overshoot else 0.0
-        self._overshoot = overshoot
+        self.overshoot = overshoot
         self.events = self._times[:-1, 1]
         self.start = 0.0 if self.delay else -REST
         self.end = float(self.events[-1]) + (self.delay or REST)
@@ -153,7 +153,7 @@ class Late:
         jumps = differs[..., 2] > _SMALL * self._peaks
         smooth = np.zeros((len(starts), self.joints, 3))
         np.add.at(smooth, owner, np.where(jumps[..., None], 0.0, differs))
-        smooth[..., 2] *= 1 + self._overshoot
+        smooth[..., 2] *= 1 + self.overshoot
         inside = list(map(range, first.tolist(), after.tolist()))
         return inside, np.split(jumps, np.cumsum(counts)[:-1]), smooth
 
@@ -169,7 +169,7 @@ class Late:
             e = float(events[k])
             until = (e, e) if e < 0.5 * sum(high) else high
             found.append(_Branch(joint, k, low, until, 0.0, loose))
-            own, blur = (2 * self._overshoot * x[k, joint, 2] for x in (self._step, self._blur))
+            own, blur = (2 * self.overshoot * x[k, joint, 2] for x in (self._step, self._blur))
             rounded += blur
             sums = {i: x + float(own) for i, x in {**sums, k: 0.0}.items() if e - events[i] <= d}
             for more in sorted({x for x in sums.values() if abs(x) > least}):
@@ -194,7 +194,7 @@ class Late:
             placed, more = self._boxes(boxes)
             states = [joined(*pair) for pair in zip(states, placed, strict=True)]
             spread = np.concatenate([spread, more])
-        group = np.digitize(np.count_nonzero(spread[chosen], axis=0), _ALIKE)
+        group = np.digitize(np.count_nonzero(spread[chosen], axis=0), ALIKE)
         found = []
         for k in np.unique(group):
             here = np.flatnonzero(group == k)
@@ -214,6 +214,25 @@ class Late:
             states = [joined(*pair) for pair in zip(states, self._boxes(boxes)[0], strict=False)]
         q, qd = self._placed(states, chosen, np.zeros(len(states[0].r)))
         return q, qd
+
+    def accelerations(
+        self, starts: np.ndarray, ends: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Bounds (n, N) of the accelerations of delayed joints, and of what overshoot adds to them, over
+        intervals from start to end, (N,), s.
+        """
+        changes = zip(starts.tolist(), ends.tolist(), *self._changes(starts, ends), strict=True)
+        boxes = [
+            _Box(joint, start, end, self._branches(joint, start, end, inside, jumps[:, joint], smooth[joint]))
+            for start, end, inside, jumps, smooth in changes
+            for joint in range(self.joints)
+        ]
+        (_, _, value), spread = self._boxes(boxes)
+        low, high = value.range
+        less = [min(0.0, *(part.more - part.loose[2] for part in box.branches)) for box in boxes]
+        more = [max(0.0, *(part.more + part.loose[2] for part in box.branches)) for box in boxes]
+        found = low - spread, high + spread, np.array(less), np.array(more)
+        return tuple(part.reshape(-1, self.joints).T for part in found)  # type: ignore[return-value]
 
     def _combined(
         self, starts: np.ndarray, ends: np.ndarray, apart: np.ndarray | None

@@ -20,6 +20,8 @@ LONGEST = 1e5  # s: so long may a motion be, so that its times are rounded by fa
 LINE = 1e-6  # breadth over length: contacts narrower than that are on one line
 POINTS = "points"
 """Key of points of an arm whose speeds are limited."""
+DECELERATIONS = "decelerations_on_cancel"
+"""Key of what joints decelerate by when a motion is cancelled, (m,), rad/s^2 or m/s^2."""
 _SHARE = 0.999  # relative, at most
 _BOXES = ("center_of_mass", "payload_center")
 _MOST = {
@@ -27,6 +29,12 @@ _MOST = {
     **{"tilt": np.pi / 4, "delay": 1.1, "overshoot": 1.0},
     **dict.fromkeys(("extra_mass", "push", "base_push"), LARGEST),
 }
+NOTHING = {
+    **dict.fromkeys(_MOST, 0.0),
+    **{key: [0.0] * 3 for key in _BOXES},
+    "base_mass": [0.0, 0.0],
+}
+"""A tolerance of nothing at all."""
 _LIMITS = {"angle_min", "angle_max", "speed", "acceleration", "torque"}
 
 
@@ -74,6 +82,8 @@ def require_model(model: Mapping[str, Any]) -> None:
         least = -LARGEST if key.startswith("angle") else 1e-9
         numbers(f"limits of {key}", [1.0 if x is None else x for x in own], (joints,), least)
     _require_bodies(model["bodies"], model["pairs"], links)
+    if DECELERATIONS in model:
+        numbers(DECELERATIONS, model[DECELERATIONS], (joints,), 1e-9)
     for point in points:
         require(set(point) == {"link", "place", "speed"}, f"{POINTS}: link, place and speed are expected")
         _index("link", point["link"], 1, links + 1)

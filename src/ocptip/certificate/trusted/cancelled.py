@@ -1,0 +1,259 @@
+"""States of an arm while a cancelled motion comes to rest, over boxes of two times, in Taylor forms.
+
+The motion is cancelled at a time t, and every joint decelerates at a constant rate of its own until it holds.
+A joint with a delay of up to d is where it should be at a time after t between after - d and after: still in
+the motion before t, then decelerating, then at rest. Boxes are intervals of t, with s the place in these, and
+of the time after t. Over a box each joint has one enclosure: a polynomial of s and of e, the place within its
+interval of times, and an interval of its accelerations. All combinations of the joints are in there, of which
+delays allow each. Plain data and NumPy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.trusted.described import Intervals
+from ocptip.certificate.trusted.forms import Form, K, U, alike, length
+from ocptip.certificate.trusted.late import ALIKE, Late, Rows
+from ocptip.certificate.trusted.plain import JUMP, require
+
+_APART = 1e-9  # s: boxes begin so much after the delay, so that no joint of theirs is still in the motion
+
+CREEP = 1e-6  # rad/s or m/s: joints that are not faster hold at once
+MOST = 200_000  # boxes
+_SPLITS = "ta."  # a box is halved in t, or in the time after t, or it is one of the cover
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Intervals of times, B of them.
+
+    Attributes:
+        piece: (B,) of the motion.
+        start, end: (B,) of t, in u.
+        first, last: (B,) of the time after t, s.
+    """
+
+    piece: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+
+    def some(self, rows: Any) -> Boxes:
+        """Some of them."""
+        return Boxes(*(part[rows] for part in vars(self).values()))
+
+    def halves(self, late: np.ndarray) -> Boxes:
+        """First and second halves, in t, or where `late` (B,) in the time after it."""
+        middle = np.where(late, 0.5 * (self.first + self.last), 0.5 * (self.start + self.end))
+        left = np.where(late, self.end, middle), np.where(late, middle, self.last)
+        right = np.where(late, self.start, middle), np.where(late, middle, self.first)
+        both = (
+            (self.piece, self.start, left[0], self.first, left[1]),
+            (
+                self.piece,
+                right[0],
+                self.end,
+                right[1],
+                self.last,
+            ),
+        )
+        return Boxes(*(np.concatenate(pair) for pair in zip(*both, strict=True)))
+
+
+class Cancelled:
+    """States of joints after a cancel.
+
+    Args:
+        motion: of a certificate.
+        decelerations: (n,) rad/s^2 or m/s^2.
+        late: delays of the joints, and overshoot at steps of their accelerations.
+    """
+
+    def __init__(self, motion: Mapping[str, Any], decelerations: Sequence[float], late: Late) -> None:
+        self._motion, self._late = motion, late
+        self._rate = np.array(decelerations, dtype=float)[:, None]
+
+    def whole(self) -> Boxes:
+        """Two boxes of each piece between the rests, which together are all times: while delayed joints may
+        still be in the motion, and after that until everything rests.
+        """
+        pieces = np.arange(1, len(self._motion["times"]) - 1)
+        one, delay = np.ones(len(pieces)), self._late.delay
+        at = Intervals(self._motion, pieces, -one, one)
+        begin = np.full(len(pieces), delay + _APART)
+        ends = begin + np.max(self._fastest(at.qd) / self._rate, axis=0) * (1 + U) + 2 * CREEP
+        own = np.repeat(pieces, 2)
+        first, last = (np.ravel(np.column_stack(pair)) for pair in ((0 * begin, begin), (begin, ends)))
+        return Boxes(own, -np.ones(len(own)), np.ones(len(own)), first, last)
+
+    def cover(self, trees: Any) -> Boxes:
+        """Boxes that together are all times: halves of halves of `whole`, of each a text of `_SPLITS`, first
+        halves first. Those in which everything has rested for as long as joints are delayed are left out.
+        """
+        whole = self.whole()
+        require(isinstance(trees, list) and len(trees) == len(whole.piece), "trees: one of each is expected")
+        rows = []
+        for number, tree in enumerate(trees):
+            require(isinstance(tree, str) and len(tree) <= MOST, "trees: texts are expected")
+            todo = [tuple(float(part[number]) for part in list(vars(whole).values())[1:])]
+            for split in tree:
+                require(todo and split in _SPLITS, "trees: a box is divided that is not there")
+                start, end, first, last = todo.pop()
+                if split == "t":
+                    middle = 0.5 * (start + end)
+                    todo += [(middle, end, first, last), (start, middle, first, last)]
+                elif split == "a":
+                    middle = 0.5 * (first + last)
+                    todo += [(start, end, middle, last), (start, end, first, middle)]
+                else:
+                    rows.append((int(whole.piece[number]), start, end, first, last))
+            require(not todo, "trees: a box is missing")
+        piece, *ends = zip(*rows, strict=True)
+        boxes = Boxes(np.array(piece), *map(np.array, ends))
+        return boxes.some(~self.rested(boxes))
+
+    def rested(self, boxes: Boxes) -> np.ndarray:
+        """(B,) where everything has rested for as long as joints are delayed: those are states of others."""
+        at = Intervals(self._motion, boxes.piece, boxes.start, boxes.end)
+        longest = np.max(self._fastest(at.qd) / self._rate, axis=0) * (1 + U)
+        return (boxes.first > longest + self._late.delay + CREEP) & (boxes.first > 0)
+
+    @staticmethod
+    def _fastest(qd: Form) -> np.ndarray:
+        low, high = qd.range
+        return np.maximum(high, -low)
+
+    def rows(self, boxes: Boxes) -> list[Rows]:
+        """The states in boxes, those with about as many joints of unsure accelerations together."""
+        at, rate = Intervals(self._motion, boxes.piece, boxes.start, boxes.end), self._rate
+        delay = self._late.delay
+        first, last = boxes.first - delay - U, boxes.last + U
+        low, high = at.qd.range
+        fastest = np.maximum(high, -low)
+        still = fastest <= CREEP
+        sign = np.where(still, 0.0, np.where(low > 0, 1.0, np.where(high < 0, -1.0, 0.0)))
+        longest = np.where(still, 0.0, fastest / rate * (1 + U))  # until it rests
+        shortest = np.maximum(np.maximum(low, -high), 0.0) / rate * (1 - U)
+        early = np.broadcast_to((first < 0) & (delay > 0), low.shape)  # it may still be in the motion
+        moves, rests = ~still & (first < longest), still | (last > shortest)
+        slower, unsure = -sign * rate, np.where(still | (sign != 0), 0.0, rate)
+        known = at, early, slower, unsure, moves, rests & (first <= longest)
+        middle, off = self._accelerations(*known, 0.0)  # without overshoot
+        centre, spread = self._accelerations(*known, self._late.overshoot)
+
+        # while it decelerates: from the state at t, as long as the acceleration is between its bounds
+        e = np.zeros((length(1), *low.shape))
+        e[0], e[K] = 0.5 * (first + last), 0.5 * (last - first)
+        after = Form(e, np.broadcast_to(U * (1 + np.abs(first) + np.abs(last)), low.shape) + 0.0)
+        own = np.where(early, middle, slower)
+        reach = np.where(early, np.maximum(np.abs(first), np.abs(last)), 0.0) * (1 + U)
+        over = np.where(early, 0.0, np.maximum(last - shortest, 0.0)) * (1 + U)  # it may have rested so long
+        jump = np.where(early, JUMP, 0.0)
+        qd = after * own + at.qd
+        qd = _moved(qd, slower * -0.5 * over, off * reach + 0.5 * rate * over + 100 * jump)
+        q = after * after * (0.5 * own) + at.qd * after + at.q
+        loose = 0.5 * off * reach**2 + 0.25 * rate * over**2 + jump * (1 + 100 * reach)
+        q = _moved(q, slower * -0.25 * over**2, loose)
+
+        # at rest: from the place where it rests, as long as it may still have been moving
+        left = np.maximum(longest - first, 0.0) * (1 + U)
+        turns = np.where(sign == 0, 1.0, 0.0)  # or it is still
+        halted = at.qd * at.qd * (0.5 * sign / rate) + at.q
+        aside = np.where(still, CREEP * longest, turns * 0.5 * fastest * longest) * (1 + U)
+        halted = _moved(halted, slower * 0.25 * left**2, 0.25 * rate * left**2 * (1 - turns) + aside)
+        speed = Form.of(np.zeros(low.shape))
+        slow = 0.5 * rate * left * (1 + turns)
+        speed = _moved(speed, slower * -0.5 * left, slow)
+        resting = ~early & (left <= over) | (~early & (sign == 0))
+        states = _chosen(resting, halted, q), _chosen(resting, speed, qd)
+        return self._placed([*states, Form.of(centre)], spread, at.ends)
+
+    def _accelerations(
+        self,
+        at: Intervals,
+        early: np.ndarray,
+        slower: np.ndarray,
+        unsure: np.ndarray,
+        moves: np.ndarray,
+        halts: np.ndarray,
+        share: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Middle and half widths of accelerations (n, B): of the motion where it is early, decelerating, at
+        rest, and all of them with the overshoot of steps that are less than the delay ago.
+
+        Args:
+            early: it may still be in the motion.
+            slower, unsure: its deceleration, plus or minus.
+            moves: it may decelerate.
+            halts: it may have come to rest less than the delay ago, or rest.
+            share: by which a step is exceeded.
+        """
+        none = np.full(early.shape, np.inf)
+        before = [none, -none, np.zeros(early.shape), np.zeros(early.shape)]
+        if np.any(early):
+            columns = np.flatnonzero(early[0])
+            blur = U * (1 + np.abs(at.ends[:, columns]).sum(axis=0))
+            given = self._late.accelerations(at.ends[0, columns] - blur, at.ends[1, columns] + blur)
+            for own, part in zip(before, given, strict=True):
+                own[:, columns] = part
+        low, high, less, more = before
+        less, more = (part * bool(share) for part in (less, more))
+        begun = slower - unsure, slower + unsure  # just after it was cancelled
+        ends = zip(begun, (high, low), strict=True)
+        step = [share * np.where(early, now - np.where(early, then, 0.0), 0.0) for now, then in ends]
+        extra = [np.minimum(0.0, less + step[0]), np.maximum(0.0, more + step[1])]
+        least = np.where(moves, begun[0] + extra[0], np.inf)
+        most = np.where(moves, begun[1] + extra[1], -np.inf)
+        stop = [share * -begun[1] * moves, share * -begun[0] * moves]  # steps to rest
+        least = np.where(halts | ~moves, np.minimum(least, extra[0] + np.minimum(stop[0], 0.0)), least)
+        most = np.where(halts | ~moves, np.maximum(most, extra[1] + np.maximum(stop[1], 0.0)), most)
+        least, most = np.minimum(least, low), np.maximum(most, high)
+        half = 0.5 * (most - least) * (1 + U) + U * (np.abs(least) + np.abs(most))
+        return 0.5 * (least + most), np.where(most > least, half, 0.0)
+
+    def _placed(self, states: list[Form], spread: np.ndarray, ends: np.ndarray) -> list[Rows]:
+        """Rows of states (n, B): with e of each joint, or one if none is delayed, and e of unsure
+        accelerations.
+        """
+        n = len(spread)
+        count = n if self._late.delay else 1
+        place = np.arange(n) if self._late.delay else np.zeros(n, dtype=int)
+        boxed, found = spread > 0, []
+        group = np.digitize(np.count_nonzero(boxed, axis=0), ALIKE)
+        for k in np.unique(group):
+            here = np.flatnonzero(group == k)
+            m = count + int(np.max(np.count_nonzero(boxed[:, here], axis=0)))
+            squares = K + 2 * m + np.cumsum([0, *range(m, 0, -1)])
+            forms = []
+            for form in states:
+                c = np.zeros((length(m), n, len(here)))
+                c[:K] = form.c[:K, :, here]
+                if len(form.c) > K:
+                    for j, e in enumerate(place):
+                        c[K + e, j], c[K + m + e, j] = form.c[K, j, here], form.c[K + 1, j, here]
+                        c[squares[e], j] = form.c[K + 2, j, here]
+                forms.append(Form(c, form.r[:, here]))
+            joint, row = np.nonzero(boxed[:, here])
+            number = K + count - 1 + np.cumsum(boxed[:, here], axis=0)[joint, row]
+            forms[2].c[number, joint, row] = spread[joint, here[row]]
+            q, qd, qdd = forms
+            found.append(Rows(here, here, np.ones((n, len(here))), q, qd, qdd, ends[:, here]))
+        return found
+
+
+def _moved(form: Form, by: np.ndarray, radius: np.ndarray) -> Form:
+    """The form plus `by`, plus or minus the radius."""
+    moved = form + by
+    return Form(moved.c, moved.r + radius * (1 + U))
+
+
+def _chosen(first: np.ndarray, one: Form, other: Form) -> Form:
+    """One form where `first`, the other elsewhere."""
+    a, b = alike(one.c, other.c)
+    return Form(np.where(first, a, b), np.where(first, one.r, other.r))

@@ -1,0 +1,146 @@
+"""States of cancelled motions are in the boxes of the checker; claims about them, by hand and hostile."""
+
+import numpy as np
+import pytest
+
+from ocptip.certificate.describe import motion_data
+from ocptip.certificate.trusted.cancelled import Cancelled
+from ocptip.certificate.trusted.forms import K, numbers_of
+from ocptip.certificate.trusted.late import Late
+from tests.certificate.test_find import _swing
+from tests.certificate.test_hostile import _judged, _weights, _within
+
+RATES = np.array([3.0, 4.5, 6.0, 7.5, 9.0, 4.5])
+
+
+def _state(motion, t, own):
+    """(3, n) of joints that are each at a time of their own after a cancel at t, s."""
+    q, v, _ = (part[0] for part in motion.states(np.array([t])))
+    found = np.empty((3, motion.n))
+    for j, (when, rate) in enumerate(zip(own, RATES, strict=True)):
+        if when < 0:
+            found[:, j] = [motion(np.array([t + when]), order)[0, j] for order in range(3)]
+            continue
+        slower = -np.sign(v[j]) * rate * (abs(v[j]) > 1e-6)
+        rests = abs(v[j]) / rate
+        u = min(when, rests)
+        moves = when < rests
+        found[:, j] = q[j] + v[j] * u + slower * u**2 / 2, (v[j] + slower * u) * moves, slower * moves
+    return found
+
+
+def _ends(form, joint, row, s, e):
+    """Lower and upper end of a form where s and the first numbers e are known, and others are not."""
+    c, count = form.c[:, joint, row], len(e)
+    m, first, second = numbers_of(len(c))
+    value, off = c[:K] @ s ** np.arange(K), form.r[joint, row]
+    for k in range(m):
+        slope = c[K + k] + s * c[K + m + k]
+        value, off = (value + slope * e[k], off) if k < count else (value, off + abs(slope))
+    for bend, i, j in zip(c[K + 2 * m :], first, second, strict=True):
+        known = max(i, j) < count
+        value, off = (value + bend * e[i] * e[j], off) if known else (value, off + abs(bend))
+    return value - off - 1e-9, value + off + 1e-9
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01])
+def test_states_are_in_their_boxes(delay):
+    """At drawn times of cancels, of joints that are each at a time of their own within the delay."""
+    rng, (_, motion) = np.random.default_rng(3), _swing("B")
+    late = Late(motion_data(motion), delay, 0.0)
+    cancelled = Cancelled(motion_data(motion), RATES, late)
+    boxes, times = cancelled.whole(), np.array(motion_data(motion)["times"])
+    for _ in range(6):
+        boxes = boxes.halves(rng.random(len(boxes.piece)) < 0.5)
+    boxes = boxes.some(rng.permutation(len(boxes.piece))[:80])
+    boxes = boxes.some(~cancelled.rested(boxes))
+    assert len(boxes.piece) > 50
+    for rows in cancelled.rows(boxes):
+        for row, k in enumerate(rows.number):
+            s, e = rng.uniform(-1, 1), rng.choice([-1, 1, rng.uniform(-1, 1)], motion.n if delay else 1)
+            begin, end = times[boxes.piece[k]]
+            u = 0.5 * (boxes.start[k] + boxes.end[k]) + 0.5 * (boxes.end[k] - boxes.start[k]) * s
+            first, last = boxes.first[k] - late.delay, boxes.last[k]
+            own = 0.5 * (first + last) + 0.5 * (last - first) * np.broadcast_to(e, motion.n)
+            state = _state(motion, 0.5 * (begin + end) + 0.5 * (end - begin) * u, own)
+            for form, values in zip((rows.q, rows.qd, rows.qdd), state, strict=True):
+                for joint, value in enumerate(values):
+                    low, high = _ends(form, joint, row, s, e)
+                    assert low <= value <= high
+
+
+def _cancels(GN, rate=3.0, **changes):
+    """The mass on its slide goes back and forth, and is cancelled."""
+    data = _within([-1.0, 1.0], 0.003)
+    data["tolerance"] = data["cover_within"] = None
+    del data["bounds"]["GT_worst_case"]
+    data["model"]["decelerations_on_cancel"] = [rate]
+    data["bounds"] |= {"GN_cancel": GN, "GT_cancel": 0.9, "angle_margin_cancel": 1.0}
+    forces = [[[[f, 0.0, 0.0] for f in _weights()]]] * 2
+    named = {"forces": [forces] * 4, "weights": [[[1.0, 1.0]] * 3] * 4}
+    data["cover_cancel"] = {"trees": ["."] * 4, **named} | changes
+    return data
+
+
+def test_a_cancel_by_hand():
+    """At rest 6.867 N m are left about the rear line; the mass that goes back decelerates by 3 m/s^2."""
+    enough, short = (0.49 / (0.49 + 6.867 - x) for x in (3.02, 2.98))
+    verdict = _judged(_cancels(enough))
+    assert verdict.holds, verdict.problems
+    assert verdict.moments["GN_cancel"] == pytest.approx(6.867 - 3.02)
+    assert "tip-over in cancels: not proved" in _judged(_cancels(short)).problems
+    assert _judged(_cancels(0.49 / (0.49 + 6.867 - 1.52), rate=1.5)).holds
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"trees": ["."] * 3},
+        {"trees": ["."] * 5},
+        {"trees": ["", ".", ".", "."]},
+        {"trees": ["..", ".", ".", "."]},
+        {"trees": ["t.", ".", ".", "."]},
+        {"trees": ["x", ".", ".", "."]},
+        {"trees": ["t..", ".", ".", "."]},
+        {"trees": "...."},
+        {"trees": [["."]] * 4},
+        {"trees": None},
+        {"forces": []},
+        {"weights": []},
+        {"weights": [[[-1.0, 1.0]] * 3] * 4},
+    ],
+)
+def test_other_covers_are_refused(changes):
+    verdict = _judged(_cancels(0.2, **changes))
+    assert not verdict.holds
+    assert verdict.problems
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("decelerations_on_cancel", [0.0]),
+        ("decelerations_on_cancel", [-3.0]),
+        ("decelerations_on_cancel", [3.0, 3.0]),
+        ("decelerations_on_cancel", [1e300]),
+        ("GN_cancel", 1.0),
+        ("GT_cancel", None),
+        ("GN_cancel_worst_case", 0.5),
+        ("angle_margin_cancel", float("nan")),
+    ],
+)
+def test_other_claims_are_refused(key, value):
+    data = _cancels(0.2)
+    place = data["model"] if key in data["model"] else data["bounds"]
+    place[key] = value
+    assert not _judged(data).holds
+
+
+@pytest.mark.parametrize(
+    "key", ["decelerations_on_cancel", "GN_cancel", "cover_cancel", "angle_margin_cancel"]
+)
+def test_claims_need_their_data(key):
+    data = _cancels(0.2)
+    for place in (data, data["model"], data["bounds"]):
+        place.pop(key, None)
+    assert not _judged(data).holds
