@@ -137,9 +137,11 @@ class Cancelled:
         low, high = at.qd.range
         fastest = np.maximum(high, -low)
         still = fastest <= CREEP
-        sign = np.where(still, 0.0, np.where(low > 0, 1.0, np.where(high < 0, -1.0, 0.0)))
+        sign = np.where(still, 0.0, np.where(low > -CREEP, 1.0, np.where(high < CREEP, -1.0, 0.0)))
         longest = np.where(still, 0.0, fastest / rate * (1 + U))  # until it rests
-        shortest = np.maximum(np.maximum(low, -high), 0.0) / rate * (1 - U)
+        slowest = np.maximum(low, -high)
+        shortest = np.where(slowest > CREEP, slowest / rate * (1 - U), 0.0)
+        creep = np.where(slowest > CREEP, 0.0, CREEP)  # at so little speed it may also hold at once
         early = np.broadcast_to((first < 0) & (delay > 0), low.shape)  # it may still be in the motion
         moves, rests = ~still & (first < longest), still | (last > shortest)
         slower, unsure = -sign * rate, np.where(still | (sign != 0), 0.0, rate)
@@ -156,19 +158,19 @@ class Cancelled:
         over = np.where(early, 0.0, np.maximum(last - shortest, 0.0)) * (1 + U)  # it may have rested so long
         jump = np.where(early, JUMP, 0.0)
         qd = after * own + at.qd
-        qd = _moved(qd, slower * -0.5 * over, off * reach + 0.5 * rate * over + 100 * jump)
+        qd = _moved(qd, slower * -0.5 * over, off * reach + 0.5 * rate * over + 100 * jump + creep)
         q = after * after * (0.5 * own) + at.qd * after + at.q
-        loose = 0.5 * off * reach**2 + 0.25 * rate * over**2 + jump * (1 + 100 * reach)
+        loose = 0.5 * off * reach**2 + 0.25 * rate * over**2 + jump * (1 + 100 * reach) + creep * (1 + last)
         q = _moved(q, slower * -0.25 * over**2, loose)
 
         # at rest: from the place where it rests, as long as it may still have been moving
         left = np.maximum(longest - first, 0.0) * (1 + U)
         turns = np.where(sign == 0, 1.0, 0.0)  # or it is still
         halted = at.qd * at.qd * (0.5 * sign / rate) + at.q
-        aside = np.where(still, CREEP * longest, turns * 0.5 * fastest * longest) * (1 + U)
+        aside = turns * 0.5 * fastest * longest * (1 + U) + creep * (1 + longest)
         halted = _moved(halted, slower * 0.25 * left**2, 0.25 * rate * left**2 * (1 - turns) + aside)
         speed = Form.of(np.zeros(low.shape))
-        slow = 0.5 * rate * left * (1 + turns)
+        slow = 0.5 * rate * left * (1 + turns) + creep
         speed = _moved(speed, slower * -0.5 * left, slow)
         resting = ~early & (left <= over) | (~early & (sign == 0))
         states = _chosen(resting, halted, q), _chosen(resting, speed, qd)
@@ -205,15 +207,15 @@ class Cancelled:
         low, high, less, more = before
         less, more = (part * bool(share) for part in (less, more))
         begun = slower - unsure, slower + unsure  # just after it was cancelled
-        ends = zip(begun, (high, low), strict=True)
-        step = [share * np.where(early, now - np.where(early, then, 0.0), 0.0) for now, then in ends]
+        slowest, fastest = at.qdd.range  # of the motion at t, from where the step is
+        step = [share * (now - then) * early for now, then in zip(begun, (fastest, slowest), strict=True)]
         extra = [np.minimum(0.0, less + step[0]), np.maximum(0.0, more + step[1])]
         least = np.where(moves, begun[0] + extra[0], np.inf)
         most = np.where(moves, begun[1] + extra[1], -np.inf)
         stop = [share * -begun[1] * moves, share * -begun[0] * moves]  # steps to rest
         least = np.where(halts | ~moves, np.minimum(least, extra[0] + np.minimum(stop[0], 0.0)), least)
         most = np.where(halts | ~moves, np.maximum(most, extra[1] + np.maximum(stop[1], 0.0)), most)
-        least, most = np.minimum(least, low), np.maximum(most, high)
+        least, most = np.minimum(least, low + less), np.maximum(most, high + more)
         half = 0.5 * (most - least) * (1 + U) + U * (np.abs(least) + np.abs(most))
         return 0.5 * (least + most), np.where(most > least, half, 0.0)
 

@@ -13,7 +13,7 @@ continued beyond its end. Plain data and NumPy only.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import comb, prod
 from typing import Any
@@ -218,19 +218,19 @@ class Late:
     def accelerations(
         self, starts: np.ndarray, ends: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Bounds (n, N) of the accelerations of delayed joints, and of what overshoot adds to them, over
-        intervals from start to end, (N,), s.
+        """Bounds (n, N) of the accelerations of delayed joints without overshoot, and of what that adds to
+        them, over intervals from start to end, (N,), s.
         """
+        boxes, less, more = [], [], []
         changes = zip(starts.tolist(), ends.tolist(), *self._changes(starts, ends), strict=True)
-        boxes = [
-            _Box(joint, start, end, self._branches(joint, start, end, inside, jumps[:, joint], smooth[joint]))
-            for start, end, inside, jumps, smooth in changes
-            for joint in range(self.joints)
-        ]
+        for start, end, inside, jumps, smooth in changes:
+            for joint in range(self.joints):
+                parts = self._branches(joint, start, end, inside, jumps[:, joint], smooth[joint])
+                less.append(min(0.0, *(part.more - part.loose[2] for part in parts)))
+                more.append(max(0.0, *(part.more + part.loose[2] for part in parts)))
+                boxes.append(_Box(joint, start, end, [replace(part, more=0.0) for part in parts]))
         (_, _, value), spread = self._boxes(boxes)
         low, high = value.range
-        less = [min(0.0, *(part.more - part.loose[2] for part in box.branches)) for box in boxes]
-        more = [max(0.0, *(part.more + part.loose[2] for part in box.branches)) for box in boxes]
         found = low - spread, high + spread, np.array(less), np.array(more)
         return tuple(part.reshape(-1, self.joints).T for part in found)  # type: ignore[return-value]
 
