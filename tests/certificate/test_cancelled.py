@@ -1,14 +1,28 @@
 """States of cancelled motions are in the boxes of the checker; claims about them, by hand and hostile."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ocptip.certificate.describe import motion_data
+from ocptip.certificate.find import certify
+from ocptip.certificate.find_cancels import cancel_claims
+from ocptip.certificate.result import Undecided
 from ocptip.certificate.trusted.cancelled import Cancelled
+from ocptip.certificate.trusted.checker import check_certificate
 from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Late
-from tests.certificate.test_find import _swing
+from ocptip.motion.check import check_motion
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.stops.by_cancel import Cancel
+from ocptip.standing.tolerance import Uncertainty
+from tests.certificate.test_find import _nod, _swing
 from tests.certificate.test_hostile import _judged, _weights, _within
+
+pytest.importorskip("flint")
+from tests.oracles import claims
+from tests.oracles import world_in_balls as worlds
 
 RATES = np.array([3.0, 4.5, 6.0, 7.5, 9.0, 4.5])
 
@@ -144,3 +158,54 @@ def test_claims_need_their_data(key):
     for place in (data, data["model"], data["bounds"]):
         place.pop(key, None)
     assert not _judged(data).holds
+
+
+@pytest.fixture(scope="module")
+def nodding():
+    """A nod, within an uncertainty of small delays, that can be cancelled: robot, limits, check, proof."""
+    task = experiment_task("B")
+    tolerance = Uncertainty(delay=0.005, speed=0.02, friction=0.05, damping=0.2, tilt=0.005)
+    cancel = Cancel(tuple((0.15 * task.robot.limits.acceleration).tolist()))
+    limits = replace(task.limits, tolerance=tolerance, cancel=cancel)
+    motion = _nod(task)
+    checked = check_motion(task.robot, motion, limits)
+    return task.robot, limits, checked, certify(task.robot, motion, limits, checked.worst)
+
+
+def test_cancels_are_proved_close_to_their_sampled_worst_values(nodding):
+    _, _, checked, found = nodding
+    assert found.certified
+    assert found.cancels
+    assert check_certificate(found.data).holds
+    bounds = found.verdict.bounds
+    for name, near in (("GN_cancel", 1.03), ("GN_cancel_worst_case", 1.15)):
+        assert checked.worst[name].value <= bounds[name] <= near * checked.worst[name].value
+    assert bounds["angle_margin_cancel"] <= np.radians(checked.worst["angle_margin_deg_cancel"].value)
+
+
+def test_no_drawn_cancel_is_worse_than_proved(nodding):
+    """Wrenches by ball arithmetic, contact forces by a linear program."""
+    robot, _, _, found = nodding
+    rng, model, tolerance = np.random.default_rng(2), found.data["model"], found.data["tolerance"]
+    bounds, joints = found.data["bounds"], worlds.LateJoints(found.data["motion"], tolerance)
+    asked = bounds["GN_cancel_worst_case"], bounds["GT_cancel_worst_case"]
+    for _ in range(40):
+        _, state = claims._cancelled(found.data, joints, rng)
+        world = worlds.random_world(model, tolerance, rng, ends=0.8)
+        wrench = claims._numbers(worlds.loads(model, world, state))[1]
+        assert robot.tip_over.evaluate(robot.contact_states(wrench[None])).GN[0] <= asked[0]
+        assert claims._contacts(model, wrench, *asked, 1 - tolerance["friction"]) is None
+
+
+def test_cancels_that_are_too_hard_are_not_proved(nodding):
+    """The times of cancels in which a contact may be lost are named."""
+    robot, limits, _, found = nodding
+    hard = Cancel(tuple((4.0 * robot.limits.acceleration).tolist()))
+    model = found.data["model"] | {"decelerations_on_cancel": list(hard.decelerations)}
+    parts = found.data["motion"], found.data["tolerance"], replace(limits, cancel=hard)
+    other = cancel_claims(robot, model, *parts, {}, np.empty(0))
+    assert not other.bounds
+    assert not other.cover
+    nominal, within = (str(Undecided(*one)) for one in other.short)
+    assert nominal.startswith("contacts when cancelled")
+    assert within.startswith("contacts when cancelled within the uncertainty")

@@ -80,7 +80,7 @@ def test_no_late_joints_come_nearer_than_is_found_and_proved(swing, proved):
 def test_without_proof_of_late_joints_the_rest_is_proved(swing, proved, monkeypatch, on_time):
     robot, motion, limits = swing
     found = SearchWithin.found
-    late = attrgetter("_sharing.late.delay")
+    late = attrgetter("sharing.late.delay")
 
     def found_on_time(search, *args):
         return found(search, *args) if on_time and not late(search) else None

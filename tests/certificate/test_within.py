@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ocptip.certificate import claimed
 from ocptip.certificate.checks import certified
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data, tolerance_words
-from ocptip.certificate.find import _kept, certify
+from ocptip.certificate.find import certify
 from ocptip.certificate.find_within import LOSS_WITHIN, SearchWithin
 from ocptip.certificate.result import LATE
 from ocptip.certificate.trusted.checker import check_certificate, digest
@@ -234,7 +235,7 @@ def test_an_uneven_interval_of_the_base_is_said():
 ])  # fmt: skip
 def test_what_is_proved_keeps_the_limit_asked_for_or_all_contacts(limit, proved, kept):
     limits = Limits(tolerance=WORKSHOP, GN_worst_case=limit)
-    assert _kept(limits, {"GN": 0.5, "GT": 0.5, "torque_ratio": 0.5, "GN_worst_case": proved}) == kept
+    assert claimed.kept(limits, {"GN": 0.5, "GT": 0.5, "torque_ratio": 0.5, "GN_worst_case": proved}) == kept
 
 
 def test_the_tolerance_by_hand_holds():

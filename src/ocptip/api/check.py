@@ -229,7 +229,8 @@ def check(
         checked = check_cycle(task, sequence, **how)
         if given.fit is None:  # of which the accelerations are an estimate
             say("proving what was checked ...")
-            checked = certified_cycle(task, sequence, checked)
+            cancels = stops is not None and "cancel" in SCENARIOS[stops]
+            checked = certified_cycle(task, sequence, checked, cancels=cancels)
         checked = with_rises(task, sequence, checked)
         scaled = [(f, check_cycle(task, sequence.time_scaled(f), **how).whole) for f in time_scale]
     say("finding which deviations lose no contact ...")

@@ -8,6 +8,7 @@ from ocptip.certificate.find import certify
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.task import Task
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
@@ -29,7 +30,9 @@ def certified(
     return replace(checked, certificate=certify(robot, motion, limits or Limits(), checked.worst))
 
 
-def certified_cycle(task: Task, motion: Trajectory, checked: CycleCheck) -> CycleCheck:
+def certified_cycle(
+    task: Task, motion: Trajectory, checked: CycleCheck, *, cancels: bool = False
+) -> CycleCheck:
     """The check with certificates of all segments, if their motions keep their limits.
 
     Each holds for its segment and the rests before and after it with what that segment holds, which are
@@ -38,8 +41,16 @@ def certified_cycle(task: Task, motion: Trajectory, checked: CycleCheck) -> Cycl
     Args:
         task, motion: as checked.
         checked: result of `check_cycle`.
+        cancels: prove also that arms can be cancelled, by the rules of the tasks.
     """
     if not checked.whole.kept_while_moving:
         return checked
-    rows = zip(task.segments, motion.segments, checked.segments, strict=True)
-    return cycle_check(task, motion, [certified(s.task.robot, own, c, s.task.limits) for s, own, c in rows])
+    tasks = [segment.task for segment in task.segments]
+    limits = [
+        own.stops.safe(own.limits, own.robot, "cancel")
+        if cancels and own.limits.cancel is None and isinstance(own.robot, Robot)
+        else own.limits
+        for own in tasks
+    ]
+    rows = zip(tasks, zip(motion.segments, checked.segments, limits, strict=True), strict=True)
+    return cycle_check(task, motion, [certified(own.robot, *row) for own, row in rows])

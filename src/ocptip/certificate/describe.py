@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from ocptip.certificate.trusted.arm import PROCESS, SPRINGS, TIMES
-from ocptip.certificate.trusted.plain import POINTS
+from ocptip.certificate.trusted.plain import DECELERATIONS, POINTS
 from ocptip.contact.support import Support
 from ocptip.numerics.jit.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
@@ -22,6 +22,7 @@ from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.point_speeds import TCP, joint_names
 from ocptip.standing.arm import Robot
+from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -118,11 +119,14 @@ def states_at(
     return q, qd, qdd
 
 
-def model_data(robot: Robot | StandingParallelRobot, end: float | None = None) -> dict[str, Any]:
+def model_data(
+    robot: Robot | StandingParallelRobot, end: float | None = None, cancel: Cancel | None = None
+) -> dict[str, Any]:
     """Arm or program, base, contacts, what may collide, limits; SI units, base axes.
 
     A process that varies has to vary over time, see `StandingMechanism.during`. Of a motion that ends, s, it
-    is at rest before and after it what it is at its ends.
+    is at rest before and after it what it is at its ends. `cancel` is how its controller stops, if cancels
+    are proved.
     """
     support = robot.support
     if isinstance(robot, Robot):
@@ -152,6 +156,7 @@ def model_data(robot: Robot | StandingParallelRobot, end: float | None = None) -
         "bodies": bodies,
         "pairs": pairs,
         **({POINTS: points} if (points := _points(robot)) else {}),
+        **({DECELERATIONS: list(cancel.decelerations)} if cancel else {}),
     }
 
 

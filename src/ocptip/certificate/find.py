@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ocptip.certificate.claimed import LOSS, bounds_near, goal_within, kept, lost_as_sampled
 from ocptip.certificate.describe import (
     Separations,
     model_data,
@@ -21,10 +22,17 @@ from ocptip.certificate.describe import (
     tolerance_data,
     unlike,
 )
-from ocptip.certificate.find_within import HIGHEST, LOSS_WITHIN, SearchWithin
+from ocptip.certificate.find_cancels import cancel_claims, every_of_cancels, proved_of_cancels
+from ocptip.certificate.find_within import HIGHEST, SearchWithin
 from ocptip.certificate.interior import Interior
-from ocptip.certificate.result import AT_LIMIT, LATE, Certificate, Undecided
-from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
+from ocptip.certificate.result import LATE, Certificate, Undecided
+from ocptip.certificate.trusted.checker import (
+    CLAIMS_WITHIN,
+    FORMAT,
+    Verdict,
+    check_certificate,
+    digest,
+)
 from ocptip.certificate.trusted.described import (
     CLAIMS_OF_POINTS,
     CLEARANCE,
@@ -37,34 +45,23 @@ from ocptip.certificate.trusted.described import (
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.standing.arm import Robot
-from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.limit import Worst
-from ocptip.standing.limits import NEARLY_LOST, SLIP_WITHIN, TIP_WITHIN, Limits
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot
 
-LOSS = 2e-4
-"""How far claims are from the sampled worst values, relative (distances: 0.1 mm), where limits allow."""
-
 _LONGEST = 0.01  # s, of the first intervals
 _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are tried
 _SHORTEST = 1e-5  # s: what is shorter is not divided
-_LEAST_LOSS, _LOSS_LATE = 1e-4, 1e-3  # m; of late joints
 _LOWER_AFTER = 2  # halvings of intervals that do not prove the clearance of delayed joints
-_SLIP_SLACK = 0.02  # of what is left of friction within an uncertainty: so much higher is claimed
 _HIGHER = 3  # times GT within a tolerance is claimed higher
-_LOST = 1.01  # of sampled reserves within a tolerance: beyond proof; those of GN may be a little too high
-_CLAIMED_WITHIN = {
-    TIP_WITHIN: "tip-over within tolerance",
-    SLIP_WITHIN: "contacts within tolerance",
-}
 _ON_TIME = {"delay": 0.0, "overshoot": 0.0}
 _LATE_CLEARANCE = "clearance within tolerance"
-_OF_DRIVES = ("torque_ratio", TORQUES)
 _COVERED = {
     "GN",
     "GT",
@@ -97,38 +94,32 @@ def certify(
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
     tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
     described = cast("Robot | StandingParallelRobot", robot)
-    bounds = _bounds(limits, worst, bool(robot.collision.labels))
+    bounds = bounds_near(limits, worst, bool(robot.collision.labels))
     if within and SPEED_OF_POINTS in bounds:
         bounds[SPEED_OF_POINTS_WITHIN] = 1.0  # until the largest share is known, see `run`
     least = {CLEARANCE: getattr(limits, CLEARANCE)}
-    search = _ProofSearch(described, motion, bounds, tolerance, least)
+    search = _ProofSearch(described, motion, bounds, tolerance, least, limits.cancel)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
     sampled = _sampled(robot, worst)
     if tolerance is not None:
         sampled += search.run_within(limits, worst, tolerance)
+    if limits.cancel is not None and isinstance(described, Robot):
+        search.run_cancels(limits, worst)
+    proved = proved_of_cancels(search.bounds)
+    sampled = tuple(name for name in sampled if name not in proved)
     data, verdict = search.checked()
     return Certificate(
         data,
         verdict,
-        _kept(limits, data["bounds"]),
+        kept(limits, data["bounds"]),
         search.undecided(),
         sampled,
         seconds=time.perf_counter() - began,
+        speeds_within=verdict.holds and data["bounds"].get(SPEED_OF_POINTS_WITHIN, np.inf) <= 1,
+        cancels=verdict.holds and proved.issuperset(every_of_cancels(tolerance is not None)),
     )
-
-
-def _goal(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
-    """The bound to claim of an index within an uncertainty; close to a limit that is kept."""
-    if name not in worst:
-        return HIGHEST
-    value, limit = worst[name].value, getattr(limits, name)
-    most = HIGHEST if limit >= NEARLY_LOST else max(limit, value * (1 + LOSS))
-    near = value * (1 + LOSS_WITHIN)
-    if name == SLIP_WITHIN:  # far from the limit a close bound takes most of the time
-        near = max(near, value + _SLIP_SLACK * (most - value))
-    return min(near, most, HIGHEST)
 
 
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
@@ -148,49 +139,6 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
         return "proofs do not cover wheels that roll freely"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
     return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
-
-
-def _bounds(limits: Limits, worst: Mapping[str, Worst], collides: bool) -> dict[str, float]:
-    """The bounds to claim: slightly weaker than the sampled values, but within the limits if these hold."""
-    bounds = {}
-    used = {
-        name: (worst[name].value, getattr(limits, name))
-        for name in ("GN", "GT", *_OF_DRIVES)
-        if name in worst
-    }
-    if speeds := [worst[name] for name in (TCP_SPEED, POINT_SPEED) if name in worst]:
-        used[SPEED_OF_POINTS] = max(speed.value / speed.limit for speed in speeds), 1.0
-    for name, (value, limit) in used.items():
-        bound = value + LOSS * max(value, 0.1)
-        if bound > limit and value <= limit * (1 + 0.1 * AT_LIMIT):
-            bound = limit * (1 + AT_LIMIT)
-        bounds[name] = float(min(bound, HIGHEST) if name in ("GN", "GT") else bound)
-    for name, loss in (("clearance", _LEAST_LOSS), (CLEARANCE, _LOSS_LATE)) if collides else ():
-        if f"{name}_m" not in worst:
-            continue
-        value, limit = worst[f"{name}_m"].value, getattr(limits, name)
-        bound = value - loss
-        at_limit = bound < limit <= value + 0.1 * AT_LIMIT
-        bounds[name] = float(min(limit, value - AT_LIMIT) if at_limit else bound)
-    return bounds
-
-
-def _hopeless(worst: Mapping[str, Worst]) -> list[Undecided]:
-    """Where contacts are lost within the tolerance already as sampled."""
-    own = [(worst[name], claim) for name, claim in _CLAIMED_WITHIN.items() if name in worst]
-    return [Undecided(w.time, w.time, claim, w.value - 1) for w, claim in own if not w.value < _LOST]
-
-
-def _kept(limits: Limits, bounds: Mapping[str, float]) -> bool:
-    asked = [name for name in ("GN", "GT", *_OF_DRIVES) if name in bounds]
-    most = all(bounds[name] <= getattr(limits, name) * (1 + 2 * AT_LIMIT) for name in asked)
-    most &= bounds.get(SPEED_OF_POINTS, 0.0) <= 1 + 2 * AT_LIMIT
-    for name in CLAIMS_WITHIN:
-        limit = getattr(limits, name)
-        most &= bounds.get(name, 0.0) <= (HIGHEST if limit >= NEARLY_LOST else limit)
-    return most and all(
-        bounds.get(name, np.inf) >= getattr(limits, name) - 2 * AT_LIMIT for name in ("clearance", CLEARANCE)
-    )
 
 
 @dataclass
@@ -217,10 +165,12 @@ class _ProofSearch:
         bounds: dict[str, float],
         tolerance: Mapping[str, Any] | None,
         least: Mapping[str, float],
+        cancel: Cancel | None,
     ) -> None:
         self.robot, self.bounds, self._least, self._fastest = robot, bounds, least, 0.0
         self.motion = motion_data(motion)
-        self.model = model_data(robot, self.motion["times"][-1][1])
+        self.model = model_data(robot, self.motion["times"][-1][1], cancel)
+        self._covers_of_cancels: dict[str, Any] = {}
         varying = robot.varying
         self.knots = np.empty(0) if varying is None else np.asarray(varying.knots)
         self.checker = Checker(self.model, bounds, tolerance, self.motion)
@@ -282,8 +232,8 @@ class _ProofSearch:
     ) -> tuple[str, ...]:
         """Prove the contacts within the tolerance, else at least with all joints on time; what is missing."""
         weakest = worst_case_of(self.robot, limits.tolerance).footing
-        goals = {name: _goal(limits, worst, name) for name in CLAIMS_WITHIN}
-        on_time, self._short = {**whole, **_ON_TIME}, _hopeless(worst)
+        goals = {name: goal_within(limits, worst, name) for name in CLAIMS_WITHIN}
+        on_time, self._short = {**whole, **_ON_TIME}, lost_as_sampled(worst)
         worlds = () if self._short else (whole, on_time) if whole != on_time else (whole,)
         for tolerance, (own, most_short) in product(worlds, self._goals(goals)):
             search = SearchWithin(weakest, self.model, self.motion, tolerance, own, self.knots)
@@ -304,6 +254,14 @@ class _ProofSearch:
         if self._tolerance is not None:
             return (*LATE, *lost)
         return (*CLAIMS_WITHIN, *lost)
+
+    def run_cancels(self, limits: Limits, worst: Mapping[str, Worst]) -> None:
+        """Prove that no cancel loses a contact, unless one does as sampled."""
+        robot = cast("Robot", self.robot)
+        found = cancel_claims(robot, self.model, self.motion, self._tolerance, limits, worst, self.knots)
+        self.bounds |= found.bounds
+        self._covers_of_cancels = found.cover
+        self._short += [Undecided(*one) for one in found.short]
 
     def _goals(self, goals: dict[str, float]) -> list[tuple[dict[str, float], float]]:
         """Goals one after the other, and the share of intervals that may be short of them at first.
@@ -430,6 +388,7 @@ class _ProofSearch:
             "bounds": self.bounds,
             "cover": parts,
             "cover_within": self._cover_within,
+            **self._covers_of_cancels,
             "sha256": {
                 "model": digest(self.model),
                 "motion": digest(self.motion),

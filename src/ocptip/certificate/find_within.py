@@ -53,7 +53,7 @@ class Found:
 
 
 @dataclass(eq=False)
-class _Checked:
+class CheckedRows:
     """Rows of intervals with what was named for them."""
 
     interval: np.ndarray
@@ -74,6 +74,10 @@ class SearchWithin:
         model, motion, tolerance: of a certificate.
         goals: bounds that are good enough; better ones are not searched.
         knots: s, at which what acts on the gripper bends.
+
+    Attributes:
+        sharing: the claims of the checker.
+        goals: as given.
     """
 
     def __init__(
@@ -85,20 +89,20 @@ class SearchWithin:
         goals: Mapping[str, float],
         knots: np.ndarray,
     ) -> None:
-        self._footing, self._goals, self._knots = footing, goals, knots
+        self._footing, self.goals, self._knots = footing, goals, knots
         self._interior = Interior(footing.support)
-        self._sharing = Sharing(model, motion, tolerance, goals)
-        contacts = self._sharing.contacts
+        self.sharing = Sharing(model, motion, tolerance, goals)
+        contacts = self.sharing.contacts
         self._several = contacts.count > 3 or not contacts.flat  # else the wrench says what feet bear
         self._starts, self._ends = np.zeros((2, 0))
-        self._apart = np.zeros((0, self._sharing.late.joints), dtype=bool)
-        self._parts: list[_Checked] = []
+        self._apart = np.zeros((0, self.sharing.late.joints), dtype=bool)
+        self._parts: list[CheckedRows] = []
 
     def _run(self, most_short: float) -> bool:
         """Check intervals; where a proof is missing take joints apart, then divide the interval. False: there
         are too many intervals, or more than this share of them lacks a proof at first.
         """
-        late = self._sharing.late
+        late = self.sharing.late
         starts, ends = self._first()
         apart = np.zeros((len(starts), late.joints), dtype=bool)
         missing, total = np.inf, 0
@@ -110,7 +114,7 @@ class SearchWithin:
             short, beyond = np.zeros((2, len(starts)), dtype=bool)
             further, parts = apart.copy(), []
             for rows in groups:
-                part = self._checked(rows)
+                part = self.checked(rows)
                 bad = ~part.holds | part.loose
                 short[rows.interval[bad]], beyond[rows.interval[part.beyond]] = True, True
                 self._take_apart(rows, part, bad | part.beyond, further, most)
@@ -139,7 +143,7 @@ class SearchWithin:
         starts: np.ndarray,
         ends: np.ndarray,
         apart: np.ndarray,
-        parts: list[_Checked],
+        parts: list[CheckedRows],
         done: np.ndarray,
     ) -> None:
         place = len(self._starts) + np.cumsum(done) - 1
@@ -152,21 +156,19 @@ class SearchWithin:
         self._apart = np.concatenate([self._apart, apart[done]])
 
     def _take_apart(
-        self, rows: Rows, part: _Checked, wanted: np.ndarray, apart: np.ndarray, most: int
+        self, rows: Rows, part: CheckedRows, wanted: np.ndarray, apart: np.ndarray, most: int
     ) -> None:
         """Further joints of intervals of some rows, those first whose accelerations tip the base most, up to
         `most` combinations.
         """
-        n, terms = self._sharing.late.joints, part.terms
+        n, terms = self.sharing.late.joints, part.terms
         boxed = ~apart[rows.interval].T & (rows.branches > 1)  # (n, R)
         wanted = wanted & np.any(boxed, axis=0)
-        if not self._sharing.late.delay or not np.any(wanted):
+        if not self.sharing.late.delay or not np.any(wanted):
             return
         c = terms.parts.c[K : K + numbers_of(len(terms.parts.c))[0], :, 3:]
         wrenches = np.einsum("t,ktir->kir", 0.5 * (terms.low + terms.high), c)
-        tips = np.abs(np.einsum("ai,kir->kar", self._sharing.contacts.axes, wrenches)).max(
-            axis=1, initial=0.0
-        )
+        tips = np.abs(np.einsum("ai,kir->kar", self.sharing.contacts.axes, wrenches)).max(axis=1, initial=0.0)
         number = n - 1 + np.cumsum(boxed, axis=0)
         for row in np.flatnonzero(wanted):
             own, counts = apart[rows.interval[row]], rows.branches[:, row]
@@ -175,7 +177,7 @@ class SearchWithin:
                 own[joint] |= np.prod(counts[own]) * counts[joint] <= most
 
     def _first(self) -> tuple[np.ndarray, np.ndarray]:
-        late = self._sharing.late
+        late = self.sharing.late
         knots = self._knots[(self._knots > late.start) & (self._knots < late.end)]
         cuts = np.unique(np.concatenate([late.events, late.events + late.delay, knots]))
         if len(cuts) > _DENSE * (late.end - late.start) / _LONGEST:
@@ -190,12 +192,13 @@ class SearchWithin:
 
     # --- forces and rules ---------------------------------------------------------------------------------
 
-    def _checked(self, rows: Rows) -> _Checked:
-        sharing, terms = self._sharing, self._sharing.terms(rows)
+    def checked(self, rows: Rows) -> CheckedRows:
+        """Forces and weights for rows, and what they prove."""
+        sharing, terms = self.sharing, self.sharing.terms(rows)
         forces = self._forces(terms)
         weights, capacity = self._weights(terms, forces)
         slack, beyond = np.full(len(rows.interval), -np.inf), np.zeros(len(rows.interval), dtype=bool)
-        for share in (self._goals[SLIP_WITHIN], HIGHEST):
+        for share in (self.goals[SLIP_WITHIN], HIGHEST):
             short = np.flatnonzero(~(slack >= 0))
             if not len(short):
                 break
@@ -221,7 +224,7 @@ class SearchWithin:
             if share < HIGHEST:
                 beyond = ~(slack >= 0)
         moments, loose = np.full(len(slack), np.inf), np.zeros(len(slack), dtype=bool)
-        checked = _Checked(rows.interval, terms, forces, weights, moments, beyond, slack >= 0, loose)
+        checked = CheckedRows(rows.interval, terms, forces, weights, moments, beyond, slack >= 0, loose)
         if sharing.contacts.flat:
             checked.moments = sharing.moments(terms)
             checked.holds &= checked.moments > 0
@@ -238,7 +241,7 @@ class SearchWithin:
         light = weights[:, 0] < _LIGHT * np.mean(weights[:, 0], axis=0)
         weights = weights.copy()
         weights[:, 0] *= np.where(light, _LIGHTER, 1.0)
-        return weights, self._sharing.held(terms, forces, weights, share, patient=False)
+        return weights, self.sharing.held(terms, forces, weights, share, patient=False)
 
     def _improved(
         self, terms: Terms, forces: np.ndarray, weights: np.ndarray, capacity: np.ndarray, share: float
@@ -246,9 +249,9 @@ class SearchWithin:
         """Weights with which the contact that slips first slips later, and how much room there is."""
         best, most = weights.copy(), np.full(terms.size.shape[1], -np.inf)
         rows, before = np.arange(len(most)), most.copy()
-        rough = self._sharing.contacts.bears[1::3]
+        rough = self.sharing.contacts.bears[1::3]
         for k, step in enumerate(_STEPS_OF_WEIGHTS):
-            rooms = self._sharing.rooms(terms.some(rows), forces[..., rows], weights, share, facets=_FACETS)
+            rooms = self.sharing.rooms(terms.some(rows), forces[..., rows], weights, share, facets=_FACETS)
             slack = np.min(rooms, axis=0)
             better = slack > most[rows]
             best[..., rows[better]], most[rows[better]] = weights[..., better], slack[better]
@@ -264,20 +267,20 @@ class SearchWithin:
             weights[:, 1] = np.clip(weights[:, 1] / np.max(weights[:, 1], axis=0), 1e-6, None)
             weights[~rough, 1] = 0.0
         rows = np.flatnonzero(most < 0)
-        most[rows] = self._sharing.held(terms.some(rows), forces[..., rows], best[..., rows], share)
+        most[rows] = self.sharing.held(terms.some(rows), forces[..., rows], best[..., rows], share)
         return best, most
 
     def _forces(self, terms: Terms) -> np.ndarray:
         """(2, rules, contacts, 3, R) that hold the wrench of the middle weights at both ends."""
         count = terms.size.shape[1]
         if not self._several:
-            return np.zeros((2, 1, self._sharing.contacts.count, 3, count))
+            return np.zeros((2, 1, self.sharing.contacts.count, 3, count))
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
-        every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
+        every = np.concatenate([wrenches, *(wrenches + couple for couple in self.sharing.contacts.couples)])
         slip = self._footing.slip.evaluate(
-            self._footing.contact_states(every), derivatives=False, least=0.5 * self._goals[SLIP_WITHIN]
+            self._footing.contact_states(every), derivatives=False, least=0.5 * self.goals[SLIP_WITHIN]
         )
-        share = np.where(np.arange(len(every)) < len(wrenches), self._goals[SLIP_WITHIN], 1.0)
+        share = np.where(np.arange(len(every)) < len(wrenches), self.goals[SLIP_WITHIN], 1.0)
         forces = self._interior.between(slip.forces, every, share)
         forces[:, :, 1:] = 0.0  # the rule shares what is tangential
         shaped = forces.reshape(-1, 2, count, *forces.shape[1:])  # rules, ends, R, contacts, 3
@@ -285,22 +288,22 @@ class SearchWithin:
 
     def _weights(self, terms: Terms, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(contacts, 2, R): shares in proportion to what contacts bear at least; and that, (contacts, R)."""
-        contacts, count = self._sharing.contacts.count, terms.size.shape[1]
+        contacts, count = self.sharing.contacts.count, terms.size.shape[1]
         weights = np.ones((contacts, 2, count))
         if self._several:
             normal = np.maximum(forces[0, 0, :, 0], forces[1, 0, :, 0])
             weights[:, 0] = np.maximum(normal, 1e-3 * np.max(np.abs(normal), axis=0))
-        if self._sharing.contacts.flat:
+        if self.sharing.contacts.flat:
             return weights, np.ones((contacts, count))
-        rule = Rule(self._sharing.contacts, np.ones(contacts, dtype=bool), weights)
+        rule = Rule(self.sharing.contacts, np.ones(contacts, dtype=bool), weights)
         constant, error = rule.constant(forces[:, 0].reshape(2, -1, count), np.zeros(6), terms.size)
         capacity = np.empty((contacts, count))
-        for k, pieces in enumerate(self._sharing.contacts.sets):
+        for k, pieces in enumerate(self.sharing.contacts.sets):
             at = np.s_[3 * k : 3 * k + 3]
             place = rule.rule[:, at], constant[:, at], error[at]
             rows = [[(np.array([slope, 0.0, 0.0]), radius)] for *_, radius, slope in pieces]
-            capacity[k] = np.max([self._sharing.least(terms, place, own) for own in rows], axis=0)
-        largest, rough = np.max(capacity, axis=0), self._sharing.contacts.bears[1::3, None]
+            capacity[k] = np.max([self.sharing.least(terms, place, own) for own in rows], axis=0)
+        largest, rough = np.max(capacity, axis=0), self.sharing.contacts.bears[1::3, None]
         weights[:, 1] = rough * np.clip(capacity / np.where(largest > 0, largest, 1.0), 1e-4, None)
         return weights, capacity
 
@@ -311,11 +314,11 @@ class SearchWithin:
         of them is short at first."""
         if not self._run(most_short):
             return None
-        bounds, short = dict(self._goals), self._short()
+        bounds, short = dict(self.goals), self._short()
         if short:
             return Found(bounds, {}, short)
-        if self._sharing.contacts.flat:
-            unit = self._sharing.contacts.unit
+        if self.sharing.contacts.flat:
+            unit = self.sharing.contacts.unit
             least = min(float(np.min(part.moments, initial=np.inf)) for part in self._parts)
             value = unit / (unit + least) if least > 0 else HIGHEST
             bounds[TIP_WITHIN] = min(value * (1 + 1e-9), HIGHEST)
@@ -324,14 +327,14 @@ class SearchWithin:
 
     def _proved_share(self) -> float:
         """The minimum share of friction that is proved to be enough for all rows."""
-        low, high = self._goals[SLIP_WITHIN], HIGHEST
+        low, high = self.goals[SLIP_WITHIN], HIGHEST
         some = [_some(part, part.beyond & part.holds) for part in self._parts]
         if not any(len(part.interval) for part in some):
             return low
         step, share = _LOSS * low, low
         while high - low > 2 * _LOSS * low:
             more = [
-                _some(part, ~(self._sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0))
+                _some(part, ~(self.sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0))
                 for part in some
             ]
             if any(len(part.interval) for part in more):
@@ -364,7 +367,7 @@ class SearchWithin:
             if not len(bad):
                 continue
             some = _some(part, ~part.holds)
-            for name, margin in self._sharing.margins(some.terms, some.forces, some.weights).items():
+            for name, margin in self.sharing.margins(some.terms, some.forces, some.weights).items():
                 for k, short in zip(some.interval, margin, strict=True):
                     if not short >= 0:
                         found.append(
@@ -383,6 +386,8 @@ _RULES = (np.array, _without_idle, np.ones_like)
 """Weights that are tried: those of what contacts bear, without idle contacts, all contacts alike."""
 
 
-def _some(part: _Checked, rows: np.ndarray) -> _Checked:
+def _some(part: CheckedRows, rows: np.ndarray) -> CheckedRows:
     names = ("interval", "forces", "weights", "moments", "beyond", "holds", "loose")
-    return _Checked(terms=part.terms.some(rows), **{name: getattr(part, name)[..., rows] for name in names})
+    return CheckedRows(
+        terms=part.terms.some(rows), **{name: getattr(part, name)[..., rows] for name in names}
+    )

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ocptip.certificate.trusted.checker import Verdict
+from ocptip.certificate.trusted.checker import ANGLE_MARGIN_CANCEL, COVERS_OF_CANCELS, Verdict
 from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN
 from ocptip.motion.summary import RESULT_TITLES
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
@@ -26,15 +26,20 @@ _CLAIMS = (
     ("Joint torque", "%", "torque_ratio", TORQUE_WITHIN),
     ("Clearance", "mm", "clearance", CLEARANCE),
     ("Speed of points", "%", SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN),
+    ("Tipping margin in cancels", "N m", *(names[0] for names in COVERS_OF_CANCELS.values())),
+    ("Friction used in cancels", "%", *(names[1] for names in COVERS_OF_CANCELS.values())),
 )
 """Title, unit, keys of the bounds: nominal, and in the worst case."""
-_LEAST = ("clearance", CLEARANCE)  # bounds from below
+_LEAST = ("clearance", CLEARANCE, ANGLE_MARGIN_CANCEL)  # bounds from below
+CANCELS = "contacts in cancels"
+"""The name of the claim about cancels, where it is not proved."""
 _OF_CONTACTS = "planning with lower --gn and --gt may help"
 _WORDS = {
     "contacts": ("foot forces and friction", _OF_CONTACTS),
     "tip-over": ("tipping", _OF_CONTACTS),
     "torque": ("joint torques", "planning with a lower --torque-ratio may help"),
     "clearance": ("clearance", "planning with a larger --clearance may help"),
+    CANCELS: ("contacts when cancelled", "planning with --stop-safe cancel, or a gentler cancel, may help"),
 }
 """Names of claims, and what helps where they are not proved."""
 _BY_SLOWER = "a slower motion may help"
@@ -88,6 +93,8 @@ class Certificate:
         sampled: names of worst values that are beyond it, known at the sampled instants only.
         reason: why there is none.
         seconds: that finding and checking took.
+        speeds_within: speeds of points keep their limits for all delays of joints within the uncertainty.
+        cancels: no cancel loses a contact or leaves joint limits, within the uncertainty if one is given.
     """
 
     data: Mapping[str, Any] | None
@@ -97,6 +104,8 @@ class Certificate:
     sampled: tuple[str, ...] = ()
     reason: str = ""
     seconds: float = 0.0
+    speeds_within: bool = False
+    cancels: bool = False
 
     @property
     def certified(self) -> bool:
@@ -108,11 +117,6 @@ class Certificate:
     def holds(self) -> bool:
         """The certificate holds and its bounds keep the limits, apart from values that are sampled."""
         return self.verdict.holds and self.kept
-
-    @property
-    def speeds_within(self) -> bool:
-        """Speeds of points keep their limits for all delays of joints within the uncertainty."""
-        return self.holds and self.verdict.bounds.get(SPEED_OF_POINTS_WITHIN, np.inf) <= 1.0
 
     @property
     def missing(self) -> str:
@@ -184,6 +188,8 @@ class Certificate:
             ),
             tuple(dict.fromkeys(name for part in parts for name in part.sampled)),
             seconds=seconds,
+            speeds_within=all(part.speeds_within for part in parts),
+            cancels=all(part.cancels for part in parts),
         )
 
     def __str__(self) -> str:
@@ -235,7 +241,7 @@ def claim_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
     rows = []
     for title, at_least, *keys in _CLAIMS:
         texts = [_proved(verdict, key, at_least) for key in keys]
-        if texts[0] != "-":
+        if set(texts) != {"-"}:
             rows.append((title, *texts))
     return rows
 

@@ -33,6 +33,11 @@ class Proof(Protocol):
         ...
 
     @property
+    def cancels(self) -> bool:
+        """No cancel loses a contact or leaves joint limits, within the uncertainty if one is given."""
+        ...
+
+    @property
     def data(self) -> Mapping[str, Any] | None:
         """Plain data for JSON from which the proof is checked; None where there is none."""
         ...

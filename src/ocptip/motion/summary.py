@@ -13,6 +13,7 @@ from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
 from ocptip.motion.proof import Proof
+from ocptip.motion.stop_rules import SCENARIOS
 from ocptip.motion.stops import Stops
 from ocptip.motion.tolerated import Tolerated
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
@@ -148,8 +149,13 @@ class CheckedMotion:
         if not self.stops or not self.check.verified:
             return own
         if self.verified:
-            nominal = self.check.within and any(stops.kinds != "cancel" for stops in self.stops.values())
-            return f"{own}; stops CHECKED at samples{' in the nominal model' if nominal else ''}"
+            kinds = {scenario for stops in self.stops.values() for scenario in SCENARIOS[stops.kinds]}
+            others = kinds != {"cancel"}
+            sampled = f"CHECKED at samples{' in the nominal model' if self.check.within and others else ''}"
+            if self.certificate is None or not self.certificate.cancels:
+                return f"{own}; stops {sampled}"
+            own += "; cancels PROVED to lose no contact, their clearance and torques CHECKED at samples"
+            return f"{own}; other stops {sampled}" if others else own
         return broken_in_stops(own)
 
     @property

@@ -1,0 +1,235 @@
+"""Find what proves that a motion can be cancelled at any time: boxes of times, contact forces, weights.
+
+Nothing here has to be trusted: `checker` checks the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.claimed import limit_within
+from ocptip.certificate.find_within import HIGHEST, CheckedRows, Found, SearchWithin
+from ocptip.certificate.result import CANCELS
+from ocptip.certificate.trusted.cancelled import Boxes, Cancelled
+from ocptip.certificate.trusted.checker import (
+    ANGLE_MARGIN_CANCEL,
+    COVERS_OF_CANCELS,
+    NOMINAL_CANCEL,
+    WITHIN_CANCEL,
+)
+from ocptip.certificate.trusted.described import ANGLE, Intervals, angle_margins, limits_of
+from ocptip.certificate.trusted.plain import DECELERATIONS, NOTHING
+from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
+from ocptip.standing.limit_kinds.limit import Worst
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
+from ocptip.standing.within.worst_case import worst_case_of
+
+ANGLES = "angle_margin_deg_cancel", "position_margin_m_cancel"
+_LONGEST, _SHORTEST = 0.1, 3e-4  # s: of the first boxes, and of those that are not divided
+_AT_ONCE = 300  # boxes
+_MOST = 20_000  # boxes that are checked
+_PATIENT = 40  # rows of each 300 boxes of which the tightest bounds are tried
+_LARGE = 1e9  # N m
+
+
+@dataclass(eq=False)
+class _Proved:
+    """Boxes of the cover: forces, weights, and the smallest moment, N m."""
+
+    forces: list[np.ndarray] = field(default_factory=list)
+    weights: list[np.ndarray] = field(default_factory=list)
+    places: list[tuple[int, str]] = field(default_factory=list)
+    least: float = np.inf
+
+
+def proved_of_cancels(bounds: Mapping[str, float]) -> set[str]:
+    """Names of sampled values that bounds of cancels are about, as `check_motion` has them."""
+    inside = bounds.get(ANGLE_MARGIN_CANCEL, -1.0) >= -ANGLE
+    proved = {name for names in COVERS_OF_CANCELS.values() for name in names if name in bounds}
+    return proved | (set(ANGLES) if inside else set())
+
+
+def every_of_cancels(within: bool) -> set[str]:
+    """The names of `proved_of_cancels` where everything is proved, within an uncertainty or nominal."""
+    names = COVERS_OF_CANCELS[NOMINAL_CANCEL] + (COVERS_OF_CANCELS[WITHIN_CANCEL] if within else ())
+    return {*names, *ANGLES}
+
+
+def cancel_claims(
+    robot: Robot,
+    model: Mapping[str, Any],
+    motion: Mapping[str, Any],
+    tolerance: Mapping[str, Any] | None,
+    limits: Limits,
+    worst: Mapping[str, Worst],
+    knots: np.ndarray,
+) -> Found:
+    """Bounds and covers of the claims about cancels, nominal and within a tolerance, and what is short.
+
+    Args:
+        robot: the arm on its support.
+        model, motion, tolerance: of a certificate.
+        limits: with those of cancels.
+        worst: sampled values; where a contact is lost already, nothing is tried.
+        knots: see `SearchWithin`.
+    """
+    assert limits.cancel is not None
+    nominal = {TIP_WITHIN: limits.cancel.GN, SLIP_WITHIN: limits.cancel.GT}
+    kinds: dict[str, tuple[Footing, Mapping[str, Any], dict[str, float]]] = {
+        NOMINAL_CANCEL: (robot, NOTHING, nominal)
+    }
+    if tolerance is not None:
+        goals = {name: limit_within(limits, name) for name in nominal}
+        kinds[WITHIN_CANCEL] = worst_case_of(robot, limits.tolerance).footing, tolerance, goals
+    every = Found({}, {}, [])
+    for key, (footing, own, goals) in kinds.items():
+        names = COVERS_OF_CANCELS[key]
+        if any(name in worst and worst[name].value >= 1 for name in names):
+            continue
+        search = SearchWithin(footing, model, motion, own, goals, knots)
+        found = SearchCancels(search, model, motion).found()
+        within = " within tolerance" if key == WITHIN_CANCEL else ""
+        every.short.extend((start, end, claim + within, by) for start, end, claim, by in found.short)
+        if found.short:
+            continue
+        every.bounds.update({name: found.bounds[own] for name, own in zip(names, goals, strict=True)})
+        angle = found.bounds[ANGLE_MARGIN_CANCEL]
+        every.bounds[ANGLE_MARGIN_CANCEL] = min(angle, every.bounds.get(ANGLE_MARGIN_CANCEL, angle))
+        every.cover[key] = found.cover
+    return every
+
+
+class SearchCancels:
+    """Searches what proves that no contact is lost in any cancel.
+
+    Args:
+        search: of the contacts within a tolerance.
+        model, motion: of a certificate.
+    """
+
+    def __init__(self, search: SearchWithin, model: Mapping[str, Any], motion: Mapping[str, Any]) -> None:
+        self._search, self._motion = search, motion
+        self._cancelled = Cancelled(motion, model[DECELERATIONS], search.sharing.late)
+        self._limits, self._contacts = limits_of(model), search.sharing.contacts
+        self._splits: dict[tuple[int, str], str] = {}
+
+    def found(self) -> Found:
+        """The bounds, by the names of those within a tolerance, and the cover; or what is short."""
+        boxes, places = self._first()
+        done, total, angle = _Proved(), 0, np.inf
+        while len(places):
+            holds, margins = np.zeros(len(places), dtype=bool), np.zeros(len(places))
+            for begin in range(0, len(places), _AT_ONCE):
+                for rows in self._cancelled.rows(boxes.some(slice(begin, begin + _AT_ONCE))):
+                    part, here = self._search.checked(rows), begin + rows.number
+                    good = self._good(part)
+                    holds[here], margins[here] = good, part.moments
+                    done.forces += list(np.moveaxis(part.forces[..., good], -1, 0))
+                    done.weights += list(np.moveaxis(part.weights[..., good], -1, 0))
+                    done.places += [places[k] for k in here[good]]
+                    done.least = min(done.least, float(np.min(part.moments[good], initial=np.inf)))
+                    inside = angle_margins(rows.q, self._limits)[good]
+                    angle = min(angle, float(np.min(inside, initial=np.inf)))
+            total += len(places)
+            left = np.flatnonzero(~holds)
+            worst = left[np.argsort(margins[left])[:1]]
+            lost, by = self._lost(boxes.some(worst), margins[worst])
+            if len(lost.piece):
+                return Found({}, {}, self._short(lost, by))
+            if total + 2 * len(left) > _MOST:
+                return Found({}, {}, self._short(boxes.some(left), margins[left]))
+            boxes, places = self._halved(boxes.some(left), [places[k] for k in left])
+        unit, bounds = self._contacts.unit, dict(self._search.goals)
+        if self._contacts.flat:
+            value = unit / (unit + done.least) if done.least > 0 else HIGHEST
+            bounds[TIP_WITHIN] = min(value * (1 + 1e-9), HIGHEST)
+        return Found({**bounds, ANGLE_MARGIN_CANCEL: min(angle, 1e6) - 1e-9}, self._cover(done), [])
+
+    def _good(self, part: CheckedRows) -> np.ndarray:
+        """Which rows are proved; of some that lack friction only, the tightest bounds are tried."""
+        good = part.holds & ~part.loose & ~part.beyond
+        rows = np.flatnonzero(~good & (part.moments >= self._contacts.needed))[:_PATIENT]
+        if len(rows):
+            some = part.terms.some(rows), part.forces[:, 0][..., rows], part.weights[..., rows]
+            good[rows] = self._search.sharing.held(*some, self._search.goals[SLIP_WITHIN]) >= 0
+        return good
+
+    def _lost(self, boxes: Boxes, margins: np.ndarray) -> tuple[Boxes, np.ndarray]:
+        """A tiny box in one that is not proved, if there is one, and its smallest moment, N m: of halves of
+        halves only the worst is divided.
+        """
+        while len(boxes.piece) and np.min(np.max(self._widths(boxes), axis=0)) > _SHORTEST:
+            times, after = self._widths(boxes)
+            halves = self._without_rest(boxes.halves(after > times), [])[0]
+            if not len(halves.piece):
+                return halves, margins[:0]
+            margins = np.full(len(halves.piece), np.inf)
+            for rows in self._cancelled.rows(halves):
+                part = self._search.checked(rows)
+                margins[rows.number] = np.where(self._good(part), np.inf, np.minimum(part.moments, _LARGE))
+            worst = int(np.argmin(margins))
+            here = slice(worst, worst + int(np.isfinite(margins[worst])))
+            boxes, margins = halves.some(here), margins[here]
+        return boxes, margins
+
+    def _first(self) -> tuple[Boxes, list[tuple[int, str]]]:
+        boxes = self._cancelled.whole()
+        places = [(k, "") for k in range(len(boxes.piece))]
+        while True:
+            long = np.max(self._widths(boxes), axis=0) > _LONGEST
+            if not np.any(long):
+                return self._without_rest(boxes, places)
+            rest = np.flatnonzero(~long)
+            more, others = self._halved(boxes.some(long), [places[k] for k in np.flatnonzero(long)])
+            pairs = zip(vars(boxes.some(rest)).values(), vars(more).values(), strict=True)
+            boxes, places = Boxes(*map(np.concatenate, pairs)), [*(places[k] for k in rest), *others]
+
+    def _without_rest(
+        self, boxes: Boxes, places: list[tuple[int, str]]
+    ) -> tuple[Boxes, list[tuple[int, str]]]:
+        going = np.flatnonzero(~self._cancelled.rested(boxes))
+        return boxes.some(going), [places[k] for k in going if places]
+
+    def _widths(self, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
+        """(B,) s: of t, and of the time after it."""
+        begin, end = np.array(self._motion["times"])[boxes.piece].T
+        return 0.5 * (end - begin) * (boxes.end - boxes.start), boxes.last - boxes.first
+
+    def _halved(self, boxes: Boxes, places: list[tuple[int, str]]) -> tuple[Boxes, list[tuple[int, str]]]:
+        times, after = self._widths(boxes)
+        late = after > times
+        self._splits |= {place: "a" if own else "t" for place, own in zip(places, late, strict=True)}
+        halves = [(root, way + side) for side in "01" for root, way in places]
+        return self._without_rest(boxes.halves(late), halves)
+
+    def _short(self, boxes: Boxes, margins: np.ndarray) -> list[tuple[float, float, str, float]]:
+        """The times of cancels that are not proved, with the smallest moments, N m."""
+        times, contacts = Intervals(self._motion, boxes.piece, boxes.start, boxes.end).ends, self._contacts
+        lacking = np.clip((contacts.needed - margins) / contacts.unit, 0.0, _LARGE)
+        rows = np.vstack([times, lacking]).T.tolist()
+        return [(start, end, CANCELS, by) for start, end, by in rows]
+
+    def _cover(self, done: _Proved) -> dict[str, Any]:
+        """Trees of boxes, and forces and weights in their order."""
+        number = {place: k for k, place in enumerate(done.places)}
+        trees, order = [], []
+        for root in range(len(self._cancelled.whole().piece)):
+            todo, tree = [""], []
+            while todo:
+                way = todo.pop()
+                tree.append(split := self._splits.get((root, way), "."))
+                if split != ".":
+                    todo += [way + "1", way + "0"]
+                elif (root, way) in number:
+                    order.append(number[root, way])
+            trees.append("".join(tree))
+        return {
+            "trees": trees,
+            "forces": np.array(done.forces)[order].tolist(),
+            "weights": np.array(done.weights)[order].tolist(),
+        }
