@@ -1,6 +1,6 @@
 """States of an arm while a cancelled motion comes to rest, over boxes of two times, in Taylor forms.
 
-The motion is cancelled at a time t, and every joint decelerates at a constant rate of its own until it holds.
+The motion is cancelled at a time t, and every joint decelerates at a constant rate until it holds.
 A joint with a delay of up to d is where it should be at a time after t between after - d and after: still in
 the motion before t, then decelerating, then at rest. Boxes are intervals of t, with s the place in these, and
 of the time after t. Over a box each joint has one enclosure: a polynomial of s and of e, the place within its

@@ -76,7 +76,7 @@ COVERS_OF_CANCELS = {
 }
 """Claims about the states of a motion that is cancelled at any time, and the keys of what proves them."""
 ANGLE_MARGIN_CANCEL = "angle_margin_cancel"
-"""Claim: so far, rad or m, joints stay inside their limits in all cancels that claims are about."""
+"""Claim: minimum margin, rad or m, of joints to their limits in all cancels that claims are about."""
 _TIPPING = ("GN", "GN_worst_case", "GN_cancel", "GN_cancel_worst_case")
 _AT_ONCE = 400  # boxes
 
@@ -265,7 +265,7 @@ def _problems_of_cancels(
 
 
 def _shared(sharing: Sharing, cover: Mapping[str, Any], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Forces and weights of so many rows, these last."""
+    """Forces and weights of `count` rows, rows as the last axis."""
     contacts = sharing.contacts.count
     shape = (count, 2, 1 + len(sharing.contacts.couples), contacts, 3)
     forces = np.moveaxis(numbers("forces within tolerance", cover["forces"], shape), 0, -1)
