@@ -115,6 +115,26 @@ def test_limits_within_pushes_and_on_free_wheels_are_those_of_the_worst_case(tas
                 assert (max(case.tip()[0], case.slip()[0]) < 1) == holds
 
 
+def test_the_first_of_four_wheels_lifts_where_equal_springs_say_so(task):
+    robot, q = task.robot, task.start
+    paths = Manoeuvres.accelerations(np.array([[-1.0, 0, 0], [0, -1, 0]]), robot.support.gravity)
+    found = largest_manoeuvres(robot, q, paths)
+    assert np.all(found.lift < found.tip)
+    worst = largest_manoeuvres(robot, q, paths, WORKSHOP)
+    assert np.all(worst.lift < found.lift)
+    for kind, lift in zip(paths.linear[:, :3], found.lift, strict=True):
+        for share, lifts in ((0.999, False), (1.001, True)):
+            motion = ocptip.BaseMotion(share * lift * kind)
+            standing = ocptip.stand(robot, q, uncertainty="none", base_motion=motion)
+            assert bool(standing.equal.lifts[0].any()) == lifts
+    # By hand, a block whose centre of mass is off the middle: N = m g / 4 (1 - x / l - y / w) of a wheel.
+    long, wide = 0.4, 0.3
+    places = [[x, y, 0] for x in (-long, long) for y in (-wide, wide)]
+    block = carried(Support(feet(places), mass=40.0, center_of_mass=[0.1, 0.05, 0.5]))
+    found = largest_manoeuvres(block, Q, Manoeuvres.accelerations(np.array([[-1.0, 0, 0]]), [0, 0, -G]))
+    assert found.lift[0] == pytest.approx(G / 0.5 * (long * (1 - 0.05 / wide) - 0.1), rel=1e-9)
+
+
 def test_a_slope_is_another_gravity(task):
     down = G * np.array([[np.sin(0.1), 0, -np.cos(0.1)]])
     paths = Manoeuvres.accelerations(np.array([[-1.0, 0, 0]]), down)

@@ -358,9 +358,11 @@ class DriveEnvelope:
         data: dict[str, Any] = {}
         for name, found in (("nominal", self.nominal), ("within", self.within)):
             if found is not None:
+                known = bool(np.isfinite(found.lift[k]))
                 data[name] = {
                     "largest": one.value(float(found.largest[k])),
                     "tips_at": one.value(float(found.tip[k])),
+                    "first_wheel_lifts_at": one.value(float(found.lift[k])) if known else None,
                     "slips_at": one.value(float(found.slip[k])) if found.slip[k] < found.tip[k] else None,
                     "tips_about_contacts": found.contacts[k].tolist() if found.contacts[k].any() else None,
                 }

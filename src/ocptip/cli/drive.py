@@ -81,6 +81,7 @@ class DriveReport(Report):
         lines = [
             ("posture", self._posture()),
             ("worst direction", f"{_down(value)} m/s^2 at {np.degrees(angle):.0f} deg from forward to left"),
+            *self._lifts(),
             ("locked wheels", self._locked()),
             *under("together", self._together()),
             *([("robot", masses(found.robot))] if self.verbose else []),
@@ -102,6 +103,16 @@ class DriveReport(Report):
         found, at = self.found, len(self.found.angles) + k
         cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
         return [one.text, *cells, _what(found.worst, at, one)]
+
+    def _lifts(self) -> list[tuple[str, str]]:
+        """When the first wheel lifts, which may be long before the base tips."""
+        found = self.found
+        around = found.worst.lift[: len(found.angles)]
+        if not np.isfinite(around).all():
+            return []
+        k = int(np.argmin(around))
+        text = f"lifts at {_down(around[k])} m/s^2 at {np.degrees(found.angles[k]):.0f} deg"
+        return [("first wheel", f"{text}, if wheels are equally compliant")]
 
     def _locked(self) -> str:
         if self.found.locked_wheels_tip:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.force_programs import LoadRays
+from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
@@ -83,12 +84,14 @@ class LargestManoeuvres:
     Attributes:
         tip: (P,) up to which the base does not tip.
         contacts: (P, 2) of the axis about which the base tips there, from 1; 0 for none.
+        lift: (P,) up to which no wheel lifts, if wheels are equally compliant; NaN where that is not known.
         slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
         normals: (P, 6) of half spaces that limit the load there.
     """
 
     tip: np.ndarray
     contacts: np.ndarray
+    lift: np.ndarray
     slip: np.ndarray
     normals: np.ndarray
 
@@ -119,7 +122,8 @@ def largest_manoeuvres(
     """
     search = _ManoeuvreSearch(robot, q, manoeuvres, tolerance)
     tip, contacts = search.tip()
-    return LargestManoeuvres(tip, contacts, *search.slip(tip, nominal and nominal.normals))
+    lift = search.lift(tip)
+    return LargestManoeuvres(tip, contacts, lift, *search.slip(tip, nominal and nominal.normals))
 
 
 class _ManoeuvreSearch:
@@ -163,54 +167,64 @@ class _ManoeuvreSearch:
         """(P,) parameters up to which the base does not tip, and (P, 2) contacts of the axis, see
         `LargestManoeuvres`.
         """
-        count, axes = len(self._manoeuvres), self._cases.axes
-        tip_over = self._cases.footing.tip_over
-        if not axes:
+        count, tip_over = len(self._manoeuvres), self._cases.footing.tip_over
+        if not self._cases.axes:
             free = tip_over.free_rotation
             return np.full(count, 0.0 if free else LARGEST), np.zeros((count, 2), dtype=int)
-        which, axis = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
+        affine = tip_over.affine_moments
+        assert affine is not None  # the contacts lie on one plane
+        least, first = self._first(*affine, self._cases.reference)
+        pairs = np.array([sorted(k + 1 for k in own.contacts) for own in tip_over.axes])
+        return least, np.where(least[:, None] < LARGEST, pairs[first], 0)
+
+    def lift(self, tip: np.ndarray) -> np.ndarray:
+        """(P,) parameters up to which no wheel lifts, see `LargestManoeuvres`."""
+        footing = self._cases.footing
+        if footing.slip.redistribution == "tangential":
+            return tip
+        normals = equal_normal_map(footing.support)
+        if normals is None:
+            return np.full(len(tip), np.nan)
+        size = float(np.linalg.norm(footing.support.weight))
+        return np.minimum(self._first(normals, np.zeros(len(normals)), size)[0], tip)
+
+    def _first(self, slopes: np.ndarray, offsets: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) first parameters at which one of k affine functions of the wrench is negative, and which one.
+
+        Args:
+            slopes, offsets: (k, 6) and (k,).
+            unit: of the functions; values of rounding count as zero.
+        """
+        count, size = len(self._manoeuvres), len(slopes)
+        which, row = np.repeat(np.arange(count), size), np.tile(np.arange(size), count)
         bounds, todo = np.full(len(which), LARGEST), np.arange(len(which))
         off = np.zeros((len(which), self._cases.deviations.size))
         for _ in range(_ROUNDS):
-            coefficients = self._moments(which[todo], axis[todo], off[todo], bounds[todo])
-            fallen = np.minimum(first_zero(coefficients), bounds[todo])
-            bounds[todo] = fallen
-            worst, off[todo] = self._worst_moments(which[todo], axis[todo], fallen)
-            todo = todo[(worst < 0) & (fallen > 0)]
+            polynomials = self._polynomials(which[todo], off[todo], bounds[todo] / 2)
+            coefficients = np.einsum("rkw,rw->rk", polynomials, slopes[row[todo]])
+            coefficients[:, 0] += offsets[row[todo]]
+            bounds[todo] = np.minimum(first_zero(coefficients), bounds[todo])
+            own = slopes[row[todo]], offsets[row[todo]]
+            worst, off[todo] = self._worst_values(which[todo], *own, bounds[todo])
+            todo = todo[(worst < -_CLOSE * unit) & (bounds[todo] > 0)]
             if not len(todo):
                 break
-        pairs = np.array([sorted(k + 1 for k in own.contacts) for own in tip_over.axes])
-        bounds = bounds.reshape(count, axes)
+        bounds = bounds.reshape(count, size)
         first = np.argmin(bounds, axis=1)
-        least = bounds[np.arange(count), first]
-        return least, np.where(least[:, None] < LARGEST, pairs[first], 0)
+        return bounds[np.arange(count), first], first
 
-    def _moments(self, which: np.ndarray, axis: np.ndarray, off: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        """(R, 3): coefficients over x of the moments about axes (R,), N m."""
-        slopes, offsets = self._affine
-        found = np.einsum("rkw,rw->rk", self._polynomials(which, off, scale / 2), slopes[axis])
-        found[:, 0] += offsets[axis]
-        return found
-
-    @property
-    def _affine(self) -> tuple[np.ndarray, np.ndarray]:
-        affine = self._cases.footing.tip_over.affine_moments
-        assert affine is not None  # the contacts lie on one plane
-        return affine
-
-    def _worst_moments(
-        self, which: np.ndarray, axis: np.ndarray, bounds: np.ndarray
+    def _worst_values(
+        self, which: np.ndarray, slopes: np.ndarray, offsets: np.ndarray, bounds: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Minimum moments (R,), those of rounding taken as zero, and deviations (R, size), up to bounds."""
+        """Minima (R,) of affine functions of the wrench and their deviations (R, size), up to bounds."""
         shares = self._shares
-        many, axes = np.repeat(which, len(shares)), np.repeat(axis, len(shares))
+        many, a, more = (np.repeat(own, len(shares), axis=0) for own in (which, slopes, offsets))
         cases = self._moving(many, (bounds[:, None] * shares).ravel())
-        worst = cases.moments(self._states(many), axes)
+        worst = cases.least(self._states(many), lambda w: (np.einsum("rw,rw->r", a, w) + more, a))
         values = worst.values.reshape(len(which), -1)
         off = (worst.theta - cases.deviations.nominal(len(many))).reshape(*values.shape, -1)
         k, rows = np.argmin(values, axis=1), np.arange(len(which))
-        least = values[rows, k]
-        return np.where(least < -_CLOSE * self._cases.reference, least, 0.0), off[rows, k]
+        return values[rows, k], off[rows, k]
 
     # --- friction -----------------------------------------------------------------------------------------
 
