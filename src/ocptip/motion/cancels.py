@@ -247,7 +247,8 @@ def _levels(
             way.append(f"{robot.names[joint]} leaves its limits by {off}")
         if known and stops.clearance < limits.clearance:
             least, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
-            way.append(f"clearance is {least:.3g} mm, must be >= {asked:g}")
+            where = stops.collision_words(robot, times)
+            way.append(f"clearance is {least:.3g} mm {where}, must be >= {asked:g}")
         broken += way
         if cases is not None and not broken:
             worst = worst_of_cancels(cases, motion, own, times)

@@ -275,7 +275,8 @@ class JointTable(ABC):
             texts.append(f"{self._robot.names[joint]} leaves its limits by {off}")
         if found.clearance < self._limits.clearance:
             gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
-            texts.append(f"clearance is {gap:.1f} mm in a {self.words}, must be >= {asked:.1f} mm")
+            where = found.collision_words(self._robot, self._times)
+            texts.append(f"clearance is {gap:.1f} mm in a {self.words}, {where}, must be >= {asked:.1f} mm")
         contacts = []
         for name, values, limit in (("GN", found.GN, rule.GN), ("GT", found.GT, rule.GT)):
             i = int(np.argmax(values))

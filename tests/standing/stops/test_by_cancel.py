@@ -10,6 +10,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.cancels import rounded_down, safe_decelerations
+from ocptip.motion.stop_tables import CancelTable
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.standing.limit_kinds.limit import Sampled
@@ -220,3 +221,21 @@ def test_what_cannot_be_is_refused(case):
     robot = case.robot.varied(arm=replace(case.robot.arm, limits=limits))
     with pytest.raises(InputError, match="joint 2 has no acceleration limit"):
         case.stops.cancel(robot, case.limits)
+
+
+def test_the_smallest_clearance_names_its_bodies_and_when():
+    """The posture at that time after that cancel has this distance between these bodies, none smaller."""
+    task = experiment_task("A")
+    robot, motion = task.robot, task.reference
+    cancel = Cancel(tuple(robot.limits.acceleration.tolist()))
+    times, found = cancelled_motion(robot, motion, cancel)
+    i = int(np.argmin(found.clearances))
+    q, v, _ = (part[0] for part in motion.states(times[i : i + 1]))
+    rate = np.array(cancel.decelerations)
+    after = np.minimum(found.nearest_after[i], np.abs(v) / rate)
+    gaps = robot.collision.gaps((q + v * after - np.sign(v) * rate * after**2 / 2)[None])[0]
+    assert gaps.min() == gaps[found.nearest[i]] == pytest.approx(found.clearance, abs=1e-9)
+    table = CancelTable(robot, motion, replace(task.limits, clearance=5.0), cancel, times[:2])
+    [text] = [text for text in table.violations() if text.startswith("clearance")]
+    assert f"between {robot.collision.labels[found.nearest[i]]} " in text
+    assert f"ms after a stop begun at {times[i]:.4f} s, must be >= 5000.0 mm" in text

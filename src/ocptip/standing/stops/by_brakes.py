@@ -92,7 +92,9 @@ class BrakeCheck(StopCheck):
         going[-1] = True  # rest after the stop counts, too
         k, i = np.nonzero(going)
         loads = self._wrenches(run.angles[k, i], run.speeds[k, i], run.times[k], of_owner(process, owner[i]))
-        postures = np.concatenate([run.angles[-1], run.angles[k, i]])
+        ends = run.angles[-1], owner, np.full(len(owner), run.times[-1])
+        pairs = zip(ends, (run.angles[k, i], owner[i], run.times[k]), strict=True)
+        postures = tuple(np.concatenate(pair) for pair in pairs)
         found = self._worst(q, owner[i], run.times[k], loads, (run.angles, owner), postures)
         np.maximum.at(found.rests, owner, run.rests)
         return found

@@ -207,7 +207,8 @@ class CancelCheck(StopCheck):
         at = stop_states(q, qd, self._decelerations)
         torques, wrenches = self._robot.loads(at.q, at.qd, at.qdd, of_owner(process, at.owner))
         loads = wrenches[:, None], torques[:, None]
-        found = self._worst(q, at.owner, at.after, loads, (at.q[None], at.owner), at.q[::-1])
+        postures = at.q[::-1], at.owner[::-1], at.after[::-1]
+        found = self._worst(q, at.owner, at.after, loads, (at.q[None], at.owner), postures)
         np.maximum.at(found.rests, at.owner, at.after)
         np.maximum.at(found.drives, at.owner, np.max(np.abs(torques) / self._robot.limits.torque, axis=1))
         return found

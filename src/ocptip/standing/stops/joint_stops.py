@@ -34,8 +34,11 @@ class JointStops:
         displacements: (N, n), rad (sliding joints: m): how far a joint gets at most.
         outside: how far an angle is beyond its limits at most, rad (m), and the joint, 0-based; at most 0
             where none is.
-        clearance: m, smallest distance of what may collide in `postures` postures; infinite if not known.
-        postures: number of them.
+        clearances: (N,), m, smallest distance of what may collide in `postures` postures; infinite if not
+            known.
+        nearest: (N,), number of the pair in `Collisions.labels` that this distance is between.
+        nearest_after: (N,), s, since the stop began: when that is.
+        postures: number of postures of all stops.
     """
 
     GN: np.ndarray
@@ -47,24 +50,37 @@ class JointStops:
     rests: np.ndarray
     displacements: np.ndarray
     outside: tuple[float, int]
-    clearance: float
+    clearances: np.ndarray
+    nearest: np.ndarray
+    nearest_after: np.ndarray
     postures: int
+
+    @property
+    def clearance(self) -> float:
+        """The smallest distance of all stops, m; infinite if none is known."""
+        return float(np.min(self.clearances, initial=np.inf))
+
+    def collision_words(self, robot: Robot, times: np.ndarray) -> str:
+        """The bodies that the smallest distance is between, and when; times (N,) of the stops, s."""
+        i = int(np.argmin(self.clearances))
+        after = f"{1e3 * self.nearest_after[i]:.3g} ms after a stop begun at {times[i]:.4f} s"
+        return f"between {robot.collision.labels[self.nearest[i]]} {after}"
 
     def joined(self, other: JointStops) -> JointStops:
         """Both."""
         pairs = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _BY_STOP}
         outside = max(self.outside, other.outside)
-        clearance = min(self.clearance, other.clearance)
-        return JointStops(
-            **pairs, outside=outside, clearance=clearance, postures=self.postures + other.postures
-        )
+        return JointStops(**pairs, outside=outside, postures=self.postures + other.postures)
 
     def some(self, rows: np.ndarray) -> JointStops:
-        """Those of some rows; clearance and angles are of all."""
+        """Those of some rows; angles are of all."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _BY_STOP})
 
 
-_BY_STOP = ("GN", "GT", "after", "wrenches", "torques", "drives", "rests", "displacements")
+_BY_STOP = (
+    *("GN", "GT", "after", "wrenches", "torques", "drives", "rests", "displacements"),
+    *("clearances", "nearest", "nearest_after"),
+)
 
 
 class StopCheck:
@@ -89,7 +105,7 @@ class StopCheck:
         after: np.ndarray,
         loads: tuple[np.ndarray, np.ndarray],
         reached: tuple[np.ndarray, np.ndarray],
-        postures: np.ndarray,
+        postures: tuple[np.ndarray, ...],
     ) -> JointStops:
         """Worst values of M states during the stops.
 
@@ -99,7 +115,8 @@ class StopCheck:
             after: (M,), s.
             loads: wrenches (M, c, 6) that may act in each state, and torques (M, c, n) that belong to them.
             reached: (K, R, n) angles, and which of the stops (R,) they are of.
-            postures: (P, n), of which at most `POSTURES` are checked for collisions.
+            postures: (P, n), of which at most `POSTURES` are checked for collisions, their stops (P,), and
+                when, (P,), s.
         """
         count, n = begun.shape
         wrenches, torques = loads
@@ -117,7 +134,8 @@ class StopCheck:
         limits = self._robot.limits
         over = np.max(np.maximum(limits.angle_min - angles, angles - limits.angle_max), axis=(0, 1))
         joint = int(np.argmax(over))
-        postures = postures[:: max(1, -(-len(postures) // POSTURES))]
+        some = slice(None, None, max(1, -(-len(postures[0]) // POSTURES)))
+        q, stop, when = (part[some] for part in postures)
         return JointStops(
             *worst,
             after=np.where(known, time[at], 0.0),
@@ -127,9 +145,21 @@ class StopCheck:
             rests=np.zeros(count),
             displacements=displacements,
             outside=(float(over[joint]), joint),
-            clearance=float(np.min(self._robot.collision.least(postures))),
-            postures=len(postures),
+            **self._nearest(q, stop, when, count),
+            postures=len(q),
         )
+
+    def _nearest(
+        self, q: np.ndarray, stop: np.ndarray, when: np.ndarray, count: int
+    ) -> dict[str, np.ndarray]:
+        """The smallest distance of each of `count` stops in postures q (P, n), between what, and when."""
+        clearances, pairs, after = np.full(count, np.inf), np.zeros(count, dtype=int), np.zeros(count)
+        if self._robot.collision.labels:
+            found = self._robot.collision.nearest(q)
+            order = np.argsort(-found.distances, kind="stable")  # the nearest is written last
+            clearances[stop[order]] = found.distances[order]
+            pairs[stop[order]], after[stop[order]] = found.pairs[order], when[order]
+        return {"clearances": clearances, "nearest": pairs, "nearest_after": after}
 
     def _reserves(self, wrenches: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """GN and GT (M,) at wrenches (M, 6) of stops `owner` (M,).
