@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, SolverError
 from ocptip.contact.force_programs import LoadRays
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
@@ -119,6 +119,7 @@ def largest_manoeuvres(
 
     Raises:
         InputError: contacts that do not lie on one plane, or whose set of forces is not convex.
+        SolverError: upper bounds that did not settle.
     """
     search = _ManoeuvreSearch(robot, q, manoeuvres, tolerance)
     tip, contacts = search.tip()
@@ -209,6 +210,7 @@ class _ManoeuvreSearch:
             todo = todo[(worst < -_CLOSE * unit) & (bounds[todo] > 0)]
             if not len(todo):
                 break
+        _require_settled(which[todo])
         bounds = bounds.reshape(count, size)
         first = np.argmin(bounds, axis=1)
         return bounds[np.arange(count), first], first
@@ -249,6 +251,7 @@ class _ManoeuvreSearch:
             todo = todo[(x > 0) & (gain > _CLOSE)]
             if not len(todo):
                 break
+        _require_settled(todo)
         return found, limits
 
     def _slips(
@@ -280,7 +283,7 @@ class _ManoeuvreSearch:
             along = coefficients @ normal
             along[0] -= (start + share * (end - start)) @ normal
             x = min(x * (1 - _CLOSE), float(first_zero(-along[None])[0]))
-        return x, normal
+        raise SolverError(f"drive envelope: friction is not bounded after {_ROUNDS} cone programs")
 
     def _worst_for(
         self, which: np.ndarray, x: np.ndarray, off: np.ndarray, normals: np.ndarray
@@ -304,6 +307,13 @@ class _ManoeuvreSearch:
             theta = deviations.least(slopes)
             present, slopes = beyond(theta)
         return theta - nominal, present - before
+
+
+def _require_settled(left: np.ndarray) -> None:
+    """Raise SolverError if upper bounds of families (R,) still fall: they are no limits then."""
+    if len(left):
+        count = len(np.unique(left))
+        raise SolverError(f"drive envelope: bounds of {count} manoeuvres fall after {_ROUNDS} rounds")
 
 
 def first_zero(coefficients: np.ndarray) -> np.ndarray:
