@@ -28,7 +28,8 @@ from ocptip.robots.gears import Gears
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives, with_rise
-from ocptip.standing.elastic.springs import Modes, Ride
+from ocptip.standing.elastic.springs import Ride
+from ocptip.standing.elastic.steps import Modes
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory

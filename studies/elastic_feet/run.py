@@ -27,7 +27,8 @@ from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
-from ocptip.standing.elastic.springs import Modes, Ride, Simulation
+from ocptip.standing.elastic.springs import Ride, Simulation
+from ocptip.standing.elastic.steps import Modes
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.trajectory import Trajectory
 from studies.common import RESULTS, number, percent, software, table

@@ -30,7 +30,7 @@ from ocptip.motion.output import sample_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import write_plan
 from ocptip.motion.task import MotionTask
-from ocptip.standing.mechanism import MotionSamples
+from ocptip.standing.samples import MotionSamples
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory

@@ -10,7 +10,7 @@ import numpy as np
 
 from ocptip.motion.check import check_motion
 from ocptip.standing.arm import Robot
-from ocptip.standing.mechanism import MotionSamples
+from ocptip.standing.samples import MotionSamples
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SEARCHED = (0.05, 20.0)  # tau* is sought between these

@@ -22,7 +22,8 @@ from ocptip.basics.write import plain, versions, write_text
 from ocptip.motion.execution import Execution
 from ocptip.motion.source import TASK, TaskSource, source_of
 from ocptip.reserves.equal_compliance import reported_normal_forces
-from ocptip.standing.mechanism import MotionSamples, StandingMechanism
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.samples import MotionSamples
 from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.points import Points
 from ocptip.trajectories.trajectory import INSIDE, Trajectory

@@ -30,7 +30,7 @@ from ocptip.motion.output import (
     write_folder,
 )
 from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of, stop_keys, tolerance_table
-from ocptip.standing.mechanism import MotionSamples
+from ocptip.standing.samples import MotionSamples
 from ocptip.trajectories.sequence import joined
 from ocptip.trajectories.trajectory import Trajectory
 

@@ -24,7 +24,7 @@ from ocptip.pictures.plan_curves import PlanCurves, draw_clearance
 from ocptip.pictures.sketch import draw_postures
 from ocptip.pictures.style import Quantity
 from ocptip.reserves.tipping import moment_at
-from ocptip.standing.mechanism import MotionSamples
+from ocptip.standing.samples import MotionSamples
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

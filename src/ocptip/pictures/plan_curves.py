@@ -17,7 +17,8 @@ from ocptip.motion.plan_files import samples_joined
 from ocptip.pictures.style import MEMBERS, NOMINAL
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.limits import Limits
-from ocptip.standing.mechanism import MotionSamples, StandingMechanism
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.samples import MotionSamples
 from ocptip.trajectories.trajectory import Trajectory
 
 

@@ -29,8 +29,8 @@ from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
 from ocptip.robots.kinematics import LinkFrames, link_frames
 from ocptip.standing.arm import Robot
-from ocptip.standing.mechanism import MotionSamples
 from ocptip.standing.parts import Part, owners
+from ocptip.standing.samples import MotionSamples
 from ocptip.task_files.scene import Scene
 
 FRAMES, RATE = 240, 30.0  # at most so many frames, so many per second

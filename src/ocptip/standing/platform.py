@@ -30,7 +30,8 @@ from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.standing.further_limits import FurtherLimits
-from ocptip.standing.mechanism import MotionSamples, StandingMechanism
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.samples import MotionSamples
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.trajectory import Trajectory
 

@@ -11,7 +11,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.elastic import feet as on_feet
 from ocptip.standing.elastic import springs as on_springs
 from ocptip.standing.elastic.feet import on_its_feet, softest_feet
-from ocptip.standing.elastic.springs import Modes, Ride, Simulation
+from ocptip.standing.elastic.springs import Ride, Simulation
+from ocptip.standing.elastic.steps import Modes
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.elastic import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes

@@ -16,7 +16,8 @@ from ocptip.basics.text import percent, quantity
 from ocptip.numerics.vectors import cross
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.contact_margins import ContactMargins, Margin
-from ocptip.standing.elastic.springs import Course, Modes, Ride, Simulation
+from ocptip.standing.elastic.springs import Course, Ride, Simulation
+from ocptip.standing.elastic.steps import Modes
 from ocptip.standing.instants import Loaded
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory

@@ -17,7 +17,8 @@ from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.elastic.drives import SETTLED, course_shifts, ridden, settling
-from ocptip.standing.elastic.springs import FALLEN, Course, Modes, Ride, Simulation
+from ocptip.standing.elastic.springs import FALLEN, Course, Ride, Simulation
+from ocptip.standing.elastic.steps import Modes
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 

@@ -28,7 +28,14 @@ from scipy.linalg import eigh
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
-from ocptip.standing.elastic.steps import ends_of_steps, exponentials, oscillations, powers, states_within
+from ocptip.standing.elastic.steps import (
+    Modes,
+    ends_of_steps,
+    exponentials,
+    oscillations,
+    powers,
+    states_within,
+)
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
@@ -143,34 +150,6 @@ class Ride:
         G[:, :3, 3:6] -= turned.sum(axis=1)
         G[:, 3:6, 3:6] -= np.einsum("kij,skjl->sil", skew(support.arms), turned)
         return G
-
-
-@dataclass(frozen=True, eq=False)
-class Modes:
-    """Modes of base and mechanism at the start, all feet pressing, with rigid gears.
-
-    Attributes:
-        lowest, highest: natural frequencies, Hz.
-        damping: ratio of the lowest mode.
-        delays: (n,), s: damping over stiffness of each foot.
-    """
-
-    lowest: float
-    highest: float
-    damping: float
-    delays: np.ndarray
-
-    @classmethod
-    def of(cls, elastic: ElasticFeet, inertia: np.ndarray) -> Modes:
-        """With the inertia (6, 6) at the start."""
-        squares = eigh(elastic.matrix(), inertia, eigvals_only=True)
-        moving = squares[squares > 1e-9 * squares[-1]]
-        low, high = np.sqrt(moving[0]), np.sqrt(moving[-1])
-        delays = np.array([spring.delay + 2 * spring.ratio / low for spring in elastic.springs])
-        found = oscillations(inertia, elastic.matrix(factors=delays), elastic.matrix())
-        frequencies, ratios = found[np.abs(found[:, 0]) > 1e-3 * low / (2 * np.pi)].T
-        slowest = int(np.argmin(np.abs(2 * np.pi * frequencies - low)))
-        return cls(low / (2 * np.pi), high / (2 * np.pi), float(ratios[slowest]), delays)
 
 
 @dataclass(frozen=True, eq=False)

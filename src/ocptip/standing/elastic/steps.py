@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
+from scipy.linalg import eigh
+
+from ocptip.contact.elastic import ElasticFeet
 
 _DEGREE, _CLOSE = 12, 0.35  # of Taylor polynomials; the norm up to which what they leave out is rounding
 _AT_ONCE = 100  # matrices that fit the processor's cache
@@ -101,3 +105,31 @@ def oscillations(inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray
     with np.errstate(invalid="ignore", divide="ignore"):
         found = np.column_stack([sizes / (2 * np.pi), -roots.real / sizes])
     return found[np.argsort(sizes)]
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Modes of base and mechanism at the start, all feet pressing, with rigid gears.
+
+    Attributes:
+        lowest, highest: natural frequencies, Hz.
+        damping: ratio of the lowest mode.
+        delays: (n,), s: damping over stiffness of each foot.
+    """
+
+    lowest: float
+    highest: float
+    damping: float
+    delays: np.ndarray
+
+    @classmethod
+    def of(cls, elastic: ElasticFeet, inertia: np.ndarray) -> Modes:
+        """With the inertia (6, 6) at the start."""
+        squares = eigh(elastic.matrix(), inertia, eigvals_only=True)
+        moving = squares[squares > 1e-9 * squares[-1]]
+        low, high = np.sqrt(moving[0]), np.sqrt(moving[-1])
+        delays = np.array([spring.delay + 2 * spring.ratio / low for spring in elastic.springs])
+        found = oscillations(inertia, elastic.matrix(factors=delays), elastic.matrix())
+        frequencies, ratios = found[np.abs(found[:, 0]) > 1e-3 * low / (2 * np.pi)].T
+        slowest = int(np.argmin(np.abs(2 * np.pi * frequencies - low)))
+        return cls(low / (2 * np.pi), high / (2 * np.pi), float(ratios[slowest]), delays)

@@ -20,7 +20,7 @@ from ocptip.robots.bodies import ArmBodies, exists, real_bodies
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.elastic.springs import Modes
+from ocptip.standing.elastic.steps import Modes
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.jaws import jaws_of, pressed
