@@ -59,7 +59,7 @@ def test_uncertainty_is_that_of_the_task_unless_it_is_given():
         ((ocptip.read_scene(PUSHED), np.zeros(6)), {}, "q: belongs to a robot"),
         ((UR5, "strat"), {}, "q: expected one of start, goal, got 'strat'; did you mean 'start'"),
         ((UR5, [0.0]), {}, "q: expected shape 6, got 1"),
-        ((UR5, "start"), {"sensitivities": True}, "sensitivities: of a scene"),
+        ((UR5, "start"), {"reference_moment": 9.0}, "reference_moment: of a scene"),
         ((PUSHED,), {"reference_moment": -1.0}, "reference_moment: must be > 0"),
         ((PUSHED,), {"uncertainty": "workshp"}, "workshp"),
     ],

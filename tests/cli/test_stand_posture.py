@@ -92,7 +92,10 @@ def test_a_base_that_brakes_in_a_turn(capsys):
     [
         (["--posture", "1,2,3"], "expected 6 finite numbers (shoulder_pan_joint"),
         (["--posture", "strat"], "or one of start, goal; got 'strat'; did you mean 'start'?"),
-        (["--posture", "start", "--sensitivities"], "--sensitivities: not with --posture; use ocptip check"),
+        (
+            ["--posture", "start", "--sensitivities", "--base-acceleration", "1,0"],
+            "sensitivities: not on a base that drives",
+        ),
         (["--posture", "start", "--gn-reference", "9"], "--gn-reference: not with --posture"),
         (
             ["--posture", "start", "--base-acceleration", "1"],
@@ -112,3 +115,18 @@ def test_goals_of_segments_have_what_is_held_there(capsys):
     _, data = answered(capsys, "--posture", "carry", "--tolerance", "none", task=task)
     _, start = answered(capsys, "--posture", "start", "--tolerance", "none", task=task)
     assert data["wrench"][2] < start["wrench"][2] - 1.0
+
+
+def test_changes_in_a_posture_begin_at_its_margins(capsys):
+    assert (
+        main(["stand", str(TASK), "--posture", "goal", "--sensitivities", "--tolerance", "none", "--json"])
+        == 0
+    )
+    data = json.loads(capsys.readouterr().out)
+    changes = {one["quantity"]: one for one in data["sensitivities"]}
+    assert "speed" not in changes
+    margin = data["tipping_axis"]["moment_reserve"]
+    heavier, wider = changes["base_mass"], changes["feet_outwards"]
+    assert heavier["before"]["tipping_margin_Nm"] == pytest.approx(margin)
+    assert heavier["after"]["tipping_margin_Nm"] > margin
+    assert wider["after"]["tipping_margin_Nm"] > margin

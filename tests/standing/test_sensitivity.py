@@ -118,8 +118,8 @@ def test_what_is_said(case):
     found = motion_sensitivities(robot, *states)
     assert str(found[0]).startswith("1 kg more base mass: tipping [N m] ")
     assert "foot [N]" in str(found[0])
-    before = found[0].before
-    assert before.reference / (before.reference + before.moment) == pytest.approx(min(before.GN, 1.0))
+    before, reference = found[0].before, robot.tip_over.reference_moment
+    assert reference / (reference + max(before.moment, 0.0)) == pytest.approx(min(before.GN, 1.0))
     data = found[0].to_dict()
     assert data["quantity"] == "base_mass"
     assert data["exact"] is True

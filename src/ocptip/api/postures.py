@@ -23,7 +23,7 @@ from ocptip.standing.largest_payload import LARGEST_TRIED, largest_payloads
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import own_refusals
-from ocptip.standing.sensitivity import payload_torques
+from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities, payload_torques
 from ocptip.standing.slope import FloorSlope, largest_slope
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.design import Design, smallest_design
@@ -149,6 +149,18 @@ class RestingPosture:
             largest = largest_payloads(robot, own, self.q[None], robot.mass)
             found += [float(largest.masses[0]), largest.names[largest.limits[0]]]
         return LargestPayload(*found)
+
+    def sensitivities(self) -> tuple[Sensitivity, ...]:
+        """What changes of the robot and its base would do at rest in this posture.
+
+        Raises:
+            InputError: the base drives.
+        """
+        if self.base_motion is not None:
+            raise InputError("sensitivities: not on a base that drives")
+        still = np.zeros((1, self.robot.n))
+        changes = motion_sensitivities(self.robot, self.q[None], still, still)
+        return tuple(one for one in changes if one.quantity != "speed")
 
     def design(self, tolerance: Uncertainty) -> Design | None:
         """The smallest base for this posture within an uncertainty; None without an arm."""

@@ -67,7 +67,7 @@ def stand(
         uncertainty: the worst case that the base has to stand, an object, a preset ("workshop", "none") or a
             TOML file with a table `[tolerance]`. Default: that of the file or the task.
         reference_moment: N m, M0 of GN; of scenes only, robots have one.
-        sensitivities: whether to compute what would help; of scenes only.
+        sensitivities: whether to compute what would help; not on a base that drives.
         base_motion: acceleration and turning of the base of a robot that drives; default: it rests.
 
     Raises:
@@ -84,9 +84,10 @@ def stand(
     else:
         from ocptip.api.postures import resting_posture  # loads for 0.3 s what scenes do not need
 
-        if reference_moment is not None or sensitivities:
-            name = "sensitivities" if sensitivities else "reference_moment"
-            raise InputError(f"{name}: of a scene; a robot in a posture has a reference moment already")
+        if reference_moment is not None:
+            raise InputError(
+                "reference_moment: of a scene; a robot in a posture has a reference moment already"
+            )
         posture = resting_posture(what, q)
         posture = posture if base_motion is None else posture.driving(base_motion)
         scene = posture.scene
@@ -117,7 +118,9 @@ def _solved(
         state = standing_state(verdict) or state
     states = state.states
     tip_over = TipOver(support, reference) if posture is None else posture.robot.tip_over
-    if wants_sensitivities:
+    if wants_sensitivities and posture is not None:
+        sensitivities = posture.sensitivities()
+    elif wants_sensitivities:
         from ocptip.standing.sensitivity import scene_sensitivities
 
         sensitivities = scene_sensitivities(support, scene.loads, reference)

@@ -123,8 +123,9 @@ class ChartReport(Report):
         names, counts = np.unique(found.held.limits, return_counts=True)
         order = np.argsort(-counts)
         shares = [f"{100 * counts[k] / len(found.q):.0f} % {found.held.names[names[k]]}" for k in order]
+        shares = [share for share in shares if not share.startswith("0 %")]
         limits = [", ".join(shares[k : k + 2]) for k in range(0, len(shares), 2)]
-        rows = under("limited by", limits)
+        rows = under("limited by", [*limits, "(per cent of the postures)"])
         if found.broken:
             rows.append(("note", f"{found.broken} postures break a limit without any payload: 0 kg"))
         tolerance = found.limits.tolerance

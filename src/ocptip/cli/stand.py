@@ -111,7 +111,7 @@ class StandReport(GatedReport):
         """Name of the scene and verdict."""
         found = self.found
         lost = found.nominally_stable and not found.stable
-        about = f" WITHIN {found.within.scope.upper()}" if found.within and not lost else ""
+        about = f" WITHIN {found.within.scope.upper()}" if found.within and found.stable else ""
         verdict, _, remark = self._answer().partition(".")
         verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
         if found.posture and found.posture.refusals:
@@ -203,7 +203,12 @@ class StandReport(GatedReport):
         if self.design:
             lines += under("design", self.design.lines(found.scene.support))
         elif not found.stable and state.solved and not found.scene.planar:
-            lines.append(("next", "--design prints how wide the feet or how heavy the base must be"))
+            lines.append(
+                (
+                    "next",
+                    "--design: how wide or heavy the base must be; --sensitivities: what helps",
+                )
+            )
         only = " Under exactly this load; there is no margin." if found.without_reserve else ""
         if self.verbose or only or not found.verdict.strong:
             lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))

@@ -16,7 +16,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cycle import read_task
 
-_ELSEWHERE = {"sensitivities": "ocptip check", "gn_reference": "reference_moment in [limits]"}
+_ELSEWHERE = {"gn_reference": "reference_moment in [limits]"}
 
 
 def posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:

@@ -273,7 +273,8 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
         (one for one in tolerated if one.quantity == "tilt" and one.value == 0 and not one.at_most), None
     )
     if lost is not None:
-        text = f"Robust to nothing: the nominal model loses a contact ({lost.how}, {lost.time:.3f} s)."
+        loss = lost.how.rpartition(", ")[2]  # without the direction of a tilt that is zero
+        text = f"Robust to nothing: the nominal model loses a contact ({loss}, {lost.time:.3f} s)."
         return textwrap.wrap(text, WIDTH, subsequent_indent=" " * 8)
     title = "Robust to (one at a time): "
     lines, width = [], WIDTH - len(title)

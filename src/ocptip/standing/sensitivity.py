@@ -20,7 +20,6 @@ from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
 from ocptip.numerics.threads import one_thread
-from ocptip.reserves.tipping import moment_at
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
@@ -41,7 +40,7 @@ class Reserves:
         GN, GT: largest; NaN where not known.
         force: minimum distance of a normal force from the end at which its contact lets go, N; infinite where
             no contact can.
-        reference: M0 of GN, N m; None where nothing tips.
+        moment: minimum tipping margin, N m, negative where the base tips; NaN where nothing does.
     """
 
     TITLES: ClassVar = ("tipping [N m]", "friction [%]", "foot [N]")
@@ -49,12 +48,7 @@ class Reserves:
     GN: float
     GT: float
     force: float
-    reference: float | None = None
-
-    @property
-    def moment(self) -> float:
-        """Minimum tipping margin, N m; 0 where the base tips, NaN where nothing does."""
-        return moment_at(min(self.GN, 1.0), self.reference) if self.reference else float("nan")
+    moment: float = np.nan
 
     def cells(self) -> list[str]:
         """Tipping margin, friction used and minimum foot force as people read them."""
@@ -123,11 +117,12 @@ class _Stand:
         return self.footing.contact_states(self.wrenches)
 
     def values(self) -> np.ndarray:
-        """(N, 3): GN, GT and minus the minimum normal margin, so that the maxima are the worst."""
+        """(N, 4): GN, GT, minus the minimum normal and tipping margins, so that the maxima are the worst."""
         states = self.states
         tip = self.footing.tip_over.evaluate(states)
         GT = self.footing.slip.evaluate(states, derivatives=False).GT
-        return np.column_stack([tip.GN, GT, -np.min(tip.normal_reserves, axis=1)])
+        moments = np.min(tip.margins, axis=1, initial=np.inf)
+        return np.column_stack([tip.GN, GT, -np.min(tip.normal_reserves, axis=1), -moments])
 
     def at(self, rows: np.ndarray) -> _Stand:
         """At some of the instants."""
@@ -204,27 +199,27 @@ def _measured(stand: _Stand, changes: list[_Change]) -> tuple[Sensitivity, ...]:
     values = stand.values()
     known = np.where(np.isnan(values), -np.inf, values)
     rows = np.argmax(known, axis=0)
-    before = _reserves(values[rows, range(3)], stand)
+    before = _reserves(values[rows, range(4)])
     found = []
     for change in changes:
         other = change.changed(change.step)
         after = other.values()
         after = np.max(np.where(np.isnan(after), np.inf, after), axis=0)
         if change.per_unit is not None:
-            slopes = stand.slopes(rows, change.per_unit, change.reference)
+            slopes = stand.slopes(rows[:3], change.per_unit, change.reference)
         else:
             h = _DIFFERENCE * change.step
-            ends = [change.changed(e).at(rows).values()[range(3), range(3)] for e in (h, -h)]
+            ends = [change.changed(e).at(rows[:3]).values()[range(3), range(3)] for e in (h, -h)]
             slopes = (ends[0] - ends[1]) / (2 * h)
         own = change.words, change.quantity, change.step, change.unit
         exact = change.per_unit is not None
-        found.append(Sensitivity(*own, before, _reserves(after, other), _reserves(slopes), exact))
+        found.append(Sensitivity(*own, before, _reserves(after), _reserves(slopes), exact))
     return tuple(found)
 
 
-def _reserves(values: np.ndarray, stand: _Stand | None = None) -> Reserves:
-    GN, GT, lost = (float(value) for value in values)
-    return Reserves(GN, GT, 0.0 - lost, stand.footing.tip_over.reference_moment if stand else None)
+def _reserves(values: np.ndarray) -> Reserves:
+    GN, GT, lost, *moment = (float(value) for value in values)
+    return Reserves(GN, GT, 0.0 - lost, *(0.0 - one if np.isfinite(one) else np.nan for one in moment))
 
 
 def _support_changes(support: Support, stand: Callable[[Support], _Stand]) -> list[_Change]:

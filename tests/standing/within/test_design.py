@@ -25,7 +25,7 @@ def test_a_pushed_cart_needs_the_lever_of_its_push(capsys):
     assert design["size_m"] == pytest.approx([0.6 * design["feet"], 0.5 * design["feet"]])
     assert design["base_mass_kg"] == pytest.approx(260 * 1.0 / (9.81 * 0.3), rel=3e-3)
     assert main(["stand", str(PUSHED)]) == 1
-    assert "--design prints how wide the feet" in capsys.readouterr().out
+    assert "--design: how wide or heavy the base must be" in capsys.readouterr().out
     texts = Design(2.21, (1.33, 1.1), 88.4).lines(ocptip.read_scene(PUSHED).support)
     assert texts[0] == "feet: 221 % of the present width keep the limits, 1.33 x 1.1 m"
     assert texts[1] == "base mass: 88.4 kg keep the limits, 48.4 kg more at its centre of mass"

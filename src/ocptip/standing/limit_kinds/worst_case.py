@@ -89,7 +89,8 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
         worst = getattr(found, self.quantity.in_results)
         if worst is None:
             return []
-        return [self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)]
+        value, how = worst.value if worst.bound is None else worst.bound, worst.how
+        return [self.found(value, worst.time, f"{how}: {worst.left}" if value > 1 else how)]
 
     def kept(self, at: Instants) -> bool:
         return self.quantity.kept_within(self._smooth, at.s, self._bound)
