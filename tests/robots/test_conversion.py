@@ -110,17 +110,20 @@ def test_init_reads_wheels_and_masses_of_a_mujoco_model(model_file, monkeypatch,
 
 
 def test_rotors_come_along_and_what_is_left_out_is_named(model_file, monkeypatch, capsys):
-    """MuJoCo's own mass matrix has the rotors on its diagonal; tendons, equalities and springs are noted."""
+    """MuJoCo has the rotors on the diagonal of its mass matrix; tendons, springs, losses are noted."""
     monkeypatch.chdir(model_file.parent)
     text = model_file.read_text().replace('name="turn"', 'name="turn" armature="0.5"')
-    text = text.replace('name="slide"', 'name="slide" armature="2" stiffness="30"')
+    text = text.replace('name="slide"', 'name="slide" armature="2" stiffness="30" frictionloss="1"')
+    text = text.replace('name="bend"', 'name="bend" damping="3"')
     belt = '<joint joint="turn" coef="1"/><joint joint="bend" coef="2"/>'
     tendon = f'<tendon><fixed name="belt">{belt}</fixed></tendon>'
     equality = '<equality><joint joint1="turn" joint2="bend"/></equality>'
     model_file.write_text(text.replace("<actuator>", f"{tendon}{equality}<actuator>"))
     assert main(["init", "cart.xml", "--out", "t.toml"]) == 0
     said = capsys.readouterr().out
-    for words in ("tendons: belt", "equalities: equality_0", "springs of joints (see [arm.springs]): slide"):
+    losses = "damping and friction of joints (see [motors]): slide, bend"
+    springs = "springs of joints (see [arm.springs]): slide"
+    for words in ("tendons: belt", "equalities: equality_0", springs, losses):
         assert words in " ".join(said.split())
     Path("t.toml").write_text(Path("t.toml").read_text().replace("#> ", ""))
     arm = load_task("t.toml").robot.arm

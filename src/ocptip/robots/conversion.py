@@ -111,10 +111,15 @@ def _of_mujoco(path: Path, target: Path) -> Converted:
 def _left_out(model: Any, moved: Sequence[int]) -> Iterator[str]:
     """What a URDF cannot have, with names."""
     sprung = [_joint_name(model, j) for j in moved if np.any(model.jnt_stiffness[j])]
+    losses = model.dof_damping, model.dof_frictionloss
+    braked = [
+        _joint_name(model, j) for j in moved if any(np.any(loss[model.jnt_dofadr[j]]) for loss in losses)
+    ]
     parts = {
         "tendons": [model.tendon(k).name or f"tendon_{k}" for k in range(model.ntendon)],
         "equalities": [model.equality(k).name or f"equality_{k}" for k in range(model.neq)],
         "springs of joints (see [arm.springs])": sprung,
+        "damping and friction of joints (see [motors])": braked,
     }
     for kind, names in parts.items():
         if names:
