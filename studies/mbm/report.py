@@ -1,4 +1,7 @@
-"""Prints the table of `mbm.run`: python -m studies.mbm.report FILE.jsonl ... > studies/results/mbm.md"""
+"""Prints the table of `mbm.run`: python -m studies.mbm.report NOTE FILE.jsonl ... > studies/results/mbm.md
+
+NOTE is a sentence on the state of the source and of the machine.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +12,28 @@ from typing import Any
 
 import numpy as np
 
-from studies.mbm.problems import BASE, FAMILIES
+from studies.mbm.problems import CART, FAMILIES, FETCH
 from studies.mbm.run import CLEARANCE, PROOF, SEARCH, rows_of
 
 
 def main(arguments: Sequence[str]) -> None:
-    """One table per file."""
+    """The note, and one table per file."""
+    note, *files = arguments
     print("# MotionBenchMaker problems along paths\n")
-    print(f"Base of {BASE['mass']:g} kg on feet {BASE['feet']}, friction {BASE['friction']}, deck at 0.75 m.")
+    print(note)
+    for names, base, where in (
+        ("Panda, UR5", CART["base"], "deck at 0.75 m"),
+        ("Fetch", FETCH["base"], "its own"),
+    ):
+        print(
+            f"{names}: base of {base['mass']:.4g} kg, {where}, friction {base['friction']} (`problems.py`)."
+        )
+    print("The UR5 is without the gripper of the data set.")
     print(f"Clearance {1e3 * CLEARANCE:g} mm. Search at most {SEARCH:g} s of wall time, proof {PROOF:g} s.")
     print(
         "Seconds are CPU seconds of one core, of a machine that was shared. The file names the uncertainty."
     )
-    for name in arguments:
+    for name in files:
         rows = rows_of(Path(name))
         print(f"\n## {Path(name).stem}\n")
         print("| family | problems | path | proved | checked | CPU s (median, most) | of the search "

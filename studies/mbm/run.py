@@ -31,29 +31,20 @@ from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
 from ocptip.retiming.among import NODES
 from ocptip.retiming.retime import retime
 from ocptip.trajectories.trajectory import Trajectory
-from studies.mbm.problems import DECK, FAMILIES, task_of
+from studies.mbm.problems import FAMILIES, ROBOTS, Robot, task_of
 
 CLEARANCE = 0.001
 """m: the goals are grasps, whose fingers are millimetres from what they hold."""
 
-SEARCH, PROOF = 150.0, 45.0
+SEARCH, PROOF = 150.0, 120.0
 """s of wall time, on a machine that is shared: the CPU seconds of each stage are written."""
-
-ARMS: dict[str, dict[str, Any]] = {
-    "panda": {
-        "base_link": "panda_link0",
-        "tool_frame": "panda_hand_tcp",
-        "locked_m": {"panda_finger_joint*": 0.065},
-    },
-    "ur5": {"base_link": "base_link", "tool_frame": "tool0"},
-}
 
 
 def main() -> None:
     """Run what is missing."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--robot", default="panda", choices=sorted(ARMS))
+    parser.add_argument("--robot", default="panda", choices=sorted(ROBOTS))
     parser.add_argument("--urdf", type=Path, required=True)
     parser.add_argument("--srdf", type=Path)
     parser.add_argument("--numbers", default="1-5", help="first and last problem of each family")
@@ -64,18 +55,18 @@ def main() -> None:
     file = options.out / f"mbm_{options.robot}_{options.uncertainty}.jsonl"
     done = {(row["family"], row["number"]) for row in rows_of(file)}
     first, last = map(int, options.numbers.split("-"))
-    arm = {**ARMS[options.robot], "urdf": str(options.urdf.resolve())}
+    files = {"urdf": str(options.urdf.resolve())}
     if options.srdf:
-        arm["srdf"] = str(options.srdf.resolve())
+        files["srdf"] = str(options.srdf.resolve())
     for number in range(first, last + 1):
         for family in FAMILIES:
             if (family, number) in done:
                 continue
-            text = task_of(options.folder / "problems", family, options.robot, number, arm)
+            text = task_of(options.folder / "problems", family, options.robot, number, files)
             row = {
                 "family": family,
                 "number": number,
-                **solved(text, options.uncertainty, options.urdf, options.srdf),
+                **solved(text, options.uncertainty, ROBOTS[options.robot], options.urdf, options.srdf),
             }
             with file.open("a") as out:
                 out.write(json.dumps(row) + "\n")
@@ -102,7 +93,7 @@ class Stages:
             self.seconds[name] = round(time.process_time() - began, 3)
 
 
-def solved(text: str, uncertainty: str, urdf: Path, srdf: Path | None) -> dict[str, Any]:
+def solved(text: str, uncertainty: str, kind: Robot, urdf: Path, srdf: Path | None) -> dict[str, Any]:
     """One problem: search alone, timing, what a controller runs, proof, checks by others."""
     stages, row = Stages(), dict[str, Any]()
     with tempfile.TemporaryDirectory() as folder:
@@ -134,7 +125,7 @@ def solved(text: str, uncertainty: str, urdf: Path, srdf: Path | None) -> dict[s
     except TimeIsUpError:
         row["outcome"] = "checked (proof out of time)"
     row |= by_toppra(own, fit.path)
-    row["mesh_contacts_at_1_ms"] = on_raw_meshes(own, run.motion, urdf, srdf)
+    row["mesh_contacts_at_1_ms"] = on_raw_meshes(own, run.motion, kind, urdf, srdf)
     return row
 
 
@@ -161,39 +152,58 @@ def by_toppra(task: MotionTask, path: Any) -> dict[str, Any]:
     return {"toppra_s": float(motion.duration), "toppra_loses_contact": bool(lost)}
 
 
-def on_raw_meshes(task: MotionTask, motion: Trajectory, urdf: Path, srdf: Path | None) -> int:
-    """Instants, 1 ms apart, at which the meshes of the URDF touch obstacles or each other, by coal alone."""
+def on_raw_meshes(task: MotionTask, motion: Trajectory, kind: Robot, urdf: Path, srdf: Path | None) -> int:
+    """Instants, 1 ms apart, at which the meshes of the URDF touch obstacles or each other, by coal alone.
+
+    Meshes of the robot that touch each other at the start are left out, such as wheels in their base.
+    """
     model = pin.buildModelFromUrdf(str(urdf))
-    package = next(p for p in urdf.resolve().parents if p.name == "share")
-    folders = [str(package)]
+    folders = [str(folder) for folder in urdf.resolve().parents]
     geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders)
     count = geometry.ngeoms
     for number, solid in enumerate(task.robot.around):
         shape = getattr(solid, "shape", None)
         if shape is None or not hasattr(shape, "position") or not hasattr(shape, "solid"):
             continue
-        pose = pin.SE3(shape.rotation, shape.position - [0.0, 0.0, DECK])
+        pose = pin.SE3(shape.rotation, shape.position - [0.0, 0.0, kind.deck])
         solid_of = exact(shape)
         if solid_of is not None:
             geometry.addGeometryObject(pin.GeometryObject(f"around{number}", 0, pose, solid_of))
     geometry.addAllCollisionPairs()
     if srdf is not None:
         pin.removeCollisionPairs(model, geometry, str(srdf))
-    for pair in list(geometry.collisionPairs):
+    for pair in pairs_of(geometry):
         resting = [geometry.geometryObjects[k].parentJoint == 0 for k in (pair.first, pair.second)]
-        joints = [geometry.geometryObjects[k].parentJoint for k in (pair.first, pair.second)]
-        if all(resting) or (max(pair.first, pair.second) < count and neighbours(model, *joints)):
+        parents = [geometry.geometryObjects[k].parentJoint for k in (pair.first, pair.second)]
+        if all(resting) or (max(pair.first, pair.second) < count and neighbours(model, *parents)):
             geometry.removeCollisionPair(pair)
     data, placed = model.createData(), geometry.createData()
-    numbers = [model.joints[model.getJointId(name)].idx_q for name in task.robot.names]
+    joints = [model.joints[model.getJointId(name)] for name in task.robot.names]
     q, hits = pin.neutral(model), 0
     for joint, name in enumerate(model.names):
         if "finger" in name:
-            q[model.joints[joint].idx_q] = 0.065
+            q[model.joints[joint].idx_q] = kind.fingers
+
+    def place(state: np.ndarray) -> None:
+        for own, value in zip(joints, state, strict=True):  # continuous joints have cosine and sine
+            q[own.idx_q : own.idx_q + own.nq] = value if own.nq == 1 else (np.cos(value), np.sin(value))
+
+    place(task.start)
+    pin.computeCollisions(model, data, geometry, placed, q, False)
+    always = [result.isCollision() for result in placed.collisionResults]  # wheels in their base
+    for touches, pair in zip(always, pairs_of(geometry), strict=True):
+        if touches and max(pair.first, pair.second) < count:
+            geometry.removeCollisionPair(pair)
+    placed = geometry.createData()
     for state in motion(np.append(np.arange(0, motion.end, 1e-3), motion.end)):
-        q[numbers] = state
+        place(state)
         hits += pin.computeCollisions(model, data, geometry, placed, q, True)
     return int(hits)
+
+
+def pairs_of(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
+    """Copies of the pairs: those of the geometry change places when one is removed."""
+    return [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
 
 
 def neighbours(model: pin.Model, one: int, other: int) -> bool:
