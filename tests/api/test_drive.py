@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,15 @@ def test_slopes_help_or_harm(envelope):
     assert down < level < up
 
 
+def test_parameters_say_that_slopes_leave_less(envelope):
+    ways = ("downhill", "uphill", "across_left", "across_right")
+    least = min(envelope.limit(f"brake_{way}") for way in ways)
+    down = float(envelope.ground.split(": ")[1].split()[0])
+    assert 0 <= least - down <= 2e-3
+    assert f"# {envelope.ground}\n" in envelope.to_yaml()
+    assert replace(envelope, given=replace(envelope.given, slope=0.0)).ground == "on level ground"
+
+
 def test_parameters_for_navigation_hold_together(envelope):
     navigation = envelope.navigation
     (v, _, w), (x, y, al) = navigation["max_velocity"], navigation["max_accel"]
@@ -92,8 +102,8 @@ def test_text_files_and_json(tmp_path, capsys):
     assert len(rows) == 8 + len(data["manoeuvres"])
     assert float(rows[4]["within_largest"]) == data["directions"][4]["within"]["largest"]
     lines = (folder / "nav2.yaml").read_text(encoding="utf-8").splitlines()
-    assert lines[1:3] == ["velocity_smoother:", "  ros__parameters:"]
-    given = [float(value) for value in lines[4].split("[")[1].rstrip("]").split(",")]
+    assert lines[3:5] == ["velocity_smoother:", "  ros__parameters:"]
+    given = [float(value) for value in lines[6].split("[")[1].rstrip("]").split(",")]
     assert all(
         0 <= exact - shown < 1e-3 for exact, shown in zip(data["navigation"]["max_accel"], given, strict=True)
     )

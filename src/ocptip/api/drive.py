@@ -24,7 +24,13 @@ from ocptip.motion.cycles.task import Task
 from ocptip.pictures.drive_envelope import envelope_picture
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.drive_envelope import LARGEST, LargestManoeuvres, Manoeuvres, largest_manoeuvres
+from ocptip.standing.drive_envelope import (
+    LARGEST,
+    LargestManoeuvres,
+    Manoeuvre,
+    Manoeuvres,
+    largest_manoeuvres,
+)
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stow_pose import StowSearch
 from ocptip.standing.tolerance import Uncertainty
@@ -36,30 +42,8 @@ STOW = "stow"
 """Name of the posture that is searched."""
 
 _STARTS = 6  # postures that are improved
+ASSUMED = "contacts with friction are wheels that drive and brake up to it: torques of wheels are not limited"
 NOT_COVERED = ("motion of the arm", "compliance of wheels", "uneven floor", "sway after a step")
-
-
-@dataclass(frozen=True)
-class Manoeuvre:
-    """What a base is asked to do.
-
-    Attributes:
-        key: of files.
-        text: for people.
-        unit: of its limit.
-        squared: the parameter is the square of the limit.
-    """
-
-    key: str
-    text: str
-    unit: str = "m/s^2"
-    squared: bool = False
-
-    def value(self, parameter: float) -> float | None:
-        """The limit; None where nothing limits it."""
-        if parameter >= LARGEST:
-            return None
-        return float(np.sqrt(parameter) if self.squared else parameter)
 
 
 def drive(
@@ -339,6 +323,17 @@ class DriveEnvelope:
         return LARGEST if found is None else found
 
     @property
+    def ground(self) -> str:
+        """On which ground the parameters for navigation hold, in words."""
+        level, given = "on level ground", self.given.slope
+        if not given:
+            return level
+        slopes = ("downhill", "uphill", "across_left", "across_right")
+        down = np.trunc(1e3 * min(self._capped(f"brake_{name}") for name in slopes)) / 1e3
+        slope = f"a slope of {np.degrees(given):.4g} deg"
+        return f"{level}; straight braking on {slope}: {down:.4g} m/s^2 at most"
+
+    @property
     def scope(self) -> str:
         """What the envelope is about, in words."""
         within = f"within {self.tolerance.scope}" if self.counting.given else "nominal model only"
@@ -374,6 +369,7 @@ class DriveEnvelope:
         return {
             "posture": self.name,
             "scope": self.scope,
+            "assumed": ASSUMED,
             "not_covered": [*NOT_COVERED, *self.ignored],
             "tolerance": self.tolerance.to_dict(),
             "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),
@@ -414,7 +410,8 @@ class DriveEnvelope:
 
     def to_yaml(self) -> str:
         """Parameters of Nav2's velocity smoother."""
-        lines = [f"# {self.name}: {self.scope}", "velocity_smoother:", "  ros__parameters:"]
+        comments = [f"# {text}" for text in (f"{self.name}: {self.scope}", self.ground, ASSUMED)]
+        lines = [*comments, "velocity_smoother:", "  ros__parameters:"]
         for name, values in self.navigation.items():
             # Rounded towards zero: the numbers must stay inside the envelope.
             shown = ", ".join(f"{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}" for value in values)

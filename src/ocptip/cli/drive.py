@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.api.drive import NOT_COVERED, STOW, DriveEnvelope, Manoeuvre, drive
+from ocptip.api.drive import ASSUMED, NOT_COVERED, STOW, DriveEnvelope, drive
 from ocptip.basics.errors import naming
-from ocptip.basics.text import table
+from ocptip.basics.text import quantity, table
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, named, under
 from ocptip.cli.options import naming_options, output_directory, require_least
 from ocptip.cli.stand_posture import posture_of
 from ocptip.cli.terminal import say_if_compiling
-from ocptip.standing.drive_envelope import LargestManoeuvres
+from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
 from ocptip.task_files.tolerance import load_tolerance
 
 _NOISE = 1e-9
@@ -74,16 +74,19 @@ class DriveReport(Report):
     def to_text(self) -> str:
         """The manoeuvres with what limits them, and parameters for navigation."""
         found = self.found
-        value, angle = found.worst_direction
+        (value, angle), held = found.worst_direction, found.robot.payload
         head = f"{found.name}   DRIVE ENVELOPE, {found.scope}."
-        heads = ["", "nominal", *(["worst case"] if found.within else []), "limited by"]
+        within = ["worst case", "limits the worst case"] if found.within else ["limited by"]
+        heads = ["", "nominal", *within]
         rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
         lines = [
             ("posture", self._posture()),
+            *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
             ("worst direction", f"{_down(value)} m/s^2 at {np.degrees(angle):.0f} deg from forward to left"),
             *self._lifts(),
             ("locked wheels", self._locked()),
-            *under("together", self._together()),
+            *under("together", [*self._together(), found.ground]),
+            ("assumed", ASSUMED),
             *([("robot", masses(found.robot))] if self.verbose else []),
             *under("uncertainty", found.tolerance.lines() if self.verbose else []),
             ("not covered", ", ".join([*NOT_COVERED, *found.ignored])),

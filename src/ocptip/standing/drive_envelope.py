@@ -34,6 +34,29 @@ _CHOICES = 2  # of deviations that are worst for a half space: the second counts
 _INSIDE = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of a bound at which the worst deviations are chosen
 
 
+@dataclass(frozen=True)
+class Manoeuvre:
+    """What a base is asked to do.
+
+    Attributes:
+        key: of files.
+        text: for people.
+        unit: of its limit.
+        squared: the parameter is the square of the limit.
+    """
+
+    key: str
+    text: str
+    unit: str = "m/s^2"
+    squared: bool = False
+
+    def value(self, parameter: float) -> float | None:
+        """The limit; None where nothing limits it."""
+        if parameter >= LARGEST:
+            return None
+        return float(np.sqrt(parameter) if self.squared else parameter)
+
+
 @dataclass(frozen=True, eq=False)
 class Manoeuvres:
     """P families of base motions with one parameter x >= 0 each.
