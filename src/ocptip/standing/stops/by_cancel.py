@@ -33,7 +33,7 @@ from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of
 from ocptip.trajectories.trajectory import Trajectory
 
 SPACING = 0.01  # s, between instants of a motion at which joints begin to decelerate
-NEAR = 2e-3  # s: instants nearer to the one before are left out
+NEAR = 2e-3  # s: instants nearer to the last one that is kept are left out
 PEAKS, FRESH, ROUNDS = 4, 7, 2  # of the refinement: worst instants, new ones on either side of each, rounds
 INSIDE = np.array([0.0, 1 / 3, 2 / 3, 1.0])  # of each time between stops of joints; 0 and 1 are its two sides
 SHORTEST = 1e-9  # s: times between stops of joints that are shorter have no states of their own
@@ -219,8 +219,11 @@ def cancel_times(motion: Trajectory) -> np.ndarray:
 
     A motion through points has one at each; speeds change little between two that are near each other.
     """
-    times = instants_of(motion, SPACING)
-    return times[np.diff(times, prepend=-1.0) > NEAR]
+    kept: list[float] = []
+    for time in instants_of(motion, SPACING).tolist():
+        if not kept or time - kept[-1] > NEAR:
+            kept.append(time)
+    return np.array(kept)
 
 
 @lru_cache(maxsize=8)

@@ -1,9 +1,9 @@
 """Stops of a cancelled motion at the worst of an uncertainty.
 
-All deviations count in every state of a stop. Around the steps of its acceleration (where it begins to
-decelerate, where it rests) a joint may be delayed, or its acceleration may overshoot: in all combinations of
-the joints, of which the worst for each moment and for slip is taken by slopes. A joint that is faster than
-planned also counts as decelerating harder, by the square.
+All deviations count in every state of a stop. Around the steps of its acceleration (those of the motion,
+where it begins to decelerate, where it rests) a joint may be delayed, or its acceleration may overshoot. Of
+all combinations of the joints the worst for each moment and for slip is taken by slopes. A joint that is
+faster than planned also counts as decelerating harder, by the square.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ocptip.standing.stops.by_cancel import Cancel, StopStates, stop_states
+from ocptip.standing.stops.by_cancel import NEAR, Cancel, stop_states
+from ocptip.standing.stops.joint_stops import SLOW
 from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
-from ocptip.standing.within.late_joints import CLOSER, DelayedStates, worst_options
+from ocptip.standing.within.late_joints import CLOSER, DelayedStates, Events, worst_options
 from ocptip.standing.within.worst_case import WorstCase
-from ocptip.trajectories.trajectory import Trajectory
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 _STEP = 1e-9  # s
+_SOON = 1e-5  # s after a joint starts to move: it is fast enough that a cancel decelerates it
+_MOST = 8  # states of a joint with the smallest accelerations, and with the largest; more have recordings
 
 
 def worst_of_cancels(
@@ -47,18 +50,23 @@ def _states(
 ) -> DelayedStates:
     """States of the stops, and those at steps of accelerations that are worst for some functions."""
     acting = cases.deviations.robot.during(motion)
+    events = Events(motion, cases.deviations.tolerance)
+    if (events.delay or events.more) and len(events.times) * NEAR < motion.end:  # else it is a recording
+        starting = np.any(events.jumps & (np.abs(events.qd) < SLOW), axis=1)
+        times = np.unique(np.concatenate([times, events.times, events.times[starting] + _SOON]))
     process = acting.acting(times)
-    start, rate = motion.states(times), np.array(cancel.decelerations)
-    at = stop_states(*start[:2], rate)
+    q, qd, _ = motion.states(times)
+    rate = np.array(cancel.decelerations)
+    at = stop_states(q, qd, rate)
     own = np.hstack([at.q, at.qd, at.qdd, process[at.owner]])
-    late, more = cases.deviations.tolerance.late, cases.deviations.tolerance.overshoot
-    rests = np.abs(start[1]) / rate
-    since = at.after[:, None] - np.where(at.qdd != 0, 0.0, rests[at.owner])
+    since = at.after[:, None] - np.where(at.qdd != 0, 0.0, (np.abs(qd) / rate)[at.owner])
     words = [_after(after) for after in at.after.tolist()]
-    found = DelayedStates(own, times[at.owner], np.clip(since, 0.0, late), words)
-    if not (late or more):
+    found = DelayedStates(own, times[at.owner], np.clip(since, 0.0, events.delay), words)
+    if not (events.delay or events.more):
         return found
-    options, when, stop = _options(start, at, rate, late, more)
+    rows = np.flatnonzero(at.before | (at.after == 0))
+    stop, when = at.owner[rows], at.after[rows]
+    options = _options(events, times[stop], when, rate)
     number, values, _ = worst_options(options, cases, process[stop], functions=functions, most=CLOSER)
     for k in range(values.shape[1]):
         rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
@@ -73,39 +81,70 @@ def _after(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms after the joints began to decelerate"
 
 
-def _options(
-    start: tuple[np.ndarray, np.ndarray, np.ndarray],
-    at: StopStates,
-    rate: np.ndarray,
-    late: float,
-    more: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The possible delayed states of each joint just after steps of accelerations.
+def _options(events: Events, begun: np.ndarray, when: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """The possible delayed states of each joint after a cancel.
+
+    The steps of its acceleration are those of the motion, the cancel, and its rest. Around each in the delay
+    it is before the step, or overshoots by a sum of steps up to it: by the minimum or the maximum of these.
+
+    Args:
+        events: of the motion.
+        begun: (D,), s, when joints begin to decelerate.
+        when: (D,), s, after that.
+        rate: (n,) decelerations.
 
     Returns:
-        (D, n, K, 4): angle, speed, acceleration and maximum delay, NaN beyond these; (D,), s, after the
-        joints began to decelerate; (D,) the stop.
+        (D, n, K, 4): angle, speed, acceleration and maximum delay; NaN beyond these.
     """
-    rows = np.flatnonzero(at.before | (at.after == 0))
-    stop, when = at.owner[rows], at.after[rows]
-    q, qd, qdd = (part[stop] for part in start)
-    rests, sign = np.abs(qd) / rate, np.sign(qd)
-    ends, from_start = q + 0.5 * qd * rests, when[:, None] < late + _STEP
-    moves = rests > when[:, None] + _STEP
+    late, now, low = events.delay, begun + when, begun + when - events.delay
+    (q, qd, _), qdd = events.motion.states(begun), events.motion.states(begun + INSIDE)[2]
+    rests, slower, none = np.abs(qd) / rate, -np.sign(qd) * rate, np.zeros_like(qd)
     way = np.minimum(when[:, None], rests)
-    now = q + way * (qd - 0.5 * sign * rate * way), np.where(moves, qd - sign * rate * way, 0.0)
-    since = when[:, None] - np.where(moves, 0.0, rests)
-    stops = ~moves & (since < late + _STEP)
-    none, slower = np.zeros_like(q), -sign * rate
-    options = [(*now, np.where(moves, slower, 0.0), np.clip(since, 0.0, late), np.ones_like(moves))]
+    moves = rests > when[:, None] + _STEP
+    on_time = q + way * (qd + 0.5 * slower * way), np.where(moves, qd + slower * way, 0.0)
+
+    first = np.searchsorted(events.times, low - INSIDE)
+    last = np.searchsorted(events.times, begun + INSIDE, side="right")
+    event = last[:, None] - np.arange(np.max(last - first, initial=0), 0, -1)  # (D, M), the latest at the end
+    inside, event = event >= first[:, None], np.maximum(event, 0)
+
+    def steps(of_motion: np.ndarray, at_cancel: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
+        """(D, M + 2, n)."""
+        return np.concatenate([of_motion, at_cancel[:, None], at_rest[:, None]], axis=1)
+
+    moment = steps(events.times[event][..., None] + none[:1], begun[:, None] + none, begun[:, None] + rests)
+    there = steps(events.q[event], q, q + 0.5 * qd * rests), steps(events.qd[event], qd, none)
+    before = steps(events.before[event], qdd, slower)
+    step = steps(events.after[event], slower, none) - before
+    known = steps(
+        events.jumps[event] & inside[..., None],
+        np.abs(slower - qdd) > events.small,
+        (qd != 0) & ~moves,
+    )
+    known &= moment > low[:, None, None] - _STEP
+    latest = np.maximum.accumulate(np.where(known, moment, low[:, None, None]), axis=1)
+    since = np.clip(now[:, None] - latest[:, -1], 0.0, late)
+    options = [np.stack([*on_time, np.where(moves, slower, 0.0), since], axis=-1)[:, None]]
+    given = [np.ones_like(known[:, :1])]
     if late:
-        options.append((q, qd, qdd, late - when[:, None] + none, from_start))
-        options.append((ends, none, slower, np.minimum(late - since, rests), stops & (qd != 0)))
-    if more:
-        options.append((q, qd, slower + more * (slower - qdd), none, from_start))
-        options.append((ends, none, -more * slower, none, stops & (qd != 0)))
-    found = np.stack([np.stack(np.broadcast_arrays(*way[:4]), axis=-1) for way in options], axis=2)
-    known = np.stack([np.broadcast_to(way[4], q.shape) for way in options], axis=2)
-    order = np.argsort(~known, axis=2, kind="stable")
+        then = events.motion.states(np.where(when < late, low, begun))
+        until = np.take_along_axis(before, np.argmax(known, axis=1)[:, None], axis=1)[:, 0]
+        options.append(np.stack([*then, none], axis=-1)[:, None])
+        given.append(((when < late)[:, None] & (np.abs(then[2] - until) > events.small))[:, None])
+        room = np.diff(latest, axis=1, prepend=low[:, None, None] + none[:, None])
+        options.append(np.stack([*there, before, room], axis=-1))
+        given.append(known)
+    if events.more:
+        own = np.where(known, step, 0.0)
+        sums = np.cumsum(own, axis=1)
+        for extreme in (np.maximum, np.minimum):
+            more = events.more * (sums - extreme.accumulate(sums - own, axis=1))
+            options.append(np.stack([*there, before + step + more, np.zeros_like(more)], axis=-1))
+            given.append(known)
+    found, known = np.concatenate(options, axis=1), np.concatenate(given, axis=1)
+    acceleration = np.where(known, found[..., 2], np.inf)
+    rank = np.argsort(np.argsort(acceleration, axis=1, kind="stable"), axis=1)
+    known &= (rank < _MOST) | (rank >= np.sum(known, axis=1, keepdims=True) - _MOST)
+    order = np.argsort(~known, axis=1, kind="stable")[:, : int(np.max(np.sum(known, axis=1)))]
     found = np.where(known[..., None], found, np.nan)
-    return np.take_along_axis(found, order[..., None], axis=2), when, stop
+    return np.take_along_axis(found, order[..., None], axis=1).swapaxes(1, 2)

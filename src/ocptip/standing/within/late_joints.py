@@ -108,8 +108,16 @@ class DelayedStates:
         )
 
 
-class _Events:
-    """Switching times of a motion, and the accelerations of joints on both sides of them."""
+class Events:
+    """Switching times of a motion, and the accelerations of joints on both sides of them.
+
+    Attributes:
+        times: (E,), s.
+        delay, more: of the uncertainty: maximum delay, s, and share of a step that overshoots.
+        q, qd, before, after, step: (E, n) of the joints there, and what their accelerations change by.
+        jumps: (E, n) which of these changes are acceleration steps.
+        small: (n,) changes of acceleration that count for nothing.
+    """
 
     def __init__(self, motion: Trajectory, tolerance: Uncertainty) -> None:
         self.motion, self.times = motion, motion.event_times
@@ -191,7 +199,7 @@ def on_time(
     What acts on the gripper of a robot `during` the motion is never delayed: it keeps the clock of the
     motion.
     """
-    max_delay = _Events(motion, tolerance).max_delay(times)
+    max_delay = Events(motion, tolerance).max_delay(times)
     acting = np.empty((len(times), 0)) if robot is None else robot.acting(times)
     return DelayedStates(np.hstack([*motion.states(times), acting]), times, max_delay, [""] * len(times))
 
@@ -211,7 +219,7 @@ def jump_states(
             them, all.
         robot: `during` the motion: if its process varies, its knots are evaluated as well.
     """
-    n, events = motion.n, _Events(motion, tolerance)
+    n, events = motion.n, Events(motion, tolerance)
     found: list[_Instant] = []
     instants = [events.times, events.times + events.delay]
     if robot is not None and robot.varying is not None:
