@@ -131,8 +131,8 @@ def _options(events: Events, begun: np.ndarray, when: np.ndarray, rate: np.ndarr
         until = np.take_along_axis(before, np.argmax(known, axis=1)[:, None], axis=1)[:, 0]
         options.append(np.stack([*then, none], axis=-1)[:, None])
         given.append(((when < late)[:, None] & (np.abs(then[2] - until) > events.small))[:, None])
-        room = np.diff(latest, axis=1, prepend=low[:, None, None] + none[:, None])
-        options.append(np.stack([*there, before, room], axis=-1))
+        max_delay = np.diff(latest, axis=1, prepend=low[:, None, None] + none[:, None])
+        options.append(np.stack([*there, before, max_delay], axis=-1))
         given.append(known)
     if events.more:
         own = np.where(known, step, 0.0)
