@@ -15,7 +15,7 @@ import numpy as np
 from ocptip.standing.stops.by_cancel import NEAR, Cancel, stop_states
 from ocptip.standing.stops.joint_stops import SLOW
 from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
-from ocptip.standing.within.late_joints import CLOSER, DelayedStates, Events, worst_options
+from ocptip.standing.within.late_joints import CLOSER, DelayedStates, Events, exchanged, worst_options
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
@@ -68,6 +68,7 @@ def _states(
     stop, when = at.owner[rows], at.after[rows]
     options = _options(events, times[stop], when, rate)
     number, values, _ = worst_options(options, cases, process[stop], functions=functions, most=CLOSER)
+    number = exchanged(options, cases, process[stop], number, values, functions)
     for k in range(values.shape[1]):
         rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
         chosen = options[rows[:, None], np.arange(options.shape[1]), number[rows, k]]

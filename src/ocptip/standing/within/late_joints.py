@@ -292,7 +292,7 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedState
     options[given] = [way[:4] for instant in every for own in instant.options for way in own]
     acting = np.array([instant.acting for instant in every])
     number, values, _ = worst_options(options, cases, acting, most=CLOSER)
-    number = _exchanged(options, cases, acting, number, values).tolist()
+    number = exchanged(options, cases, acting, number, values).tolist()
     chosen = [(i, choice) for i, own in enumerate(number) for choice in sorted(set(map(tuple, own)))]
     rows, choices = np.array([i for i, _ in chosen]), np.array([choice for _, choice in chosen])
     numbers = options[rows[:, None], np.arange(n), choices]  # (C, n, 4)
@@ -363,11 +363,20 @@ def worst_options(
     return number, values, slopes
 
 
-def _exchanged(
-    options: np.ndarray, cases: WorstCase, acting: np.ndarray, number: np.ndarray, values: np.ndarray
+def exchanged(
+    options: np.ndarray,
+    cases: WorstCase,
+    acting: np.ndarray,
+    number: np.ndarray,
+    values: np.ndarray,
+    functions: Sequence[int] | None = None,
 ) -> np.ndarray:
-    """Numbers (D, F, n) of cases of which, at the worst instants, no other of a single joint is worse."""
+    """Numbers (D, F, n) of cases of which, at the worst instants, no other of a single joint is worse.
+
+    Args and functions: see `worst_options`, whose numbers and values these are.
+    """
     number, values, n = number.copy(), values.copy(), options.shape[1]
+    each = np.arange(values.shape[1]) if functions is None else np.array(functions)
     ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
     row, which = np.nonzero(ranks < _WORST)
     for _ in range(_EXCHANGES):
@@ -381,7 +390,7 @@ def _exchanged(
         chosen = options[row[r][:, None], np.arange(n), tried]
         states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
         states = np.hstack([states, acting[row[r]]])
-        found = cases.function(states, which[r], chosen[..., 3])[0]
+        found = cases.function(states, each[which[r]], chosen[..., 3])[0]
         order = np.argsort(-found, kind="stable")
         better, first = np.unique(r[order], return_index=True)
         best = order[first]
