@@ -105,14 +105,35 @@ def test_rows_of_late_joints_are_slopes():
     grid = Grid(task.robot, path, limits, spaced(path, NODES))
     x = fastest(grid, ExtraRows.none()).x
     late, rng = LateJoints(grid), np.random.default_rng(1)
-    rows = late.broken(x)[1]
+    rows = late._broken(x)[2]
     assert len(rows) > 5
     step = 1e-6 * x * rng.normal(size=len(x))
-    other = late.broken(x + step)[1]
+    other = late._broken(x + step)[2]
     assert other.names == rows.names
     excess = [own.A @ at - own.b for own, at in ((rows, x), (other, x + step))]
     change = rows.A @ step
     np.testing.assert_allclose(excess[1] - excess[0], change, atol=2e-3 * np.max(np.abs(change)))
+
+
+@pytest.mark.parametrize("driven", [slice(0, 2), slice(2, 4)])
+def test_rows_of_a_base_that_slides_leave_slower_timings(driven: slice):
+    """On two wheels and two casters: what keeps the limits keeps the rows that a sliding timing gives."""
+    task = cart()
+    contacts = np.array(task.robot.support.contacts, dtype=object)
+    for k, contact in enumerate(contacts):
+        contacts[k] = replace(contact, friction=0.15 if k in range(4)[driven] else 0.0)
+    robot = task.robot.varied(support=task.robot.support.varied(list(contacts)))
+    path = random_path(task, 0, 0.1)
+    limits = TimingLimits(robot, replace(task.limits, tolerance=WORKSHOP))
+    late = LateJoints(grid := Grid(robot, path, limits, spaced(path, NODES)))
+    x = fastest(grid, ExtraRows.none()).x
+    excess, rows = late.broken(x)
+    assert excess > 0.1
+    assert len(rows) > 0
+    assert np.any(rows.A @ x > rows.b)
+    kept = [share for share in (0.1, 0.2, 0.3) if late.broken(share * x)[0] <= 0]
+    assert kept
+    assert all(np.all(rows.A @ (share * x) <= rows.b + 1e-6) for share in [0, *kept])
 
 
 @pytest.mark.parametrize("seed", some(1, [7, 20]))

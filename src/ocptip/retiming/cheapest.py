@@ -130,9 +130,7 @@ class CheapestProgram:
                 x = np.array(solution.x)[: len(self.grid.s)] * self.unit
                 x = np.clip(x, *self.grid.bounds.T)  # up to the solver's tolerance it is
                 return x, scale * float(solution.obj_val_dual) + offset
-        raise SolverError(
-            f"cheapest timing: no accurate solution (Clarabel: {status}); time as objective may help"
-        )
+        raise SolverError(f"timing: the cone program has no accurate solution (Clarabel: {status})")
 
     # columns: x and z of the nodes; per interval the cost of copper, standby and time (by joint: of standby
     # and time only, then copper and energy drawn of every joint), and its duration where that is limited

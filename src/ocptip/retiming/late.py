@@ -22,6 +22,8 @@ from ocptip.trajectories.trajectory import INSIDE
 NAMES = ("tip-over within tolerance", "slip within tolerance")
 _NEAR = 0.03  # of M0, or of GT: rows that are missed by less than this are taken, too
 _FAR = 0.2  # of M0, or of GT: rows that are farther from it are no more looked at
+_SLIDES = 0.01  # of GT: what is missed by more has slopes of a base that slides
+_HALVINGS = 8  # of the speed-up of a timing until it just reaches a limit
 _SLOWEST = 1e-3  # of the mean of x: slopes of sqrt(x) are taken there, or where it is faster
 
 
@@ -89,9 +91,25 @@ class LateJoints:
     def broken(self, x: np.ndarray) -> tuple[float, Couplings]:
         """By how much the worst row is missed, in units of M0 or GT, and the rows that are, or nearly.
 
+        Where the base slides, GT counts its acceleration, and slopes there say nothing of the limit. Rows are
+        then those of a slower timing that just reaches it.
+
         Args:
             x: (N + 1,), the timing.
         """
+        excess, slips, rows = self._broken(x)
+        slow, fast = 0.0, 1.0
+        for _ in range(_HALVINGS if slips > _SLIDES else 0):
+            if -_NEAR < slips <= _SLIDES:
+                break
+            middle = 0.5 * (slow + fast)
+            _, slips, found = self._broken(middle * x)
+            slow, fast = (slow, middle) if slips > _SLIDES else (middle, fast)
+            rows = found if slips <= _SLIDES and len(found) else rows
+        return excess, rows
+
+    def _broken(self, x: np.ndarray) -> tuple[float, float, Couplings]:
+        """By how much the worst row is missed, and the worst of friction, and rows that are, or nearly."""
         options, made, places = self._options(x)
         number, values, slopes = worst_options(
             options, self._cases, self._grid.robot.acting(places), (self._most - _FAR) * self._units
@@ -112,7 +130,7 @@ class LateJoints:
                     A[row, first:last] += factor * on[row, 2, joint] * over[:, node, joint]
         b = A @ x - excess[i, k]
         rows = Couplings(sparse.csr_matrix(A), b, tuple(self._names[function] for function in k))
-        return float(np.max(excess)), rows
+        return float(np.max(excess)), float(np.max(excess[:, -1])), rows
 
     def _options(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray]:
         """(D, n, K, 4) of what joints may be doing at nodes and the delay after them; what it is made of;
