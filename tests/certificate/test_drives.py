@@ -120,7 +120,7 @@ def test_the_greatest_is_reached_but_for_products():
 @pytest.mark.slow
 def test_what_drives_do_not_have_within_the_tolerance_is_found_and_not_proved():
     task, motion = _swing("G")
-    limits = Limits(tolerance=WORKSHOP)
+    limits = Limits(tolerance=WORKSHOP, clearance=0.0)
     checked = certified(task.robot, motion, check_motion(task.robot, motion, limits), limits)
     assert checked.verified
     worst, data = checked.worst[TORQUES], checked.certificate.data
