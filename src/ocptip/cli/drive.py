@@ -16,7 +16,7 @@ from ocptip.basics.text import quantity, table
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, named, under
 from ocptip.cli.options import naming_options, output_directory, require_least
-from ocptip.cli.stand_posture import posture_of
+from ocptip.cli.stand_posture import joint_values, posture_of
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
 from ocptip.task_files.tolerance import load_tolerance
@@ -80,7 +80,7 @@ class DriveReport(Report):
         heads = ["", "nominal", *within]
         rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
         lines = [
-            ("posture", self._posture()),
+            ("posture", joint_values(found.robot, found.q)),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
             ("worst direction", f"{_down(value)} m/s^2 at {np.degrees(angle):.0f} deg from forward to left"),
             *self._lifts(),
@@ -93,14 +93,6 @@ class DriveReport(Report):
         ]
         written = [f"wrote {path}" for path in self.written]
         return "\n".join([head, "", *table(rows, left=(0, len(heads) - 1)), "", *named(lines), *written])
-
-    def _posture(self) -> str:
-        robot = self.found.robot
-        shown = zip(robot.names, self.found.q, robot.units, strict=True)
-        return ", ".join(
-            f"{name} {np.degrees(value):.4g} deg" if unit == "rad" else f"{name} {value:.4g} m"
-            for name, value, unit in shown
-        )
 
     def _row(self, k: int, one: Manoeuvre) -> list[str]:
         found, at = self.found, len(self.found.angles) + k
