@@ -1,6 +1,7 @@
 """What was checked is what is written: plans as controllers run them, written, read back, checked again."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
-from ocptip.motion.execution import SLOWEST, Execution, execute
+from ocptip.motion.execution import SLOWEST, Execution, execute, slowed_as_needed
 from ocptip.motion.output import joint_trajectory
 from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
@@ -80,6 +81,26 @@ def test_where_slowness_does_not_help_the_violations_stay(task, tight):
     assert executed.slower == 1
     slowest = execute(task.robot, task.reference.time_scaled(SLOWEST), limits, "cubic")
     assert not slowest.check.verified
+
+
+@pytest.mark.parametrize("needed", [1.0, 1.0003, 1.0123, 1.2, 1.3])
+@pytest.mark.parametrize("foretold", [0.0, 0.7, 1.0])
+def test_the_minimum_slowing_is_determined_with_few_checks(needed, foretold):
+    tried = []
+
+    def run(factor):
+        tried.append(factor)
+        well = factor >= needed
+        slowing = 1.0 if well else (needed / factor) ** foretold
+        return SimpleNamespace(check=SimpleNamespace(timed_well=well, slowing=slowing), factor=factor)
+
+    found = slowed_as_needed(run)
+    if needed > SLOWEST:
+        assert found is None
+        assert tried[-1] == SLOWEST
+    else:
+        assert needed <= found.factor <= needed + max(1e-4, 0.1 * (found.factor - 1))
+    assert len(tried) <= (7 if foretold == 1 else 13)
 
 
 def test_joints_come_in_any_order(task, executed, tmp_path):

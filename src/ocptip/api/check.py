@@ -18,7 +18,7 @@ from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
-from ocptip.motion.check import MotionCheck
+from ocptip.motion.check import OF_PATH, MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.motion.design import motion_design
@@ -30,7 +30,7 @@ from ocptip.motion.stops import stops_by_segment, stops_to_dict
 from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import robustness
-from ocptip.retiming.retime import OF_PATH, least_cost
+from ocptip.retiming.retime import least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import TORQUE_WITHIN
 from ocptip.standing.within.design import Design

@@ -39,6 +39,9 @@ NO_COLLISION = " (contacts and drives; collision not checked)"
 NO_FLOOR = " (no floor: what reaches below the contacts is not checked)"
 """Follows verdicts where no floor is an obstacle."""
 
+OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
+"""Worst values that no timing of a path changes."""
+
 OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
 """Ends of the names of worst values in stops."""
 
@@ -125,6 +128,22 @@ class MotionCheck:
         """All limits of the motion hold, whatever becomes of it in stops."""
         of_stops = [name for name in self.worst if name.endswith(OF_STOPS)]
         return all(any(text.startswith(f"{name} ") for name in of_stops) for text in self.violations)
+
+    @property
+    def timed_well(self) -> bool:
+        """Nothing is broken but limits of the path itself, which no timing changes."""
+        broken = [name for name in OF_PATH if name in self.worst and self.worst[name].violation]
+        return len(broken) == len(self.violations)
+
+    @property
+    def slowing(self) -> float:
+        """The factor of all times that would cure what is broken if it were due to accelerations alone."""
+        ratios = [
+            1 + worst.excess / worst.limit
+            for name, worst in self.worst.items()
+            if worst.violation and worst.limit > 0 and name not in OF_PATH
+        ]
+        return max(ratios, default=1.0) ** 0.5
 
     @property
     def proved_while_moving(self) -> bool:

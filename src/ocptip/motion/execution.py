@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, TypeVar
 
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.numerics.bisection import bisected
@@ -119,7 +119,7 @@ def execute(
     Cubics run trapezoidal velocity profiles exactly, quintics S-curves. The interpolation of other motions
     differs from them a little and may break limits that they just keep. Then all times of the profiles are
     stretched by the minimum factor that helps, up to `slowest`. Beyond, the unchanged motion is returned,
-    with its violations.
+    with its violations. Limits of the path itself, such as clearance, hold or break at any factor.
 
     Args:
         robot, motion, limits: as for `check_motion`.
@@ -139,7 +139,7 @@ def execute(
     factor, plain = first, replace(limits, tolerance=NONE)
     found: Execution | None = None
     for kept in (plain, limits) if limits.tolerance.given else (limits,):  # the quick check goes before
-        found = _least(partial(tried, limits=kept), factor, slowest)
+        found = slowed_as_needed(partial(tried, limits=kept), factor, slowest)
         if found is None:
             return tried(1.0)
         factor = found.slower
@@ -147,19 +147,45 @@ def execute(
     return found
 
 
-def _least(tried: Callable[[float], Execution], factor: float, slowest: float) -> Execution | None:
-    """The first from a factor on, as near as is worth a check, that is verified; None if there is none."""
+class Checked(Protocol):
+    """A motion with its check."""
 
-    def verified(factor: float) -> Execution | None:
+    @property
+    def check(self) -> MotionCheck:
+        """Of the motion."""
+        ...
+
+
+C = TypeVar("C", bound=Checked)
+
+
+def slowed_as_needed(tried: Callable[[float], C], first: float = 1.0, slowest: float = SLOWEST) -> C | None:
+    """The result at the minimum factor that cures what timing can cure, as near as is worth a check.
+
+    Args:
+        tried: the motion with all its times stretched by a factor.
+        first: factor that is tried first.
+        slowest: the maximum factor.
+
+    Returns:
+        None: up to the maximum there is none.
+    """
+
+    def kept(factor: float) -> C | None:
+        nonlocal asked
         found = tried(factor)
-        return found if found.check.verified else None
+        asked = factor * found.check.slowing
+        return found if found.check.timed_well else None
 
-    if kept := verified(factor):
-        return kept
-    for high in (step for step in STEPS if factor < step <= slowest):
-        if kept := verified(high):
-            return bisected(verified, factor, high, kept, _near)[1]
-        factor = high
+    asked = low = first
+    if found := kept(first):
+        return found
+    while steps := [step for step in STEPS if low < step <= slowest]:
+        # A broken limit says how far to go at least; the last step is tried in any case.
+        high = next((step for step in steps if step >= asked), steps[-1])
+        if found := kept(high):
+            return bisected(kept, low, high, found, _near)[1]
+        low = high
     return None
 
 

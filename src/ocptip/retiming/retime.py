@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, positive_number, whole_number
-from ocptip.motion.check import MotionCheck, check_motion
-from ocptip.motion.execution import CLOSE, STEPS
+from ocptip.motion.check import OF_PATH, MotionCheck, check_motion
+from ocptip.motion.execution import slowed_as_needed
 from ocptip.motion.objective import TIME, Objective
-from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.retiming.cheapest import CheapestTiming, PoweredTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
@@ -46,8 +44,6 @@ _MORE = 1.5  # times what is exceeded: by so much a limit is tightened
 _ROUNDING = 1e-12
 _STEPS = 1e-5  # of the greatest acceleration: so much the solver of the jerk leaves at nodes
 _KEPT = 2e-4  # of the longest duration: for what gets through between nodes
-OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
-"""Quantities that no timing changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +182,7 @@ def retime(
         checked = check_motion(robot, motion, limits)
         best = found, motion, checked, slower
         tighter = _tightened(robot, asked, limits, checked)
-        if _timed_well(checked) or tighter == asked:
+        if checked.timed_well or tighter == asked:
             break
         asked, known = tighter, found.couplings
     assert best is not None
@@ -416,25 +412,22 @@ def _tightened(robot: StandingMechanism, asked: Limits, limits: Limits, checked:
     return asked
 
 
-def _slowed(
-    robot: StandingMechanism, motion: Trajectory, limits: Limits, checked: MotionCheck
-) -> tuple[Trajectory, MotionCheck, float]:
+class _Slowed(NamedTuple):
+    """A motion with all its times stretched by a factor, and its check."""
+
+    motion: Trajectory
+    check: MotionCheck
+    factor: float
+
+
+def _slowed(robot: StandingMechanism, motion: Trajectory, limits: Limits, checked: MotionCheck) -> _Slowed:
     """The motion slowed down by the minimum factor, up to that of `execute`, that cures what timing can."""
 
-    def kept(factor: float) -> tuple[Trajectory, MotionCheck, float] | None:
+    def tried(factor: float) -> _Slowed:
+        if factor == 1:
+            return unchanged
         slower = motion.time_scaled(factor)
-        found = check_motion(robot, slower, limits)
-        return (slower, found, factor) if _timed_well(found) else None
+        return _Slowed(slower, check_motion(robot, slower, limits), factor)
 
-    if _timed_well(checked):
-        return motion, checked, 1.0
-    for low, high in pairwise(STEPS):
-        if best := kept(high):
-            return bisected(kept, low, high, best, lambda a, b: b - a <= max(CLOSE, 0.1 * (b - 1)))[1]
-    return motion, checked, 1.0
-
-
-def _timed_well(checked: MotionCheck) -> bool:
-    """Nothing is broken but what no timing cures: limits of the path itself."""
-    broken = [name for name in OF_PATH if name in checked.worst and checked.worst[name].violation]
-    return len(broken) == len(checked.violations)
+    unchanged = _Slowed(motion, checked, 1.0)
+    return slowed_as_needed(tried) or unchanged
