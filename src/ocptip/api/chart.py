@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +15,8 @@ from scipy.stats import qmc
 from ocptip.api.postures import rests_of
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, finite_array, positive_number, whole_number
-from ocptip.basics.outputs import replace_folder
-from ocptip.basics.write import plain, versions
+from ocptip.basics.outputs import SavedFolder
+from ocptip.basics.write import versions
 from ocptip.pictures.load_chart import chart_picture
 from ocptip.standing.arm import Robot
 from ocptip.standing.largest_payload import ChartCell, LargestPayloads, ReachBySector, largest_payloads
@@ -115,7 +112,7 @@ def halton_postures(robot: Robot, limits: Limits, samples: int, seed: int) -> np
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LoadChart:
+class LoadChart(SavedFolder):
     """Load charts of a robot at rest.
 
     Attributes:
@@ -132,6 +129,7 @@ class LoadChart:
         most: kg, the largest payload that was tried.
     """
 
+    data_file = "chart.json"
     name: str
     robot: Robot
     limits: Limits
@@ -317,25 +315,14 @@ class LoadChart:
                 rows.writerow([view, *places, data["postures"], *(data[name] for name in _VALUES)])
         return stream.getvalue()
 
-    def save(self, folder: str | os.PathLike[str], *, figures: bool = True) -> list[Path]:
-        """Write chart.json, chart.csv and chart.png into a folder, made if it does not exist.
-
-        Raises:
-            OSError: a file cannot be written; names it.
-        """
-        return list(self.write(folder, figures=figures))
-
-    def write(
-        self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None
-    ) -> Iterator[Path]:
-        """Write the files with the list of their hashes, and yield their paths; `extra`: of chart.json."""
-        data = json.dumps(plain({**self.to_dict(), **(extra or {})}), indent=2, allow_nan=False)
-        contents = {"chart.json": f"{data}\n".encode(), "chart.csv": self.to_csv().encode()}
+    def contents(self, figures: bool) -> dict[str, bytes]:
+        """chart.csv and chart.png."""
+        found = {"chart.csv": self.to_csv().encode()}
         if figures:
             views = self.cells(azimuth=False), self.cells(height=False)
             about = self.name, self.scope, self.edges
-            contents["chart.png"] = chart_picture(*about, *views, self.reaches, self._feet)
-        yield from replace_folder(Path(folder), contents)
+            found["chart.png"] = chart_picture(*about, *views, self.reaches, self._feet)
+        return found
 
 
 _COLUMNS = (("azimuth", "deg"), ("reach", "m"), ("height", "m"))

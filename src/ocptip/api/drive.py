@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +15,8 @@ from numpy.typing import ArrayLike
 from ocptip.api.chart import halton_postures
 from ocptip.api.postures import RestingPosture, resting_posture
 from ocptip.basics.errors import InputError, positive_number, whole_number
-from ocptip.basics.outputs import replace_folder
-from ocptip.basics.write import plain, versions
+from ocptip.basics.outputs import SavedFolder
+from ocptip.basics.write import versions
 from ocptip.motion.cycles.task import Task
 from ocptip.pictures.drive_envelope import envelope_picture
 from ocptip.robots.payload import Payload
@@ -138,7 +135,7 @@ class _Given:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DriveEnvelope:
+class DriveEnvelope(SavedFolder):
     """How hard a base may accelerate, brake and turn.
 
     Attributes:
@@ -150,6 +147,7 @@ class DriveEnvelope:
         given: arguments of :func:`drive`.
     """
 
+    data_file = "drive.json"
     name: str
     robot: Robot
     q: np.ndarray
@@ -418,26 +416,11 @@ class DriveEnvelope:
             lines.append(f"    {name}: [{shown}]")
         return "\n".join([*lines, ""])
 
-    def save(self, folder: str | os.PathLike[str], *, figures: bool = True) -> list[Path]:
-        """Write drive.json, drive.csv, nav2.yaml and drive.png into a folder, made if it does not exist.
-
-        Raises:
-            OSError: a file cannot be written; names it.
-        """
-        return list(self.write(folder, figures=figures))
-
-    def write(
-        self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None
-    ) -> Iterator[Path]:
-        """Write the files with the list of their hashes, and yield their paths; `extra`: of drive.json."""
-        data = json.dumps(plain({**self.to_dict(), **(extra or {})}), indent=2, allow_nan=False)
-        contents = {
-            "drive.json": f"{data}\n".encode(),
-            "drive.csv": self.to_csv().encode(),
-            "nav2.yaml": self.to_yaml().encode(),
-        }
+    def contents(self, figures: bool) -> dict[str, bytes]:
+        """drive.csv, nav2.yaml and drive.png."""
+        found = {"drive.csv": self.to_csv().encode(), "nav2.yaml": self.to_yaml().encode()}
         if figures:
             feet = np.array([contact.position for contact in self.robot.support.contacts])
             about = self.name, self.scope, self.angles
-            contents["drive.png"] = envelope_picture(*about, self.nominal, self.within, feet)
-        yield from replace_folder(Path(folder), contents)
+            found["drive.png"] = envelope_picture(*about, self.nominal, self.within, feet)
+        return found

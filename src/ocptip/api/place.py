@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ocptip.basics.outputs import remove_figures
+from ocptip.basics.outputs import SavedFolder, remove_figures
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from ocptip.placement.place import place as search
 from ocptip.placement.problem import PlacementProblem
@@ -76,7 +76,7 @@ def _holding(name: str, answer: PlacementResult, tolerance: Uncertainty) -> Plac
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Placed:
+class Placed(SavedFolder):
     """Placements, or why there are none.
 
     Attributes:
@@ -128,14 +128,6 @@ class Placed:
         else:
             data = refusal_to_dict(self.name, self.answer)
         return {**data, **({"within": self.within.to_dict(), "dropped": self.dropped} if self.within else {})}
-
-    def save(self, folder: str | os.PathLike[str], *, figures: bool = True) -> list[Path]:
-        """Write placement.json and figures into a folder, made if it does not exist; returns their paths.
-
-        Raises:
-            OSError: a file cannot be written; names it.
-        """
-        return list(self.write(folder, figures=figures))
 
     def write(
         self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None

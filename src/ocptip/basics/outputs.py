@@ -13,13 +13,15 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
+from typing import Any, ClassVar
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.read import only_inside, parse_json, read_bytes, read_text
 from ocptip.basics.text import some
-from ocptip.basics.write import MARK, write_files
+from ocptip.basics.write import MARK, plain, write_files
 
 SUMS = "SHA256SUMS"
 _DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -171,6 +173,47 @@ def replace_folder(folder: Path, contents: dict[str, bytes]) -> list[Path]:
     for name in sorted(recorded - set(contents)):
         (folder / name).unlink(missing_ok=True)
     return paths
+
+
+class SavedFolder(ABC):
+    """A result that is saved as a folder: its data as JSON, tables and figures.
+
+    Attributes:
+        data_file: name of the JSON file.
+    """
+
+    data_file: ClassVar[str]
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data."""
+
+    def contents(self, figures: bool) -> dict[str, bytes]:
+        """The other files, by name."""
+        return {}
+
+    def save(self, folder: str | os.PathLike[str], *, figures: bool = True) -> list[Path]:
+        """Write the files into a folder, made if it does not exist; returns their paths.
+
+        Raises:
+            OSError: a file cannot be written; names it.
+        """
+        return list(self.write(folder, figures=figures))
+
+    def write(
+        self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None
+    ) -> Iterator[Path]:
+        """Write the files with the list of their hashes, and yield their paths.
+
+        Args:
+            folder: made if it does not exist.
+            figures: whether figures are among them.
+            extra: further entries of the JSON file.
+        """
+        data = json.dumps(plain({**self.to_dict(), **(extra or {})}), indent=2, allow_nan=False)
+        yield from replace_folder(
+            Path(folder), {self.data_file: f"{data}\n".encode(), **self.contents(figures)}
+        )
 
 
 def remove_figures(folder: Path, command: str) -> None:

@@ -18,7 +18,7 @@ from ocptip.basics.write import plain, versions, write_json
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import summary, under
 from ocptip.cli.many import digest_of
-from ocptip.cli.options import output_directory, require_least
+from ocptip.cli.options import given_tolerance, output_directory, require_least
 from ocptip.cli.place import refusal_lines, where_text
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import say_if_compiling
@@ -28,7 +28,6 @@ from ocptip.placement.output import refusal_to_dict
 from ocptip.placement.result import NoPlacementError
 from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cell import CellTask, load_cell
-from ocptip.task_files.tolerance import load_tolerance
 
 PLAN_FOLDER = "plan"
 
@@ -38,9 +37,8 @@ def run(options: Namespace) -> Report:
     require_least(options, starts=1, seed=0, jobs=1, places=1)
     least = {"objective": options.objective, "price_per_second": options.price_per_second}
     cell = load_cell(options.task, DEFAULT)
-    if options.tolerance is not None:
-        with naming("--tolerance"):
-            cell = cell.within(load_tolerance(options.tolerance))
+    if tolerance := given_tolerance(options):
+        cell = cell.within(tolerance)
     load_task(cell.cycle, **least)  # complains before anything is computed
     directory = output_directory(options, cell.name)
     source = cell.cycle.source

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -17,12 +16,13 @@ from ocptip.basics.write import versions
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.result import Certificate, claim_rows
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
-from ocptip.cli.command import Report
+from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import files_lines
 from ocptip.cli.motion_summary import notes, wrapped
-from ocptip.cli.options import given_columns, given_limits, naming_options
+from ocptip.cli.options import given_limits, naming_options
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.summary import margin_table, motion_line, violation_words
+from ocptip.task_files.option_files import read_columns
 
 _MOST = 8  # undecided intervals that are listed
 
@@ -44,7 +44,7 @@ def run(options: Namespace) -> Report:
         reading = {
             "unit": options.unit,
             "rate": options.rate,
-            "columns": given_columns(options),
+            "columns": read_columns(options.columns),
             "topic": options.topic,
         }
         found = certify(task, options.motion, rise_time=options.rise_time, **reading)
@@ -102,25 +102,15 @@ class VerdictReport(Report):
 
 
 @dataclass
-class CertifyReport(Report):
-    """The report on the bounds that were proved for a motion.
-
-    Attributes:
-        found: the proof.
-        out: where the certificate goes; None: nowhere.
-    """
+class CertifyReport(ResultReport):
+    """The report on the bounds that were proved for a motion."""
 
     found: Certified
-    out: str | None
 
     @property
     def good(self) -> bool:
         """Whether all limits are proved to be kept."""
         return self.found.certified
-
-    def to_dict(self) -> dict[str, Any]:
-        """The check with the certificate's bounds."""
-        return self.found.to_dict()
 
     def to_text(self) -> str:
         """The verdict, margins, what is proved, and where something is missing."""
@@ -146,8 +136,3 @@ class CertifyReport(Report):
         lines += wrapped("Note", notes(checked))
         lines += wrapped("Assumed", found.assumed)
         return "\n".join([*lines, *files_lines(self.written)])
-
-    def write(self) -> Iterator[Path]:
-        """The certificate."""
-        if self.out is not None and (path := self.found.save(self.out)) is not None:
-            yield path

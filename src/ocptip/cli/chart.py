@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ocptip.api.chart import NOT_COVERED, LoadChart, chart
 from ocptip.api.tasks import load_task
-from ocptip.basics.errors import naming
 from ocptip.basics.text import quantity, table
-from ocptip.cli.command import Report
+from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
-from ocptip.cli.options import naming_options, output_directory, require_least
+from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
 from ocptip.cli.terminal import say_if_compiling
-from ocptip.task_files.tolerance import load_tolerance
 
 _COLUMNS = 8  # of a table of 80 characters
 _MANY = 100.0  # kg: payloads from here on are shown without decimals
@@ -29,16 +24,13 @@ _NOISE = 1e-9
 def run(options: Namespace) -> ChartReport:
     """Compute the charts of one task."""
     require_least(options, samples=1, seed=0, sectors=1)
-    task, tolerance = load_task(options.task), None
-    if options.tolerance is not None:
-        with naming("--tolerance"):
-            tolerance = load_tolerance(options.tolerance)
+    task = load_task(options.task)
     folder = output_directory(options, task.name)
     say_if_compiling()
     with naming_options("payloads", "cell", "most"):
         found = chart(
             task,
-            uncertainty=tolerance,
+            uncertainty=given_tolerance(options),
             samples=options.samples,
             seed=options.seed,
             payloads=options.payloads,
@@ -50,31 +42,15 @@ def run(options: Namespace) -> ChartReport:
 
 
 @dataclass
-class ChartReport(Report):
-    """The report of `ocptip chart`.
-
-    Attributes:
-        found: the charts.
-        directory: where files go.
-        figures: whether a figure is among them.
-    """
+class ChartReport(FolderReport):
+    """The report of `ocptip chart`."""
 
     found: LoadChart
-    directory: Path
-    figures: bool
 
     @property
     def good(self) -> bool:
         """True if a sampled posture keeps the limits without payload."""
         return bool(self.found.held.unloaded.any())
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of chart.json and the list `written`."""
-        return {**self.found.to_dict(), "written": self.written}
-
-    def write(self) -> Iterator[Path]:
-        """Write chart.json, chart.csv and chart.png."""
-        yield from self.found.write(self.directory, figures=self.figures, extra={"warnings": self.warnings})
 
     def to_text(self) -> str:
         """The side view, the reaches by azimuth, and what limits the payload."""

@@ -20,12 +20,13 @@ from ocptip.basics.text import quantity, ratio, table
 from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import check_rows, gear_rows, masses
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows, wrapped
-from ocptip.cli.options import given_columns, given_limits, naming_options, with_cancel
+from ocptip.cli.options import given_limits, naming_options, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import RESULT_TITLES, motion_line
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.task_files.option_files import read_columns
 from ocptip.trajectories.bags import require_new
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 
@@ -78,7 +79,7 @@ def run(options: Namespace) -> CheckReport:
                 rise_time=options.rise_time,
                 unit=options.unit,
                 rate=options.rate,
-                columns=given_columns(options),
+                columns=read_columns(options.columns),
                 topic=options.topic,
                 stage=progress.stage,
                 progress=progress,

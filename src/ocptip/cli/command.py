@@ -95,6 +95,51 @@ class Report(ABC):
         return YES if self.good else NO
 
 
+@dataclass
+class ResultReport(Report):
+    """A report on what a function of the API returned.
+
+    Attributes:
+        found: the result.
+        out: file that it is saved to; None: nowhere.
+    """
+
+    found: Any
+    out: str | Path | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as data."""
+        return self.found.to_dict()
+
+    def write(self) -> Iterator[Path]:
+        """The file that was asked for."""
+        if self.out is not None and (path := self.found.save(self.out)) is not None:
+            yield path
+
+
+@dataclass
+class FolderReport(Report):
+    """A report on a result that writes a folder.
+
+    Attributes:
+        found: the result.
+        directory: where files go.
+        figures: whether figures are among them.
+    """
+
+    found: Any
+    directory: Path
+    figures: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as data, and the list `written`."""
+        return {**self.found.to_dict(), "written": self.written}
+
+    def write(self) -> Iterator[Path]:
+        """The files of the result."""
+        yield from self.found.write(self.directory, figures=self.figures, extra={"warnings": self.warnings})
+
+
 class Answer(Report):
     """A report that is complete from the start, for commands that write no files.
 

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ocptip.api.compare import PlanComparison, compare
 from ocptip.basics.text import percent, quantity, some, table, with_error
-from ocptip.cli.command import Report
+from ocptip.cli.command import ResultReport
 from ocptip.cli.layout import named, under
-from ocptip.cli.options import given_columns
 from ocptip.cli.stand import check_plot_target
 from ocptip.measured.compare import LEVEL
 from ocptip.measured.contact_losses import losses_text
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, FOOT, GRIPPER, POWER, SPEED
 from ocptip.measured.signals import Finding
+from ocptip.task_files.option_files import read_columns
 
 _WORDS = {
     "angles": "joint angles", "speeds": "joint speeds", "torques": "torques", "sensor": "force-torque sensor",
@@ -37,7 +35,7 @@ def run(options: Namespace) -> CompareReport:
         options.plan,
         options.recording,
         unit=options.unit,
-        columns=given_columns(options),
+        columns=read_columns(options.columns),
         topics=options.topics,
         level=LEVEL if options.level is None else options.level,
         same_clock=options.same_clock,
@@ -46,52 +44,37 @@ def run(options: Namespace) -> CompareReport:
 
 
 @dataclass
-class CompareReport(Report):
-    """The report of a comparison.
+class CompareReport(ResultReport):
+    """The report of a comparison."""
 
-    Attributes:
-        compared: that.
-        plot: file for the figure, or None.
-    """
-
-    compared: PlanComparison
-    plot: str | None
+    found: PlanComparison
 
     @property
     def good(self) -> bool:
         """Whether nothing differs from what was described."""
-        return self.compared.agrees
-
-    def to_dict(self) -> dict[str, Any]:
-        """All numbers but the curves."""
-        return self.compared.to_dict()
-
-    def write(self) -> Iterator[Path]:
-        """The figure."""
-        if self.plot:
-            yield self.compared.save(self.plot)
+        return self.found.agrees
 
     def to_text(self) -> str:
         """Findings, then the table of signals."""
-        found = self.compared.found
+        found = self.found.found
         count = len(found.findings)
         verdict = f"{count} finding{'s' if count > 1 else ''}" if count else "AGREES with what was described"
         chance = f"by chance: {percent(found.level) if found.level >= 0.01 else f'{100 * found.level:g} %'}"
-        head = f"{self.compared.name}: {verdict} (any finding {chance})."
+        head = f"{self.found.name}: {verdict} (any finding {chance})."
         rows = under("found", map(_finding_text, found.findings))
         rows += self._about()
         return "\n".join([head, "", *self._table(), "", *named(rows)])
 
     def _about(self) -> list[tuple[str, str]]:
-        found = self.compared.found
+        found = self.found.found
         span = found.times[-1] - found.times[0]
         error = f" +- {1e3 * found.clock_error:.2g} ms" if math.isfinite(found.clock_error) else ""
         rows = [
-            ("recording", f"{span:.4g} s, a sample every {1e3 * self.compared.recording.period:.4g} ms"
+            ("recording", f"{span:.4g} s, a sample every {1e3 * self.found.recording.period:.4g} ms"
              + (f" (every {found.thinned}th of the file)" if found.thinned > 1 else "")),
             ("clock", f"the motion begins at {found.clock:.6g} s of the recording{error}"),
         ]  # fmt: skip
-        rows += under("time bases", self.compared.recording.rates)
+        rows += under("time bases", self.found.recording.rates)
         if found.gripper is not None:
             at = int(np.nanargmax(found.gripper))
             rows.append(
@@ -117,8 +100,8 @@ class CompareReport(Report):
 
     def _table(self) -> list[str]:
         rows = [["signal", "", "largest", "at", "rms", "of range", "noise", "unexplained", "delay"]]
-        for one in self.compared.found.signals:
-            unit, scale = unit_of(self.compared.predictor, one.kind, one.index)
+        for one in self.found.found.signals:
+            unit, scale = unit_of(self.found.predictor, one.kind, one.index)
             cells = [
                 f"{scale * x:.3g}" if math.isfinite(x) else "-"
                 for x in (one.largest, one.rms, one.noise, one.left)

@@ -3,34 +3,26 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ocptip.api.drive import ASSUMED, NOT_COVERED, STOW, DriveEnvelope, drive
-from ocptip.basics.errors import naming
 from ocptip.basics.text import quantity, table
-from ocptip.cli.command import Report
+from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
-from ocptip.cli.options import naming_options, output_directory, require_least
+from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
 from ocptip.cli.stand_posture import joint_values, posture_of
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
-from ocptip.task_files.tolerance import load_tolerance
 
 _NOISE = 1e-9
 
 
 def run(options: Namespace) -> DriveReport:
     """Compute the envelope of one posture."""
-    stow, tolerance = options.posture == STOW, None
+    stow = options.posture == STOW
     posture = posture_of(options.task, "start" if stow else options.posture)
-    if options.tolerance is not None:
-        with naming("--tolerance"):
-            tolerance = load_tolerance(options.tolerance)
     folder = output_directory(options, posture.scene.name)
     say_if_compiling()
     require_least(options, samples=1, seed=0)
@@ -39,37 +31,21 @@ def run(options: Namespace) -> DriveReport:
         given = {name: getattr(options, name) for name in names}
         given["slope"] = np.radians(given["slope"])
         given |= {"holonomic": options.holonomic, "samples": options.samples, "seed": options.seed}
-        found = drive(posture, STOW if stow else None, uncertainty=tolerance, **given)
+        found = drive(posture, STOW if stow else None, uncertainty=given_tolerance(options), **given)
         _ = found.worst  # refusals name options
     return DriveReport(found, folder, not options.no_figures)
 
 
 @dataclass
-class DriveReport(Report):
-    """The report of `ocptip drive`.
-
-    Attributes:
-        found: the envelope.
-        directory: where files go.
-        figures: whether a figure is among them.
-    """
+class DriveReport(FolderReport):
+    """The report of `ocptip drive`."""
 
     found: DriveEnvelope
-    directory: Path
-    figures: bool
 
     @property
     def good(self) -> bool:
         """True if the base may accelerate in every direction."""
         return self.found.worst_direction[0] > 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of drive.json and the list `written`."""
-        return {**self.found.to_dict(), "written": self.written}
-
-    def write(self) -> Iterator[Path]:
-        """Write drive.json, drive.csv, nav2.yaml and drive.png."""
-        yield from self.found.write(self.directory, figures=self.figures, extra={"warnings": self.warnings})
 
     def to_text(self) -> str:
         """The manoeuvres with what limits them, and parameters for navigation."""

@@ -6,11 +6,10 @@ from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ocptip.api.export import Exported, export
 from ocptip.basics.errors import InputError
-from ocptip.cli.command import Report
+from ocptip.cli.command import ResultReport
 from ocptip.cli.layout import named, under
 
 
@@ -23,18 +22,10 @@ def run(options: Namespace) -> ExportReport:
 
 
 @dataclass
-class ExportReport(Report):
-    """The report on exported models.
-
-    Attributes:
-        found: the models.
-    """
+class ExportReport(ResultReport):
+    """The report on exported models."""
 
     found: Exported
-
-    def to_dict(self) -> dict[str, Any]:
-        """Files and what is to be known of them."""
-        return self.found.to_dict()
 
     def to_text(self) -> str:
         """The written files and the remarks."""

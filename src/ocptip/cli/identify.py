@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,15 +18,16 @@ from ocptip.api.identify import (
 )
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, some, with_error
-from ocptip.cli.command import Report
+from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import named, under
-from ocptip.cli.options import given_columns, naming_options
+from ocptip.cli.options import naming_options
 from ocptip.measured.bodies import IdentifiedBody
 from ocptip.measured.estimate import Estimate
 from ocptip.measured.links import Identified
 from ocptip.measured.power_maps import PowerMap
 from ocptip.measured.recording import FOOT, Recording
 from ocptip.motion.summary import motion_line
+from ocptip.task_files.option_files import read_columns
 
 _TWO_SIDED = 1.96
 
@@ -49,7 +48,7 @@ def run(options: Namespace) -> Report:
             what=options.what,
             task=options.task,
             unit=options.unit,
-            columns=given_columns(options),
+            columns=read_columns(options.columns),
             topics=options.topics,
             tared=options.tared,
             sigmas=options.sigmas,
@@ -169,24 +168,14 @@ def _body_lines(body: IdentifiedBody) -> list[str]:
 
 
 @dataclass
-class ExcitationReport(Report):
-    """The report of a motion for identification.
+class ExcitationReport(ResultReport):
+    """The report of a motion for identification."""
 
-    Attributes:
-        motion: that.
-        out: .csv file for it, or None.
-    """
-
-    motion: ExcitingMotion
-    out: str | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The motion as plain data for JSON."""
-        return self.motion.to_dict()
+    found: ExcitingMotion
 
     def to_text(self) -> str:
         """The motion and its condition number in words."""
-        found = self.motion.found
+        found = self.found.found
         least = f"{found.condition:.0f} of the regressor of base parameters and friction"
         rows = [
             ("condition", f"{least} (median of random motions that keep the limits: {found.random:.0f})"),
@@ -196,37 +185,17 @@ class ExcitationReport(Report):
             ),
             *under("written", self.written),
         ]
-        title = f"{self.motion.name}   {found.check.headline}"
+        title = f"{self.found.name}   {found.check.headline}"
         return "\n".join([title, motion_line(found.check), *named(rows)])
-
-    def write(self) -> Iterator[Path]:
-        """Samples of it."""
-        if self.out:
-            yield self.motion.save(self.out)
 
 
 @dataclass
-class IdentifyReport(Report):
-    """The report of an identification.
-
-    Attributes:
-        found: that.
-        out: file for the tables, or None.
-    """
+class IdentifyReport(ResultReport):
+    """The report of an identification."""
 
     found: Identification
-    out: str | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Values, covariances, and the tables."""
-        return self.found.to_dict()
 
     def to_text(self) -> str:
         """Values with their intervals."""
         rows, found = [*_lines(self.found), *under("written", self.written)], self.found
         return "\n".join([f"{found.what}: identified. Tables: {some(list(found.tables))}.", *named(rows)])
-
-    def write(self) -> Iterator[Path]:
-        """The tables, to be put into a task file."""
-        if self.out:
-            yield self.found.save(self.out)

@@ -9,17 +9,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
-from ocptip.motion.cycles.task import Task
-from ocptip.motion.source import TaskSource
-from ocptip.motion.task import MotionTask
-from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.tolerance import load_tolerance
+
+if TYPE_CHECKING:
+    from ocptip.motion.cycles.task import Task
+    from ocptip.motion.source import TaskSource
+    from ocptip.motion.task import MotionTask
+    from ocptip.standing.tolerance import Uncertainty
 
 _LIMITS = (
     *(("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2),
@@ -36,10 +38,16 @@ def given_limits(options: Namespace) -> dict[str, Any]:
             given[limit] = share_of_one(option, value)
         elif value is not None:
             given[limit] = positive_number(option, value, zero_allowed=limit in ("clearance", "foot_lift"))
-    if getattr(options, "tolerance", None) is not None:
-        with naming("--tolerance"):
-            given["uncertainty"] = load_tolerance(options.tolerance)
-    return given
+    tolerance = given_tolerance(options) if hasattr(options, "tolerance") else None
+    return given if tolerance is None else {**given, "uncertainty": tolerance}
+
+
+def given_tolerance(options: Namespace) -> Uncertainty | None:
+    """The uncertainty from option `--tolerance`; None without that option."""
+    if options.tolerance is None:
+        return None
+    with naming("--tolerance"):
+        return load_tolerance(options.tolerance)
 
 
 def with_cancel(task: Task, options: Namespace) -> Task:
@@ -81,13 +89,6 @@ def step_of(options: Namespace) -> float | None:
     """Distance of the points for a controller as typed, s; None: not typed."""
     rate = rate_of(options)
     return None if rate is None else 1 / rate
-
-
-def given_columns(options: Namespace) -> dict[str, str | int] | None:
-    """The columns of a CSV file, from option `--columns`; None without that option."""
-    if options.columns is None:
-        return None
-    return read_columns(options.columns)
 
 
 def typed(options: Namespace, *names: str) -> list[str]:

@@ -9,25 +9,23 @@ from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.api.place import Placed, place
-from ocptip.basics.errors import naming
 from ocptip.basics.text import quantity
-from ocptip.cli.command import Report
+from ocptip.cli.command import FolderReport, Report
 from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.many import Asked, answer_many
-from ocptip.cli.options import output_directory, require_least
+from ocptip.cli.options import given_tolerance, output_directory, require_least
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import scope_of
 from ocptip.placement.result import NoPlacementError, Placement, PlacementMargin, PlacementResult
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.placement import load_placement
-from ocptip.task_files.tolerance import load_tolerance
 
 _MEANING = {"GN": "tipping margin", "GT": "friction used", "GK": "force space index", "GE": "power at rest"}
 _MOST_VIOLATED = 6
@@ -47,9 +45,8 @@ def run(options: Namespace) -> Report:
 def _asked(options: Namespace) -> Asked:
     """A task, with what the options change."""
     task = load_placement(options.task, DEFAULT)
-    if options.tolerance is not None:
-        with naming("--tolerance"):
-            task = task.within(load_tolerance(options.tolerance))
+    if tolerance := given_tolerance(options):
+        task = task.within(tolerance)
     return Asked(task, task.name, output_directory(options, task.name))
 
 
@@ -72,34 +69,21 @@ def progress_bar(stream: TextIO) -> Progress:
 
 
 @dataclass
-class PlaceReport(Report):
-    """The report of `ocptip place` on placements, or the reason why there are none.
-
-    Attributes:
-        found: from `place`.
-        directory: where files go.
-        figures: whether figures are among them.
-    """
+class PlaceReport(FolderReport):
+    """The report of `ocptip place` on placements, or the reason why there are none."""
 
     early = True
     found: Placed
-    directory: Path
-    figures: bool
 
     @property
     def good(self) -> bool:
         """True if all constraints are kept, within the whole tolerance where there is one."""
         return self.found.verified
 
-    def to_dict(self) -> dict[str, Any]:
-        """The content of placement.json and the list `written`."""
-        return {**self.found.to_dict(), "warnings": self.warnings, "written": self.written}
-
     def write(self) -> Iterator[Path]:
         """Write placement.json and figures."""
         with Progress(sys.stderr, "drawing ...") if self.figures else nullcontext():
-            extra = {"warnings": self.warnings}
-            yield from self.found.write(self.directory, figures=self.figures, extra=extra)
+            yield from super().write()
 
     def to_text(self) -> str:
         """The best place, or the one of minimum violation and which constraints it breaks."""

@@ -28,7 +28,7 @@ from ocptip.api.rate import (
 from ocptip.basics.errors import InputError, bounded_array, naming
 from ocptip.basics.text import table
 from ocptip.basics.write import file_target, versions
-from ocptip.cli.command import Answer, Report
+from ocptip.cli.command import Answer, Report, ResultReport
 from ocptip.cli.layout import named
 from ocptip.cli.options import naming_options
 from ocptip.cli.parallel import grid_ranges, size_of_grid, with_ranges
@@ -230,26 +230,15 @@ def _numbers(values: np.ndarray, decimals: int) -> str:
 
 
 @dataclass
-class AlongReport(Report):
-    """The report of indices along a motion.
-
-    Attributes:
-        found: the indices.
-        figure: where their picture goes.
-    """
+class AlongReport(ResultReport):
+    """The report of indices along a motion."""
 
     found: RatedMotion
-    figure: Path | None
 
     @property
     def good(self) -> bool:
         """True if no pose is singular."""
         return self.found.regular
-
-    def write(self) -> Iterator[Path]:
-        """The figure."""
-        if self.figure:
-            yield self.found.save(self.figure)
 
     def to_dict(self) -> dict[str, Any]:
         """Minimum, mean and maximum values, and the times of the minima."""
@@ -276,16 +265,10 @@ def along_report(robot: Rated, options: Namespace, ellipsoid: OperationEllipsoid
 
 
 @dataclass
-class MapsReport(Report):
-    """Indices over a workspace.
-
-    Attributes:
-        found: the maps.
-        figure: where their picture goes.
-    """
+class MapsReport(ResultReport):
+    """Indices over a workspace."""
 
     found: IndexMaps
-    figure: Path | None
 
     @property
     def good(self) -> bool:
@@ -294,10 +277,10 @@ class MapsReport(Report):
 
     def write(self) -> Iterator[Path]:
         """The figure."""
-        if self.figure:
+        if self.out is not None:
             from ocptip.pictures.workspace import save_workspace
 
-            yield save_workspace(self.found, self.figure)
+            yield save_workspace(self.found, self.out)
 
     def to_dict(self) -> dict[str, Any]:
         """Minimum, mean and maximum values, and where the maxima are."""

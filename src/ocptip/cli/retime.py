@@ -14,10 +14,11 @@ from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity
 from ocptip.cli.command import Report
 from ocptip.cli.gate import gate_of, read_gate
-from ocptip.cli.options import given_columns, given_limits, naming_options, output_directory, typed
+from ocptip.cli.options import given_limits, naming_options, output_directory, typed
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.summary import violation_words
+from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.path import refuse_early
 
 _WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
@@ -45,7 +46,7 @@ def run(options: Namespace) -> Report:
                 controller=options.controller,
                 rate=options.rate,
                 unit=options.unit,
-                columns=given_columns(options),
+                columns=read_columns(options.columns),
                 topic=options.topic,
                 stage=progress.stage,
             )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from argparse import Namespace
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ocptip.api.simulate import STEEPEST, Simulated, simulate
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity, table
-from ocptip.cli.command import Report
+from ocptip.cli.command import ResultReport
 from ocptip.cli.layout import named, under
 from ocptip.cli.options import naming_options
 from ocptip.standing.parts import owners
@@ -41,12 +40,8 @@ def _tilt(options: Namespace) -> dict[str, float]:
 
 
 @dataclass
-class SimulateReport(Report):
-    """The report of a simulation.
-
-    Attributes:
-        found: that.
-    """
+class SimulateReport(ResultReport):
+    """The report of a simulation."""
 
     found: Simulated
 
@@ -54,10 +49,6 @@ class SimulateReport(Report):
     def good(self) -> bool:
         """Whether no foot lifts, slides or falls in the simulator."""
         return self.found.stable
-
-    def to_dict(self) -> dict[str, Any]:
-        """The verdict with all numbers."""
-        return self.found.to_dict()
 
     def to_text(self) -> str:
         """Verdict, forces, lifts and slides."""

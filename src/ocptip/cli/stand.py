@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.api.stand import Standing, stand
-from ocptip.basics.errors import InputError, naming
+from ocptip.basics.errors import InputError
 from ocptip.basics.text import NOISE, margin_text, percent, quantity, ratio, table, towards, without_noise
 from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import changes_table, named, under
+from ocptip.cli.options import given_tolerance
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
@@ -23,7 +24,6 @@ from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
 from ocptip.numerics.jit.compiled import interpreted
 from ocptip.standing.slope import FloorSlope
 from ocptip.task_files.scene import read_scene
-from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
     from ocptip.standing.within.design import Design
@@ -48,9 +48,7 @@ def run(options: Namespace) -> StandReport:
 
         what = read_posture(options)
         support, tolerance = what.robot.support, what.scene.tolerance
-    if options.tolerance is not None:
-        with naming("--tolerance"):
-            tolerance = load_tolerance(options.tolerance)
+    tolerance = given_tolerance(options) or tolerance
     slow = tolerance.given or options.sensitivities or len(support.contacts) > FEW
     if slow:
         say_if_compiling()

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ocptip.api.view import View, view
 from ocptip.basics.errors import InputError
-from ocptip.cli.command import Report
+from ocptip.cli.command import ResultReport
 from ocptip.cli.options import naming_options
 from ocptip.pictures.view import library_viser
 
@@ -31,30 +30,19 @@ def run(options: Namespace) -> ViewReport:
 
 
 @dataclass
-class ViewReport(Report):
-    """A page.
-
-    Attributes:
-        found: what it shows.
-        path: where it goes; None: it was served.
-    """
+class ViewReport(ResultReport):
+    """A page; without file it was served."""
 
     found: View
-    path: Path | None
 
     def to_dict(self) -> dict[str, Any]:
         """The name of the view and its file."""
-        return self.found.to_dict(self.path)
+        return self.found.to_dict(None if self.out is None else Path(self.out))
 
     def to_text(self) -> str:
         """The name of the view and its file."""
         found = self.found
-        if self.path is None:
+        if self.out is None:
             return f"{found.name}: shown."
         size = len(found.html.encode()) / 1e6
-        return f"{found.name}: {self.path} ({size:.2f} MB, {found.frames} frames)"
-
-    def write(self) -> Iterator[Path]:
-        """The page."""
-        if self.path is not None:
-            yield self.found.save(self.path)
+        return f"{found.name}: {self.out} ({size:.2f} MB, {found.frames} frames)"

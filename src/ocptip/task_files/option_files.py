@@ -96,12 +96,14 @@ def _pose(table: Table, arm: ArmModel) -> np.ndarray:
     return q
 
 
-def read_columns(path: str | os.PathLike[str]) -> dict[str, str | int]:
-    """Titles or numbers of the columns of a CSV file, by their names in motion.csv.
+def read_columns(path: str | os.PathLike[str] | None) -> dict[str, str | int] | None:
+    """Titles or numbers of the columns of a CSV file, by their names in motion.csv; None without a file.
 
     Raises:
         InputError: the file cannot be read, or holds no columns; names the place.
     """
+    if path is None:
+        return None
     with Table.read(path, COLUMNS_FILE) as data:
         data.close(early=True)
         table = data.table("columns")
