@@ -1,4 +1,4 @@
-"""Jerk limits of a URDF: cycles and retimed paths keep them, or the answer notes that no timing does."""
+"""Jerk limits: plans, cycles and retimed paths keep them, checks judge them, or a note says why not."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 import ocptip
+from ocptip.basics.errors import InputError
+from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.task_files.cycle import load_cycle
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.controllers import controller_points
+from ocptip.trajectories.fit import fitted
 from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.test_task import TWO_JOINTS, URDF
 
@@ -67,3 +72,83 @@ def test_a_path_with_a_step_of_its_curvature_is_noted(tmp_path):
     (note,) = [note for note in plan.task.robot.notes if "jerk" in note]
     assert "jerk limits of joints hip, knee are not kept" in note
     assert "s = 0.5000" in note
+
+
+RISE, SPEED, ACCELERATION = 0.1, 0.6, 1.5
+
+
+def profiles(task, rise):
+    """One command per joint: the jerk of its S-curve is the acceleration divided by the rise time."""
+    commands = [[RampCommand(goal, SPEED, ACCELERATION)] for goal in task.goal]
+    return Trajectory.from_profiles(task.start, commands, rise)
+
+
+def jerk_of(task, motion):
+    return check_motion(task.robot, motion, task.limits).worst["jerk_ratio"]
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_the_jerk_of_s_curves_is_exact(tmp_path, factor):
+    task = load_task(limited(tmp_path, URDF))
+    motion = profiles(task, RISE).time_scaled(factor)
+    worst = jerk_of(task, motion)
+    assert worst.value * JERK == pytest.approx(ACCELERATION / RISE / factor**3)
+    assert worst.value * JERK == pytest.approx(np.max(largest_jerk(motion)), rel=1e-3)
+    assert bool(worst.violation) == (factor < 1)
+    for controller in ("quintic", "cubic"):  # both run S-curves as they are
+        points = controller_points(motion, controller)
+        assert jerk_of(task, points).value == pytest.approx(worst.value, rel=1e-3)
+        assert jerk_of(task, points).detail == worst.detail == "hip"
+
+
+def test_acceleration_steps_break_every_jerk_limit(tmp_path):
+    task = load_task(limited(tmp_path, URDF))
+    found = ocptip.check(task, profiles(task, 0.0))
+    assert not found.verified
+    step = f"{np.rad2deg(ACCELERATION):.4g} deg/s^2"
+    (text,) = [text for text in found.broken if "jerk" in text]
+    assert text == f"jerk / limit is inf (hip, its acceleration steps by up to {step}), must be <= 1"
+    with pytest.raises(InputError, match="rise_time: 0 exceeds any jerk limit, and joints hip, knee have"):
+        ocptip.plan(task, rise_time=0.0)
+
+
+def test_the_jerk_between_points_is_estimated_where_accelerations_step(tmp_path):
+    task = load_task(limited(tmp_path, URDF))
+    way, end = task.goal - task.start, 3.0
+    s = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])  # its third derivative is 60 at both ends
+    times = np.linspace(0, 1, 61)
+    angles = task.start + s(times)[:, None] * way
+    motion = Trajectory.from_points(end * times, angles, s.deriv()(times)[:, None] * way / end)
+    worst = jerk_of(task, motion)
+    assert worst.value * JERK == pytest.approx(60 * np.abs(way).max() / end**3, rel=0.05)
+    assert worst.detail == "knee, estimated by acceleration steps between points"
+    assert "jerk / limit" in ocptip.check(task, motion).unproved
+
+
+@pytest.mark.parametrize(("noise", "seen"), [(0.0, 0.5), (1e-5, 0.1)])
+def test_samples_have_at_least_the_jerk_that_their_differences_show(tmp_path, noise, seen):
+    task = load_task(limited(tmp_path, URDF))
+    rng = np.random.default_rng(0)
+    shares = []
+    for rise in (0.1, 0.02):
+        motion = profiles(task, rise)
+        times = np.linspace(0, motion.end, 1000)
+        samples = motion.states(times)[0] + noise * rng.normal(size=(1000, 2))
+        samples = fitted(times, samples, rounding=np.full(2, 1e-7))
+        worst = jerk_of(task, samples)
+        shares.append(worst.value * JERK * rise / ACCELERATION)
+        assert bool(worst.violation) == (rise < 0.1 and noise == 0)
+        assert worst.detail.endswith(", at least, by differences of samples")
+        half = jerk_of(task, samples.time_scaled(2.0))
+        assert 8 * half.value == pytest.approx(worst.value)
+    assert seen < min(shares) <= max(shares) <= 1.0
+
+
+def test_the_jerk_limit_of_a_task_counts_beside_those_of_the_joints(tmp_path):
+    for jerk, allowed in (((20.0, 30.0), (20.0, 30.0)), ((60.0, 30.0), (JERK, 30.0))):
+        task = load_task(limited(tmp_path, URDF.replace("[limits]", f"[limits]\njerk = {list(jerk)}")))
+        assert task.rise_times == pytest.approx(2 * task.robot.limits.acceleration / allowed)
+        shares = profiles(task, RISE).largest_jerks / allowed
+        assert jerk_of(task, profiles(task, RISE)).value == pytest.approx(np.max(shares))
+        assert "jerk" in task.limits.to_dict()
+    assert "jerk" not in load_task(limited(tmp_path, URDF)).limits.to_dict()

@@ -270,10 +270,11 @@ def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     """The fastest timing of the path of a motion that fails, as a sentence.
 
     Empty where no timing can help (angles, clearance) and where the path cannot be fitted. Also empty where
-    torques within the uncertainty are too large: timings ignore these.
+    jerks, or torques within the uncertainty, are too large: these timings ignore both.
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
-    if checked.verified or task.robot.varying or not {TORQUE_WITHIN, *OF_PATH}.isdisjoint(broken):
+    beyond = {TORQUE_WITHIN, "jerk_ratio", *OF_PATH}
+    if checked.verified or task.robot.varying or not beyond.isdisjoint(broken):
         return ""
     try:
         path = path_of_motion(motion).path

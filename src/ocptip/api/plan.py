@@ -376,6 +376,10 @@ def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: As
     if rise_time is not None:
         task = replace(task, rise_times=checked_rise_times(rise_time, task.robot.n))
     rises = cast(MotionTask, task).rise_times or (0.0,)
+    limited = np.isfinite(cast(MotionTask, task).limits.jerks(task.robot.limits)) & (np.array(rises) == 0)
+    if rise_time is not None and limited.any():
+        names = ", ".join(task.robot.names[j] for j in np.flatnonzero(limited))
+        raise InputError(f"rise_time: 0 exceeds any jerk limit, and joints {names} have one; leave it out")
     if controller == "quintic" and not all(cast(Sequence[float], rises)):
         if rise_time is not None:
             raise InputError(f"rise_time: must be > 0 for --controller quintic, got {rise_time:g}")

@@ -28,6 +28,7 @@ from ocptip.motion.tolerated import robustness
 from ocptip.retiming.retime import Retimed
 from ocptip.retiming.retime import retime as time_path
 from ocptip.standing.arm import Robot
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.path import load_path, path_along, refuse_early
 from ocptip.trajectories.controllers import Controller
@@ -67,9 +68,10 @@ class Timing:
         """Time a path; arguments are those of :func:`retime`."""
         robot, limits = task.robot, task.limits
         stage("timing the path ...")
-        most = _jerk(robot, jerk)
-        if jerk is None and most is not None and fit.path.bends.size:
+        most = _jerk(robot, limits, jerk)
+        if jerk is None and not limits.jerk and most is not None and fit.path.bends.size:
             task, most = _beyond_jerk_limits(task, fit), None
+            robot = task.robot
         timed = time_path(robot, fit.path, limits, task.objective, jerk=most)
         stage("checking the timing ...")
         step = None if rate is None else 1 / rate
@@ -108,16 +110,16 @@ class Timing:
         return np.array([tool_distance(robot.arm, self.fit)] if isinstance(robot, Robot) else [])
 
 
-def _jerk(robot: StandingMechanism, jerk: float | None) -> np.ndarray | None:
-    """(n,) rad/s^3, m/s^3: what is asked for, within the limits of the robot; None: there is no limit."""
-    most = robot.limits.jerk
+def _jerk(robot: StandingMechanism, limits: Limits, jerk: float | None) -> np.ndarray | None:
+    """(n,) rad/s^3, m/s^3: what is asked for, within all limits; None: there is no limit."""
+    most = limits.jerks(robot.limits)
     if jerk is not None:
         most = np.minimum(most, jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0))
     return most if np.isfinite(most).any() else None
 
 
 def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:
-    """The task, whose robot notes that no timing of the path keeps its jerk limits."""
+    """The task, whose robot has no jerk limits, but a note that no timing of the path keeps them."""
     robot = task.robot
     joints = ", ".join(robot.names[j] for j in np.flatnonzero(np.isfinite(robot.limits.jerk)))
     place = fit.path.breakpoints[fit.path.bends[0]]
@@ -125,7 +127,7 @@ def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:
         f"jerk limits of joints {joints} are not kept: the curvature of the path has a step at "
         f"s = {place:.4f}; waypoints without times are joined smoothly"
     )
-    arm = cast(Robot, robot).arm.with_notes(note)
+    arm = cast(Robot, robot).arm.with_notes(note).with_limits(jerk=np.full(robot.n, np.inf))
     return replace(task, robot=cast(Robot, robot).varied(arm=arm))
 
 

@@ -69,6 +69,7 @@ _COVERED = {
     "clearance_m",
     "speed_ratio",
     "acceleration_ratio",
+    "jerk_ratio",
     "angle_margin_deg",
     "position_margin_m",
     "duration_s",
@@ -102,7 +103,7 @@ def certify(
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
-    sampled = _sampled(robot, worst)
+    sampled = _sampled(robot, motion, worst)
     if tolerance is not None:
         sampled += search.run_within(limits, worst, tolerance)
     if limits.cancel is not None and isinstance(described, Robot):
@@ -122,10 +123,11 @@ def certify(
     )
 
 
-def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
+def _sampled(robot: StandingMechanism, motion: Trajectory, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
     covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, f"{CLEARANCE}_m", *robot.further_limits.names}
+    covered -= {"jerk_ratio"} if motion.jerk_source else set()
     return (*rigid, *(name for name in worst if name not in covered))
 
 

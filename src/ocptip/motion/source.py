@@ -66,6 +66,8 @@ class TaskSource:
         asked.update({name: getattr(limits, name) for name in LIMITS})
         for key in ("rise_time", "jerk"):
             asked.pop(key, None)
+        if limits.jerk:
+            asked["jerk"] = list(limits.jerk)
         if rise_times is not None:
             asked["rise_time"] = list(rise_times) or 0.0
         data["tolerance"] = tolerance_table(limits, self.robot)

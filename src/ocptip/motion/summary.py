@@ -60,6 +60,7 @@ RESULT_TITLES = {
     "GT_gears": "GT, elastic joints",
     "speed_ratio": "speed / limit",
     "acceleration_ratio": "acceleration / limit",
+    "jerk_ratio": "jerk / limit",
     "angle_margin_deg": "angle margin",
     "position_margin_m": "position margin",
     "singularity": "distance from singular poses",
@@ -73,6 +74,7 @@ _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s
 _IF_REACHED = {
     "speed_ratio": ("Joint speed", "%", 100.0),
     "acceleration_ratio": ("Acceleration", "%", 100.0),
+    "jerk_ratio": ("Jerk", "%", 100.0),
     "angle_margin_deg": ("Angle margin", "deg", 1.0),
     "position_margin_m": ("Position margin", "mm", 1e3),
     "angle_margin_deg_cancel": ("Angle, cancelled", "deg", 1.0),
@@ -80,7 +82,7 @@ _IF_REACHED = {
     "duration_s": ("Duration", "s", 1.0),
 }
 """Titles and units of limits that have a row only where they are broken or, of drives, reached."""
-_REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995}
+_REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995, "jerk_ratio": 0.995}
 _BEYOND = {"GN": " (above 1 a contact lifts)", "GT": " (above 1 the base slides)"}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough

@@ -6,8 +6,11 @@ import math
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.robots.collision.gaps import CLEARANCE
+from ocptip.robots.model import JointLimits
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
 from ocptip.standing.stops.by_cancel import Cancel
@@ -34,6 +37,7 @@ class Limits:
         torque_ratio: largest |torque| / limit of any joint.
         clearance: smallest distance of what may collide, m.
         angle_margin: smallest distance of turning joints from their angle limits, rad.
+        jerk: (n,), rad/s^3 (m/s^3), beside the limits that joints have; empty: only these count.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
         damping: damping ratio of feet and elastic joints, or of a parallel robot's structure, with which
             loads overshoot at acceleration steps of the nominal motion; 1: steps do not count; see
@@ -57,6 +61,7 @@ class Limits:
     torque_ratio: float = 1.0
     clearance: float = CLEARANCE
     angle_margin: float = 0.0
+    jerk: tuple[float, ...] = ()
     min_duration: float = 0.0
     max_duration: float = math.inf
     damping: float = 1.0
@@ -87,6 +92,10 @@ class Limits:
                 f"max_duration: must be >= min_duration, {self.min_duration} s, got {self.max_duration} s"
             )
 
+    def jerks(self, joints: JointLimits) -> np.ndarray:
+        """Jerk limits (n,) of a mechanism with limits of its joints; infinite where there is none."""
+        return np.minimum(joints.jerk, self.jerk or np.inf)
+
     @property
     def overshoot(self) -> float:
         """Share of every step of the load that is added to the load after it."""
@@ -110,6 +119,8 @@ class Limits:
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is about tolerance and stops only where such are given."""
         own: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        if not self.jerk:
+            del own["jerk"]
         stops = {name: asdict(own[name]) for name in _OF_STOPS if own[name]}
         if not self.tolerance.given:
             return {

@@ -152,16 +152,15 @@ def _decelerations(table: Table, robot: StandingMechanism) -> np.ndarray | None:
 _OF_CASES = ("sensor", "process", "motors")
 """Tables of a printed case."""
 
-_RISES = [("rise_time", "jerk")]
 _RISE_KEYS = {
     "rise_time": schema.per_joint(
-        "Duration of changes of acceleration; 0: steps.", "s", bound=">= 0", otherwise="0"
+        "Duration of changes of acceleration; 0: steps.",
+        "s",
+        bound=">= 0",
+        otherwise="long enough for jerk limits, else 0",
     ),
     "jerk": schema.per_joint(
-        "Jerk limit, from which the duration of changes of acceleration follows.",
-        "SI units",
-        bound="> 0",
-        otherwise="none",
+        "Jerk limit; those of the joints also count.", "SI units", bound="> 0", otherwise="none"
     ),
 }
 COURSE = {
@@ -210,12 +209,7 @@ CASE = Keys(
             Keys("aims", "What is optimised.", {**AIM, **DURATION}, at_most_one=_ONE_DURATION), default=None
         ),
         "limits": schema.table(
-            Keys(
-                "limits of a case",
-                "Limits.",
-                {**SEGMENT_LIMITS, **SPEED_LIMITS, **_RISE_KEYS},
-                at_most_one=_RISES,
-            ),
+            Keys("limits of a case", "Limits.", {**SEGMENT_LIMITS, **SPEED_LIMITS, **_RISE_KEYS}),
             default=None,
         ),
         "motors": schema.table(GEARS, default=None),
@@ -230,8 +224,7 @@ MOTION = task_keys(
     "A motion of a robot on its base: `ocptip plan`.",
     {
         "limits": schema.table(
-            Keys("limits", "Limits of a motion.", {**COMMON_LIMITS, **_RISE_KEYS}, at_most_one=_RISES),
-            default=None,
+            Keys("limits", "Limits of a motion.", {**COMMON_LIMITS, **_RISE_KEYS}), default=None
         ),
         "stops": schema.table(STOPS, default=None),
     },
@@ -279,9 +272,8 @@ def load_task(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> Mo
         if "segment" in data:
             raise data.error("several motions are a cycle: ocptip.task_files.cycle.read_task", "segment")
         data.close(early=True)
-        task = with_stops(data, _task(data, path, otherwise))
-        rises = _rise_times(data.table("limits"), task.robot)
-        task = replace(task, source=task_source(data, task.robot), rise_times=rises)
+        task = with_stops(data, _with_jerk(data.table("limits"), _task(data, path, otherwise)))
+        task = replace(task, source=task_source(data, task.robot))
         doubt_masses(data, task.robot)
         doubt_way(data, task.start, task.goal)
         return task
@@ -293,13 +285,12 @@ def _published(data: Table, otherwise: Uncertainty) -> MotionTask:
     motion, table = data.table("motion"), data.table("limits")
     task = _published_task(data, name, base)
     numbers = limits_of(table, task.robot.support, data.table("motors"))
-    table.one_of("rise_time")
+    table.given("rise_time", "jerk")  # see _with_jerk
     limits = table.make(replace, task.limits, **numbers, **_durations(motion))
     limits = replace(limits, tolerance=tolerance_of(data, otherwise))
     wanted = motion["objective"], motion["price_per_second"]
     objective = motion.make(objective_of, *wanted)
-    rises = _rise_times(table, task.robot)
-    return with_stops(data, replace(task, limits=limits, objective=objective, rise_times=rises))
+    return with_stops(data, _with_jerk(table, replace(task, limits=limits, objective=objective)))
 
 
 def _published_task(data: Table, name: str, base: str) -> MotionTask:
@@ -382,7 +373,7 @@ def ramp_task(
         check_commands(commands)
         objective = objective_of(*wanted)
     chosen = tuple(sorted(joints))
-    rises = _rises_of_jerk(robot)
+    rises = _rises_of_jerk(robot, limits)
     return MotionTask(name, robot, start, goal, limits, chosen, commands, objective, rise_times=rises)
 
 
@@ -395,28 +386,28 @@ def _durations(table: Table) -> dict[str, float]:
     return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
 
 
-def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | None:
-    """Rise times of [limits], else those of the jerk limits of the joints."""
-    key = table.one_of("rise_time")
-    if key is None:
-        return _rises_of_jerk(robot)
-    if key == "rise_time":
-        found = table.get(key, size=robot.n)
+def _with_jerk(table: Table, task: MotionTask) -> MotionTask:
+    """The task with the jerk limit of [limits], and its rise times or those that keep all jerk limits."""
+    robot, limits = task.robot, task.limits
+    if table["jerk"] is not None:
+        limits = replace(limits, jerk=tuple(table.get("jerk", size=robot.n).tolist()))
+    if table["rise_time"] is None:
+        rises = _rises_of_jerk(robot, limits)
     else:
-        found = 2 * robot.limits.acceleration / table.get(key, size=robot.n)
-    with table.at(rise_time=key):
-        return checked_rise_times(found, robot.n)
+        with table.at():
+            rises = checked_rise_times(table.get("rise_time", size=robot.n), robot.n)
+    return replace(task, limits=limits, rise_times=rises)
 
 
-def _rises_of_jerk(robot: StandingMechanism) -> tuple[float, ...] | None:
-    """Rise times with which no jerk limit of the joints can be exceeded; None: there is no such limit.
+def _rises_of_jerk(robot: StandingMechanism, limits: Limits) -> tuple[float, ...] | None:
+    """Rise times with which no jerk limit can be exceeded; None: there is no such limit.
 
     Within a rise time an acceleration changes by no more than from its limit to the opposite one.
     """
-    limits = robot.limits
-    if not np.isfinite(limits.jerk).any():
+    jerks = limits.jerks(robot.limits)
+    if not np.isfinite(jerks).any():
         return None
-    rises = 2 * limits.acceleration / limits.jerk
+    rises = 2 * robot.limits.acceleration / jerks
     return checked_rise_times(np.where(rises > 0, np.maximum(rises, SHORTEST_RISE), 0.0), robot.n, "jerk")
 
 

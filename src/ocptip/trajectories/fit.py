@@ -90,8 +90,27 @@ def fitted(
     )
     rates_off = None if speeds is None else np.abs(at_samples[:, n:] - speeds[moving]).max(axis=0)
     points = Points(knots, angles, rates, steps_from=PEAK_TOLERANCE)
-    spacing = float(np.max(np.diff(times)))
-    return Trajectory(points=points, fit=Fit(len(times), spacing, off, tolerance, rounding, rates_off))
+    spacing, jerk = float(np.max(np.diff(times))), least_jerk(times, positions, tolerance)
+    return Trajectory(points=points, fit=Fit(len(times), spacing, off, tolerance, rounding, jerk, rates_off))
+
+
+def least_jerk(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+    """(n,): every motion within the tolerance of the samples has a jerk this large somewhere.
+
+    A third divided difference times 6 is a mean of the third derivative, with the positive weights of a
+    B-spline. The tolerance may change it by at most that times the sum of its absolute weights. Differences
+    of samples farther apart are less sensitive to it, and of longer means: all doublings are tried.
+    """
+    found, stride = np.zeros(positions.shape[1]), 1
+    while 3 * stride < len(times):
+        first = np.arange(len(times) - 3 * stride)
+        chosen = first[:, None] + stride * np.arange(4)
+        apart = times[chosen][:, :, None] - times[chosen][:, None, :]
+        weights = 6 / np.prod(apart + np.eye(4), axis=2)
+        means = np.abs(np.einsum("ik,ikn->in", weights, positions[chosen]))
+        sure = means - np.sum(np.abs(weights), axis=1)[:, None] * tolerance
+        found, stride = np.maximum(found, sure.max(axis=0)), 2 * stride
+    return found
 
 
 def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) -> list[tuple[int, int]]:

@@ -73,6 +73,13 @@ class Pieces:
         sides = (self.at(self.breaks, range(order, order + 1), side)[0] for side in ("left", "right"))
         return np.max(np.abs(np.subtract(*sides)), axis=0)
 
+    def step_rates(self, order: int) -> np.ndarray:
+        """Maximum step of each joint's derivative per mean length of the pieces beside it, (m,)."""
+        left, right = (self.at(self.breaks, range(order, order + 1), side)[0] for side in ("left", "right"))
+        lengths = np.diff(self.breaks)
+        beside = 0.5 * (np.append(lengths[:1], lengths) + np.append(lengths, lengths[-1:]))
+        return np.max(np.abs(right - left) / beside[:, None], axis=0, initial=0.0)
+
     def at(self, times: ArrayLike, orders: range = range(3), side: Side = "right") -> tuple[np.ndarray, ...]:
         """Derivatives of these orders at times, each (..., m).
 

@@ -249,6 +249,7 @@ class Fit:
         distance: (n,), largest distance of each joint from its samples, rad or m.
         tolerance: (n,), that was meant to be kept, rad or m.
         rounding: (n,), half a unit of the last digit of the samples, rad or m; 0: unknown.
+        jerk: (n,), rad/s^3 or m/s^3: any motion within the tolerance of the samples has this somewhere.
         speed_distance: (n,), largest distance from speeds that came with the samples, rad/s or m/s, or None.
     """
 
@@ -257,12 +258,18 @@ class Fit:
     distance: np.ndarray
     tolerance: np.ndarray
     rounding: np.ndarray
+    jerk: np.ndarray
     speed_distance: np.ndarray | None = None
 
     @property
     def noisy(self) -> np.ndarray:
         """(n,): the tolerance comes from noise, not from rounding."""
         return self.tolerance > 1.5 * np.maximum(self.rounding, FINEST)
+
+    def time_scaled(self, factor: float) -> Fit:
+        """Return the fit to the same samples with all times multiplied by `factor` > 0."""
+        speeds = None if self.speed_distance is None else self.speed_distance / factor
+        return replace(self, spacing=factor * self.spacing, jerk=self.jerk / factor**3, speed_distance=speeds)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON: rad or m, and per second, per joint."""

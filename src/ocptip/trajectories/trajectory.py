@@ -27,6 +27,8 @@ from ocptip.trajectories.velocity_profiles import VelocityProfiles
 INSIDE = 1.5 * MERGE
 """Distance from switching times at which their two sides are evaluated, s."""
 _ROUNDED_TIMES = 1e-5  # share of peaks: times of points in whole ns, events within 0.1 us taken as one
+_ROUNDED_STEPS = 1e-4  # share of the largest acceleration: smaller steps are rounding, or a solver's
+_ROUNDED_JERKS = 1e-3  # share of the largest jerk between points whose times are in whole ns
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -217,6 +219,44 @@ class Trajectory:
         return np.concatenate([part.peaks(3) for part in self.pieces])
 
     @property
+    def jerk_source(self) -> str:
+        """How `largest_jerks` are known where they are not exact, in words; empty: they are."""
+        if self.parts:
+            return next((part.jerk_source for part in self.parts if part.jerk_source), "")
+        if self.fit is not None:
+            return "at least, by differences of samples"
+        estimated = self.points is not None and self.points.accelerations is None and self._steps.any()
+        return "estimated by acceleration steps between points" if estimated else ""
+
+    @cached_property
+    def largest_jerks(self) -> np.ndarray:
+        """Maximum |jerk| of each joint, (n,), rad/s^3; infinite where its acceleration steps.
+
+        Points without accelerations are joined by curves whose accelerations step at the points. There a step
+        counts as a change over half of both neighbouring intervals. Of a fit it is the minimum that any
+        motion has whose positions are within the tolerance at the samples.
+        """
+        if self.parts:
+            return np.max([part.largest_jerks for part in self.parts], axis=0)
+        if self.fit is not None:
+            return self.fit.jerk
+        spread = np.where(self._steps, np.inf, 0.0)
+        if self.jerk_source:
+            rates = np.concatenate([part.step_rates(2) for part in self.pieces])
+            spread = np.where(self._steps, rates, 0.0)
+        return np.maximum(self.jerk_peaks, spread)
+
+    @property
+    def jerk_rounding(self) -> float:
+        """Share of the limits by which rounding may lift `largest_jerks`."""
+        return _ROUNDED_JERKS if self.points is not None else 0.0
+
+    @cached_property
+    def _steps(self) -> np.ndarray:
+        """(n,) True for joints whose acceleration steps by more than rounding."""
+        return self.acceleration_steps > _ROUNDED_STEPS * self.acceleration_peaks
+
+    @property
     def acceleration_steps(self) -> np.ndarray:
         """Maximum step of each joint's acceleration, start and end included, (n,), rad/s^2."""
         return np.concatenate([part.steps(2) for part in self.pieces])
@@ -324,7 +364,7 @@ class Trajectory:
         if self.parts:
             scaled = [motion.time_scaled(factor) for motion in self.parts]
             return Trajectory.from_segments(scaled, [factor * pause for pause in self.pauses])
-        names = ("profiles", "points", "timing")
+        names = ("profiles", "points", "timing", "fit")
         made = {name: own.time_scaled(factor) for name in names if (own := getattr(self, name)) is not None}
         return replace(self, **made)
 

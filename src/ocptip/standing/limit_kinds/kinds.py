@@ -106,6 +106,28 @@ class AccelerationLimit(PeakLimit):
     name = "acceleration"
 
 
+class JerkLimit(PeakLimit):
+    """Maximum jerks of the joints, where such limits exist; see `Trajectory.largest_jerks`."""
+
+    name = "jerk"
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
+        return bool(np.isfinite(asked.jerks(robot.limits)).any())
+
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        motion, jerks = at.motion, self.asked.jerks(self.robot.limits)
+        ratio = np.where(np.isfinite(jerks), motion.largest_jerks / jerks, 0.0)
+        j = int(np.argmax(ratio))
+        value, more = float(ratio[j]), motion.jerk_source
+        if value == np.inf:
+            step, turns = motion.acceleration_steps[j], self.robot.units[j] == "rad"
+            size = f"{np.rad2deg(step):.4g} deg" if turns else f"{step:.4g} m"
+            more = f"its acceleration steps by up to {size}/s^2"
+        detail = ", ".join(filter(None, (self.robot.joint_label(j), more)))
+        return [Worst("jerk_ratio", value, np.nan, 1.0, detail, value - 1 - motion.jerk_rounding)]
+
+
 class DurationLimit(Limit):
     """Duration of the motion; programs have it as bounds of the end time."""
 
@@ -311,6 +333,7 @@ KINDS: tuple[type[Limit], ...] = (
     LateClearanceLimit,
     SpeedLimit,
     AccelerationLimit,
+    JerkLimit,
     DurationLimit,
     AngleLimit,
     CancelAngleLimit,
