@@ -11,8 +11,10 @@ from scipy.spatial.transform import Rotation
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
+from ocptip.placement.for_path import robot_at
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, ProcessLoad, Weights
+from ocptip.placement.result import Placement
 from ocptip.placement.terrain import custom_terrain, plane
 from ocptip.published.arms import load_arm, modular_motors
 from ocptip.published.cases import motion_case
@@ -167,3 +169,8 @@ def random_task(seed: int) -> PlacementProblem:
     slope = rng.uniform(-0.06, 0.06, 2)
     robot = modular_robot("AH"[seed % 2])
     return PlacementProblem(robot, task, plane(slope), limits=PlacementLimits(condition=40.0))
+
+
+def placed_robot(placement: Placement) -> Robot:
+    """The robot at its place."""
+    return robot_at(placement.problem, placement.patch, placement.parameters)

@@ -1,4 +1,4 @@
-"""Places ranked by what the best timing of a path through the gripper tasks takes there."""
+"""The robot at its place, and places ranked by the best timing of a path through the gripper tasks."""
 
 from types import SimpleNamespace
 
@@ -10,14 +10,17 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.objective import ENERGY
 from ocptip.placement import for_path
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.for_motion import motion_limits, placed_robot
-from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem
+from ocptip.placement.for_path import motion_limits, shortest_way
+from ocptip.placement.place import place
+from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, Weights
 from ocptip.placement.result import evaluate_placement
 from ocptip.placement.terrain import plane
+from ocptip.published.arms import experiment_poses
 from ocptip.retiming.retime import retime
+from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.path import load_path
-from tests.placement.placement_scenes import drilling
+from tests.placement.placement_scenes import drilling, four_feet, modular_robot, placed_robot
 from tests.places import EXAMPLES
 from tests.retiming.paths import arm_of, cart
 
@@ -87,3 +90,54 @@ def test_bad_input_is_refused(sweep):
         for_path.place_for_path(problem, between="arcs", known=[here])  # pyright: ignore
     with pytest.raises(InputError, match=r"^candidates: must be a whole number >= 1, got 0"):
         for_path.place_for_path(problem, candidates=0)
+
+
+def test_placed_robot_feels_the_loads_of_the_evaluation():
+    problem = drilling(terrain=plane((0.2, -0.1)))
+    q = np.full(6, 0.3)
+    evaluator = Evaluator(problem)
+    placement = evaluate_placement(evaluator, 0, np.array([-0.5, 0.1, 0.7]), q[None])
+    torques, wrench = placed_robot(placement).loads(q[None], np.zeros((1, 6)), np.zeros((1, 6)))
+    found = evaluator.task(0, 0, placement.parameters[None], q[None])
+    assert torques[0] == pytest.approx(found.torques[0, 0])
+    assert wrench[0] == pytest.approx(found.wrenches[0, 0])
+    assert placed_robot(placement).tip_over.reference_moment == four_feet().tip_over.reference_moment
+
+
+def test_obstacles_keep_their_distance_in_base_axes():
+    problem = drilling()
+    origin, base = Evaluator(problem).place(0, np.array([[-0.5, 0.1, 0.7]]))
+    origin, base = origin[0], base[0]
+    point = np.array([0.3, -0.2, 0.6])
+    local = base.T @ (point - origin)
+    wall = Wall(np.array([0.6, 0.0, 0.8]), 0.4)
+    moved = wall.placed(base.T, -base.T @ origin)
+    assert moved.distance - moved.normal @ local == pytest.approx(wall.distance - wall.normal @ point)
+    pillar = Pillar([0.1, 0.5, 0.0], 0.2)
+    turned = pillar.placed(base.T, -base.T @ origin)
+    arm = local - turned.point
+    across = np.linalg.norm(arm - (arm @ turned.axis) * turned.axis)
+    assert across == pytest.approx(np.hypot(*(point - pillar.point)[:2]))
+
+
+@pytest.fixture(scope="module")
+def swing():
+    robot = modular_robot()
+    start, goal = experiment_poses()
+    up = np.array([0.0, 0.0, 0.298])
+    tasks = [
+        GripperTask(start.position + up, start.rotation, name="start"),
+        GripperTask(goal.position + up, goal.rotation, name="goal"),
+    ]
+    return PlacementProblem(robot, tasks, plane((0.03, 0.0)), weights=Weights(0.3, 0.3, 0.0, 0.4))
+
+
+def test_shortest_way_keeps_poses_and_constraints(swing):
+    placement = place(swing, starts=1).best
+    evaluator = Evaluator(swing)
+    shorter = shortest_way(evaluator, placement)
+    assert shorter.feasible
+    assert shorter.parameters == pytest.approx(placement.parameters)
+    speed = swing.robot.arm.limits.speed
+    before, after = (np.abs(np.diff(p.angles, axis=0)[0]) @ (1 / speed) for p in (placement, shorter))
+    assert after <= before + 1e-9

@@ -8,7 +8,6 @@ import pytest
 
 from ocptip.contact.solver import solve
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.limits.arm import LogMeasures, index_of, measures
 from ocptip.placement.limits.limit import TaskEvaluation
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad
@@ -18,7 +17,7 @@ from ocptip.robots.collision.shapes import Ball, BodyShape, Box
 from ocptip.robots.geometry import Pillar, Solid, Wall
 from ocptip.robots.kinematics import gripper_pose, link_frames
 from ocptip.task_files.motion import load_task
-from tests.placement.placement_scenes import INTO_WALL, clamped, drilling, four_feet, hills
+from tests.placement.placement_scenes import INTO_WALL, clamped, drilling, four_feet, hills, placed_robot
 
 PARAMETERS = np.array([[-0.5, 0.1, 0.4], [-0.45, -0.2, -2.0], [-0.6, 0.0, 3.0]])
 

@@ -8,7 +8,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.contact.solver import solve
 from ocptip.contact.support import Support
-from ocptip.placement import place, place_for_motion
+from ocptip.placement import place, place_for_path
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.ground import HeightField, Wave
 from ocptip.placement.result import evaluate_placement
@@ -142,4 +142,4 @@ def test_motions_are_not_planned_for_a_tolerance():
     own = drilling(four_feet(), tolerance=TOLERANCE)
     own = replace(own, tasks=(own.tasks[0], replace(own.tasks[0], name="other")))
     with pytest.raises(InputError, match="tolerance: motions are planned for the nominal base"):
-        place_for_motion(own)
+        place_for_path(own)

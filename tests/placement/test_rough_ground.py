@@ -9,7 +9,6 @@ from ocptip.contact.support import Support
 from ocptip.placement import place
 from ocptip.placement.estimates import NOT_HELD, edge_moments, friction_shares
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.ground import Bump, HeightField, Wave
 from ocptip.placement.limits.placed import LeastMoments, addable
 from ocptip.placement.problem import Weights
@@ -18,7 +17,7 @@ from ocptip.placement.search.starts import best_branches, exact_scores, sample
 from ocptip.placement.terrain import plane, rough_ground
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
-from tests.placement.placement_scenes import drilling, four_feet, tripod
+from tests.placement.placement_scenes import drilling, four_feet, placed_robot, tripod
 from tests.quick import some
 
 FIELD = HeightField(Bump([-0.4, 0.3], 0.06, 0.25), Wave(0.03, 0.9, 0.4), slope=[0.03, -0.05])

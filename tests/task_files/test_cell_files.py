@@ -12,13 +12,13 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.toml_text import toml_text
 from ocptip.motion.check import NO_FLOOR, scope_of
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.result import evaluate_placement
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cell import load_cell
 from ocptip.task_files.placement import load_placement
+from tests.placement.placement_scenes import placed_robot
 from tests.places import EXAMPLES
 
 FILE = EXAMPLES / "tasks/cell_ur5.toml"

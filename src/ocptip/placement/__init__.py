@@ -3,7 +3,6 @@
 Equation numbers such as (4.21) are those of thesis M, chapter 4 (docs/bibliography.md).
 """
 
-from ocptip.placement.for_motion import place_for_motion
 from ocptip.placement.for_path import place_for_path
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, ProcessLoad, Weights
@@ -20,7 +19,6 @@ __all__ = [
     "Weights",
     "custom_terrain",
     "place",
-    "place_for_motion",
     "place_for_path",
     "plane",
     "rough_ground",

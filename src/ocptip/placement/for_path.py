@@ -13,14 +13,16 @@ from ocptip.motion.objective import TIME, Objective
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_cycle import sampled_places
-from ocptip.placement.for_motion import motion_limits, require_way, robot_at, shortest_way
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementProblem
 from ocptip.placement.result import FEASIBLE, Placement, evaluate_placement
 from ocptip.placement.search.refine import followed
-from ocptip.placement.search.starts import exact_scores
+from ocptip.placement.search.starts import exact_scores, solutions
 from ocptip.retiming.retime import Retimed, least_cost, retime
+from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.robots.model import ArmModel
+from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, spline_through
 from ocptip.trajectories.tool_path import tool_lines
@@ -209,3 +211,75 @@ def _target(task: GripperTask, origin: np.ndarray, base: np.ndarray) -> PoseTarg
     """The task's pose in base axes."""
     position, rotation = base.T @ (task.position - origin), base.T @ task.rotation
     return PoseTarget(position, rotation, orientation=task.orientation, tool_axis=task.tool_axis)
+
+
+def robot_at(problem: PlacementProblem, patch: int, parameters: np.ndarray) -> Robot:
+    """The robot placed by parameters (k,) of a patch: gravity and obstacles of the world in base axes.
+
+    Its tip-over index keeps the reference moment of the problem's robot.
+    """
+    robot, (origins, bases) = problem.robot, problem.base_pose(patch, parameters[None])
+    origin, base = origins[0], bases[0]
+    footing = problem.stands[patch].footing(parameters)
+    around = [obstacle.placed(base.T, -base.T @ origin) for obstacle in problem.obstacles]
+    return robot.varied(
+        support=robot.support.varied(footing.support.contacts, gravity=base.T @ problem.gravity),
+        obstacles=[*robot.obstacles, *around],
+        reference_moment=robot.tip_over.reference_moment,
+        redistribution=robot.slip.redistribution,
+    )
+
+
+def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> Placement:
+    """This placement with the IK solutions between which joint motion is minimal, checked again.
+
+    Only solutions that keep all constraints of their task count; where a task has none besides the given one,
+    that one stays.
+    """
+    limits = evaluator.arm.limits
+    rng = np.random.default_rng(seed)
+    weights = 1 / np.where(np.isfinite(limits.speed), limits.speed, 1.0)
+    layers = []
+    for t, own in enumerate(placement.angles):
+        q = solutions(evaluator, t, placement.patch, placement.parameters[None], rng)[0]
+        q = np.vstack([own, q[np.isfinite(q).all(axis=1)]])
+        parameters = np.tile(placement.parameters, (len(q), 1))
+        kept = evaluator.task(t, placement.patch, parameters, q).margin() >= -FEASIBLE
+        kept[0] = True
+        layers.append(q[kept])
+    cost, path = np.zeros(len(layers[0])), [[q] for q in layers[0]]
+    for q in layers[1:]:
+        options = []
+        for goal in q:
+            near = [_near(evaluator.arm, goal, way[-1]) for way in path]
+            costs = [c + np.abs(g - way[-1]) @ weights for c, way, g in zip(cost, path, near, strict=True)]
+            best = int(np.argmin(costs))
+            options.append((costs[best], [*path[best], near[best]]))
+        cost, path = np.array([c for c, _ in options]), [way for _, way in options]
+    angles = np.array(path[int(np.argmin(cost))])
+    return evaluate_placement(evaluator, placement.patch, placement.parameters, angles, placement.start)
+
+
+def _near(arm: ArmModel, goal: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """The copy of an angle, whole turns away, that is nearest to the start within its limits."""
+    turned = nearest_copies(arm, goal, start)
+    return np.where((turned >= arm.limits.angle_min) & (turned <= arm.limits.angle_max), turned, goal)
+
+
+def require_way(problem: PlacementProblem) -> None:
+    """Raise InputError for a problem with one task, or with a tolerance of its base."""
+    if len(problem.tasks) < 2:
+        raise InputError("tasks: a motion needs two gripper tasks or more, got one")
+    if problem.tolerance.given:
+        raise InputError("tolerance: motions are planned for the nominal base; leave the tolerance out")
+
+
+def motion_limits(problem: PlacementProblem) -> Limits:
+    """The limits of motions between the tasks of a problem."""
+    limits = problem.limits
+    return Limits(
+        GN=limits.GN or 1.0,
+        GT=limits.GT or 1.0,
+        torque_ratio=limits.torque_ratio,
+        clearance=limits.clearance,
+    )
