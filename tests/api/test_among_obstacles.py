@@ -10,7 +10,7 @@ import pytest
 
 import ocptip
 from ocptip.api.methods import methods_for, searched
-from ocptip.basics.errors import InputError, InputWarning, PlanningError
+from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.task_files.motion import load_task
 from tests.motion.among_boxes import WALL, task_among, task_file
@@ -67,7 +67,21 @@ def test_where_the_time_is_limited_a_path_follows_the_direct_search(tmp_path):
     plan = searched(task, None, TimeBudget(100.0), too_slow, 0, said.append)
     assert plan.verified
     assert plan.options["method"] == "path"
-    assert said == ["searching and timing a path ..."]
+    assert said == ["direct method: no verified motion in the given time", "searching and timing a path ..."]
+
+
+def test_a_failed_solver_of_one_method_leaves_the_other(tmp_path, monkeypatch):
+    def fails(*_, **__):
+        raise SolverError("timing: status X")
+
+    monkeypatch.setattr("ocptip.retiming.among.plan_along_path", fails)
+    task, said = task_among(tmp_path), []
+    plan = object()
+    assert searched(task, None, TimeBudget(None), lambda: plan, 0, said.append) is plan
+    assert said[-1] == "path method: no verified motion, a solver failed: timing: status X"
+    why = r"^path method: no verified motion, a solver failed: timing: status X \(without --method, "
+    with pytest.raises(PlanningError, match=why):
+        searched(task, "path", TimeBudget(None), lambda: plan, 0, said.append)
 
 
 def test_a_time_limit_interrupts_and_leaves_no_trace():

@@ -128,7 +128,7 @@ def test_rows_of_a_base_that_slides_leave_slower_timings(driven: slice):
     late = LateJoints(grid := Grid(robot, path, limits, spaced(path, NODES)))
     x = fastest(grid, ExtraRows.none()).x
     excess, rows = late.broken(x)
-    assert excess > 0.1
+    assert excess > 0.05  # of the weight
     assert len(rows) > 0
     assert np.any(rows.A @ x > rows.b)
     kept = [share for share in (0.1, 0.2, 0.3) if late.broken(share * x)[0] <= 0]

@@ -10,7 +10,7 @@ from typing import Literal, TypeVar, cast
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, InputWarning, PlanningError
+from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.basics.text import quantity
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.motion_plan import MotionPlan
@@ -44,7 +44,7 @@ def searched(
         budget: of time.
         direct: the direct search.
         seed: of the search for a path.
-        say: called with what is done next.
+        say: called with what is done next, and why a method before gave nothing.
 
     Raises:
         InputError: the task cannot be planned, or not by this method.
@@ -55,6 +55,8 @@ def searched(
     methods = methods_for(task, budget.given) if method is None else (method,)
     failed: list[str] = []
     for name, share in zip(methods, _shares(len(methods)), strict=True):
+        if failed:
+            say(failed[-1])
         if name == "path":
             say("searching and timing a path ...")
         try:
@@ -72,6 +74,10 @@ def searched(
             raise
         except PlanningError as error:
             failed.append(f"{name} method: {error}" if failed else f"{error}")
+        except SolverError as error:
+            failed.append(f"{name} method: no verified motion, a solver failed: {error}")
+    if method == "path":
+        failed[-1] += " (without --method, the direct method is tried as well)"
     raise PlanningError("; ".join(failed))
 
 

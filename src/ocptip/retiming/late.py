@@ -3,6 +3,9 @@
 `within.late_joints` gives the possible states of joints at a node, up to the longest delay after it. On a
 path all of that is affine in x at a few neighbouring nodes. So are rows of the wrench with the worst of them:
 the limits stay convex, but join more than two nodes, which reachability cannot have and a cone program can.
+
+Rows of friction are half spaces of the loads that contacts hold (`Slip.half_spaces`), as those of tip-over
+are: valid for every timing, also where they are taken from one whose base slides.
 """
 
 from __future__ import annotations
@@ -15,13 +18,14 @@ from scipy import sparse
 
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.late_joints import delay_cases, worst_options
+from ocptip.standing.within.late_joints import delay_cases, worst_beyond, worst_options
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import INSIDE
 
 NAMES = ("tip-over within tolerance", "slip within tolerance")
 _NEAR = 0.03  # of M0, or of GT: rows that are missed by less than this are taken, too
 _FAR = 0.2  # of M0, or of GT: rows that are farther from it are no more looked at
+_PLANES = 6  # half spaces of friction at an instant of which rows are taken in one round
 _SLIDES = 0.01  # of GT: what is missed by more has slopes of a base that slides
 _HALVINGS = 8  # of the speed-up of a timing until it just reaches a limit
 _SLOWEST = 1e-3  # of the mean of x: slopes of sqrt(x) are taken there, or where it is faster
@@ -68,9 +72,10 @@ class LateJoints:
         self._delay = asked.tolerance.delay * (1 + asked.tolerance.speed)
         self._more = asked.tolerance.overshoot
         axes, unit = self._cases.axes, self._cases.reference or 1.0
+        self._planes = self._cases.footing.slip.half_spaces(asked.GT_worst_case)
+        self._weight = float(np.linalg.norm(grid.robot.support.weight))
         self._units = np.append(np.full(axes, unit), asked.GT_worst_case)
         self._most = np.append(np.full(axes, 1 - 1 / asked.GN_worst_case), 1.0)
-        self._names = (*([NAMES[0]] * axes), NAMES[1])
         places, left, right = grid.places, grid.left, grid.right
         self._q = np.vstack([places.q[left], places.q[right[-1:]]])
         self._dq = np.vstack([places.dq[left], places.dq[right[-1:]]])
@@ -89,10 +94,12 @@ class LateJoints:
         return bool(tolerance.delay or tolerance.overshoot)
 
     def broken(self, x: np.ndarray) -> tuple[float, Couplings]:
-        """By how much the worst row is missed, in units of M0 or GT, and the rows that are, or nearly.
+        """By how much the worst row is missed, in units of M0, of GT or of the weight, and the rows that are,
+        or nearly.
 
-        Where the base slides, GT counts its acceleration, and slopes there say nothing of the limit. Rows are
-        then those of a slower timing that just reaches it.
+        Where loads that contacts hold have no half spaces, rows of friction are slopes of GT. Where the base
+        slides, GT counts its acceleration, and its slopes say nothing of the limit. Rows are then those of a
+        slower timing that just reaches it.
 
         Args:
             x: (N + 1,), the timing.
@@ -109,17 +116,32 @@ class LateJoints:
         return excess, rows
 
     def _broken(self, x: np.ndarray) -> tuple[float, float, Couplings]:
-        """By how much the worst row is missed, and the worst of friction, and rows that are, or nearly."""
+        """By how much the worst row is missed, and GT where slopes of it are rows, and rows that are, or
+        nearly.
+        """
         options, made, places = self._options(x)
+        acting, axes = self._grid.robot.acting(places), self._cases.axes
+        functions = range(axes + (self._planes is None))
         number, values, slopes = worst_options(
-            options, self._cases, self._grid.robot.acting(places), (self._most - _FAR) * self._units
+            options, self._cases, acting, (self._most - _FAR) * self._units, functions
         )
-        excess = values / self._units - self._most  # (N + 1, F)
-        i, k = np.nonzero(excess > -_NEAR)
-        on = slopes[i, k].reshape(len(i), 3, self._grid.robot.n) / self._units[k][:, None, None]  # (R, 3, n)
-        A = np.zeros((len(i), len(x)))
+        own = np.s_[: len(functions)]
+        beyond = values / self._units[own] - self._most[own]  # (N + 1, F)
+        i, k = np.nonzero(beyond > -_NEAR)
+        parts = [(i, number[i, k], slopes[i, k] / self._units[k][:, None], beyond[i, k])]
+        names = [NAMES[int(function == axes)] for function in k]
+        slips = -np.inf
+        if self._planes is None:
+            slips = float(np.max(beyond[:, -1]))
+        else:
+            found = worst_beyond(options, self._cases, acting, self._planes, -_NEAR * self._weight, _PLANES)
+            parts.append((*found[:2], found[2] / self._weight, found[3] / self._weight))
+            names += [NAMES[1]] * len(found[0])
+        instants, numbers, slopes, excess = (np.concatenate(part) for part in zip(*parts, strict=True))
+        on = slopes.reshape(len(instants), 3, self._grid.robot.n)  # (R, 3, n)
+        A = np.zeros((len(instants), len(x)))
         pace = 0.5 / np.sqrt(np.maximum(x, _SLOWEST * np.mean(x)))
-        for row, (instant, own) in enumerate(zip(i, number[i, k], strict=True)):
+        for row, (instant, own) in enumerate(zip(instants, numbers, strict=True)):
             for joint, way in enumerate(own):
                 speeds, accelerations = made[instant][way]
                 for node, factor in speeds:
@@ -128,9 +150,8 @@ class LateJoints:
                     first, last = max(node - 1, 0), min(node + 2, len(x))
                     over = (self._after if part else self._before)[first - node + 1 : last - node + 1]
                     A[row, first:last] += factor * on[row, 2, joint] * over[:, node, joint]
-        b = A @ x - excess[i, k]
-        rows = Couplings(sparse.csr_matrix(A), b, tuple(self._names[function] for function in k))
-        return float(np.max(excess)), float(np.max(excess[:, -1])), rows
+        rows = Couplings(sparse.csr_matrix(A), A @ x - excess, tuple(names))
+        return float(np.max(excess, initial=-_NEAR)), slips, rows
 
     def _options(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray]:
         """(D, n, K, 4) of what joints may be doing at nodes and the delay after them; what it is made of;

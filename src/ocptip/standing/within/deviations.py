@@ -84,6 +84,18 @@ class Deviations:
         other._nominal[:, self.places["gravity"]] += other._gravity - self.robot.support.gravity
         return other
 
+    def some(self, rows: np.ndarray) -> Deviations:
+        """The same of some of the N states of `loaded` or `moving`; nothing else is of certain states."""
+        if self._nominal is None:
+            return self
+        other = copy(self)
+        other._nominal = self._nominal[rows]
+        if self.low.ndim > 1:
+            other.low, other.high = self.low[rows], self.high[rows]
+        if self._gravity.ndim > 1:
+            other._gravity = self._gravity[rows]
+        return other
+
     def nominal(self, count: int) -> np.ndarray:
         """Deviations (count, size) of nominal states: zero but for payloads and motions of the base."""
         return np.zeros((count, self.size)) if self._nominal is None else self._nominal.copy()

@@ -27,6 +27,7 @@ import numpy as np
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.jumps import SMALLEST
 from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.half_spaces import farthest
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
@@ -334,9 +335,7 @@ def worst_options(
     row, which = (own.ravel() for own in np.indices((count, len(each))))
     few = count if most is None else most
     for turn in range(1 + _CHOICES):
-        chosen = options[row[:, None], np.arange(n), number[row, which]]  # (R, n, 4)
-        states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
-        states = np.hstack([states, acting[row]])
+        chosen, states = _chosen(options, row, number[row, which], acting)
         if few < count:  # the same cases for every function; what is asked is which instants come first
             own = np.s_[:: len(each)]
             found = cases.estimated(states[own], each.tolist(), chosen[own, :, 3])
@@ -346,8 +345,7 @@ def worst_options(
         slopes[row, which] = found[:, : 3 * n]
         if turn < _CHOICES:
             over = slopes[row, which].reshape(-1, 3, n)
-            gains = np.einsum("rsj,rjks->rjk", over, options[row][..., :3])
-            gains = np.where(np.isnan(gains), -np.inf, gains)
+            gains = _gains(over, options[row])
             gained = np.sum(np.max(gains, axis=2), axis=1) - np.einsum("rsj,rjs->r", over, chosen[..., :3])
             number[row, which] = np.argmax(gains, axis=2)
             if few < count:
@@ -363,6 +361,51 @@ def worst_options(
     return number, values, slopes
 
 
+def worst_beyond(
+    options: np.ndarray,
+    cases: WorstCase,
+    acting: np.ndarray,
+    planes: np.ndarray,
+    above: float,
+    most: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Which half spaces loads are farthest beyond, with the case of every joint that is worst for each.
+
+    Args: see `farthest`.
+
+    Returns:
+        Of R pairs the instant (R,), numbers (R, n) of cases, slopes (R, 3 n) of the distance over the state,
+        and the distance (R,), N.
+    """
+    found = farthest(cases.deviations, options, acting, planes, above, most)
+    a, n = planes[found.planes], options.shape[1]
+
+    def at(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        chosen, states = _chosen(options, found.instants, number, acting)
+        worst = cases.least(states, lambda wrench: (-np.einsum("rw,rw->r", a, wrench), -a), chosen[..., 3])
+        return -worst.values, cases.deviations.state_slopes(states, worst.theta, a)[0][:, : 3 * n]
+
+    slopes = at(found.number)[1].reshape(-1, 3, n)
+    number = np.argmax(_gains(slopes, options[found.instants]), axis=2)
+    values, slopes = at(number)
+    return found.instants, number, slopes, values
+
+
+def _chosen(
+    options: np.ndarray, row: np.ndarray, number: np.ndarray, acting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Options (R, n, 4) of instants (R,) by numbers (R, n), and the states (R, 3 n or more) of these."""
+    chosen = options[row[:, None], np.arange(options.shape[1]), number]
+    states = chosen[..., :3].transpose(0, 2, 1).reshape(len(row), 3 * options.shape[1])
+    return chosen, np.hstack([states, acting[row]])
+
+
+def _gains(slopes: np.ndarray, options: np.ndarray) -> np.ndarray:
+    """(R, n, K), what options (R, n, K, 4) contribute by slopes (R, 3, n) over the state."""
+    gains = np.einsum("rsj,rjks->rjk", slopes, options[..., :3])
+    return np.where(np.isnan(gains), -np.inf, gains)
+
+
 def exchanged(
     options: np.ndarray,
     cases: WorstCase,
@@ -375,7 +418,7 @@ def exchanged(
 
     Args and functions: see `worst_options`, whose numbers and values these are.
     """
-    number, values, n = number.copy(), values.copy(), options.shape[1]
+    number, values = number.copy(), values.copy()
     each = np.arange(values.shape[1]) if functions is None else np.array(functions)
     ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
     row, which = np.nonzero(ranks < _WORST)
@@ -387,9 +430,7 @@ def exchanged(
             break
         tried = own[r]
         tried[np.arange(len(r)), joint] = way
-        chosen = options[row[r][:, None], np.arange(n), tried]
-        states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
-        states = np.hstack([states, acting[row[r]]])
+        chosen, states = _chosen(options, row[r], tried, acting)
         found = cases.function(states, each[which[r]], chosen[..., 3])[0]
         order = np.argsort(-found, kind="stable")
         better, first = np.unique(r[order], return_index=True)
