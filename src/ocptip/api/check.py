@@ -239,9 +239,14 @@ def check(
     if design:
         say("searching the smallest base ...")
         smallest = motion_design(task, sequence)
-    say("checking stops ...")
+    if stops is not None:
+        say("checking stops ...")
     stopped = stops_by_segment(task, sequence, checked, stops)
     alone = None if task.is_cycle else task.segments[0].task
+    changes = ()
+    if sensitivities and alone:
+        say("finding what would help ...")
+        changes = sensitivities_of(alone, given)
     if alone is None:
         offsets, misses = _offsets_of_cycle(cast(CycleTask, task), sequence)
     else:
@@ -258,7 +263,7 @@ def check(
         checked=checked,
         robustness=robust,
         stops=stopped,
-        sensitivities=sensitivities_of(alone, given) if sensitivities and alone else (),
+        sensitivities=changes,
     )
 
 

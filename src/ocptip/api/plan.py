@@ -43,7 +43,10 @@ from ocptip.motion.tolerated import robustness
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.plan import draw_plan
 from ocptip.pictures.plan_curves import seen_plan
-from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.sensitivity import Reserves, Sensitivity, motion_sensitivities
+from ocptip.standing.within.in_motion import worst_contacts
+from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import checked_rise_times
@@ -415,5 +418,15 @@ def _largest(
 
 
 def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity, ...]:
-    """The effects of changes of the robot and its base on the smallest margins of a motion."""
-    return motion_sensitivities(task.robot, *motion.states(motion.both_sides(SPACING)))
+    """The effects of changes on the margins of a motion; within an uncertainty in its worst case."""
+    times, tolerance = motion.both_sides(SPACING), task.limits.tolerance.of(task.robot.payload)
+
+    def worst(robot: StandingMechanism, speed: float) -> Reserves:
+        counts = tolerance.heavier(robot.support.mass - task.robot.support.mass)
+        faster = motion.time_scaled(1 / speed)
+        found = worst_contacts(WorstCase(robot, counts), faster, times / speed)
+        tip, slip, force = found["tip"], found["slip"], found["alike"] or found["foot_force"]
+        least, reference = force.value if force else np.nan, robot.tip_over.reference_moment
+        return Reserves.of(tip.value if tip else 0.0, slip.value, least, reference, slip.factor)
+
+    return motion_sensitivities(task.robot, *motion.states(times), worst if tolerance.given else None)

@@ -23,7 +23,13 @@ from ocptip.standing.largest_payload import LARGEST_TRIED, largest_payloads
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import own_refusals
-from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities, payload_torques
+from ocptip.standing.sensitivity import (
+    Reserves,
+    Sensitivity,
+    motion_sensitivities,
+    payload_torques,
+    reserves_at_rest,
+)
 from ocptip.standing.slope import FloorSlope, largest_slope
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.design import Design, smallest_design
@@ -150,24 +156,35 @@ class RestingPosture:
             found += [float(largest.masses[0]), largest.names[largest.limits[0]]]
         return LargestPayload(*found)
 
-    def sensitivities(self) -> tuple[Sensitivity, ...]:
-        """What changes of the robot and its base would do at rest in this posture.
+    def sensitivities(self, tolerance: Uncertainty) -> tuple[Sensitivity, ...]:
+        """What changes of the robot and its base would do at rest in this posture, within an uncertainty.
 
         Raises:
             InputError: the base drives.
         """
         if self.base_motion is not None:
             raise InputError("sensitivities: not on a base that drives")
-        still = np.zeros((1, self.robot.n))
-        changes = motion_sensitivities(self.robot, self.q[None], still, still)
+        still, counts = np.zeros((1, self.robot.n)), self._counting(tolerance)
+
+        def worst(robot: Robot, _: float) -> Reserves:
+            within = counts.heavier(robot.support.mass - self.robot.support.mass)
+            moment = robot.tip_over.reference_moment
+            return reserves_at_rest(posture_case(robot, self.q, within)(within), moment)
+
+        known = worst if counts.given and isinstance(self.robot, Robot) else None
+        changes = motion_sensitivities(self.robot, self.q[None], still, still, known)
         return tuple(one for one in changes if one.quantity != "speed")
+
+    def _counting(self, tolerance: Uncertainty) -> Uncertainty:
+        """The part of an uncertainty that counts at rest."""
+        counts = tolerance.of(self.robot.payload)
+        return counts.only(*(name for name in AT_REST if name in counts.given))
 
     def design(self, tolerance: Uncertainty) -> Design | None:
         """The smallest base for this posture within an uncertainty; None without an arm."""
         if not isinstance(robot := self.robot, Robot):
             return None
-        counts = tolerance.of(robot.payload)
-        counts = counts.only(*(name for name in AT_REST if name in counts.given))
+        counts = self._counting(tolerance)
 
         def case(support: Support) -> CaseWithin:
             return posture_case(robot.varied(support=support), self.q, counts, self.base_motion)(counts)

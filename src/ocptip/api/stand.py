@@ -119,11 +119,11 @@ def _solved(
     states = state.states
     tip_over = TipOver(support, reference) if posture is None else posture.robot.tip_over
     if wants_sensitivities and posture is not None:
-        sensitivities = posture.sensitivities()
+        sensitivities = posture.sensitivities(tolerance)
     elif wants_sensitivities:
         from ocptip.standing.sensitivity import scene_sensitivities
 
-        sensitivities = scene_sensitivities(support, scene.loads, reference)
+        sensitivities = scene_sensitivities(support, scene.loads, reference, tolerance)
     return Standing(
         scene=scene,
         states=states,

@@ -49,8 +49,11 @@ def changes_table(found: Sequence[Sensitivity], title: str = "") -> list[str]:
     """The worst values as they are and after each change; empty without changes."""
     if not found:
         return []
-    rows = [[title, *found[0].before.TITLES], ["as it is", *found[0].before.cells()]]
-    return table([*rows, *([one.change, *one.after.cells()] for one in found)], left=(0,))
+    case = "worst case" if found[0].worst_case else "nominal"
+    rows = [[f"{title}, {case}" if title else case, *found[0].before.TITLES]]
+    rows += [["as it is", *found[0].before.cells()], *([one.change, *one.after.cells()] for one in found)]
+    known = [k for k in range(len(rows[0])) if any(row[k] != "-" for row in rows[1:])]
+    return table([[row[k] for k in known] for row in rows], left=(0,))
 
 
 def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:

@@ -36,10 +36,11 @@ def notes(checked: MotionCheck) -> list[str]:
             "Declare `stiffness` of the contacts to plan with their springs"
         )
     if contacts.equal_friction and contacts.equal_friction.value >= 1:
-        share = percent(contacts.equal_friction.value)
+        # The share of a foot with hardly any load is a number without use.
+        share = percent(contacts.equal_friction.value) if contacts.equal_friction.value < 10 else "far more"
         found.append(
             f"friction used is for the best sharing of the load; equally compliant feet would need {share} "
-            f"{contacts.equal_friction}. Declare `stiffness` of the contacts to check their springs"
+            f"of it {contacts.equal_friction}. Declare `stiffness` of the contacts to check their springs"
         )
     if contacts.weak:
         found.append(

@@ -201,12 +201,8 @@ class StandReport(GatedReport):
         if self.design:
             lines += under("design", self.design.lines(found.scene.support))
         elif not found.stable and state.solved and not found.scene.planar:
-            lines.append(
-                (
-                    "next",
-                    "--design: how wide or heavy the base must be; --sensitivities: what helps",
-                )
-            )
+            also = "" if found.sensitivities else "; --sensitivities: what helps"
+            lines.append(("next", f"--design: how wide or heavy the base must be{also}"))
         only = " Under exactly this load; there is no margin." if found.without_reserve else ""
         if self.verbose or only or not found.verdict.strong:
             lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))

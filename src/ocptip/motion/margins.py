@@ -21,7 +21,7 @@ class At:
     """A value.
 
     Attributes:
-        value: in the unit of its margin.
+        value: in the unit of its margin; friction used is infinite where no friction holds the base.
         time: s; None where it is not of one instant.
         contacts: that it is about, counted from 1.
     """
@@ -114,7 +114,7 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
     worst_slip = of(SLIP_WITHIN)
     if worst_slip and checked.within and worst_slip.value > 1:  # GT above 1 counts an acceleration
         factor = checked.within.slip.factor
-        worst_slip = replace(worst_slip, value=factor if math.isfinite(factor) else 1.0)
+        worst_slip = replace(worst_slip, value=1.0 if math.isnan(factor) else factor)
     if "GT" in worst:
         limits = worst["GT"].limit, limit(SLIP_WITHIN)
         yield MotionMargin(FRICTION, nominal, worst_slip, *limits, False, used("GT", SLIP_WITHIN))

@@ -230,7 +230,7 @@ def at_text(row: MotionMargin, at: At | None) -> str:
     """A value and when it occurs."""
     if at is None:
         return "-"
-    text = _value(row.name, at.value)
+    text = "none holds" if math.isinf(at.value) else _value(row.name, at.value)
     # Rounded to the limit, a value could contradict the verdict.
     if row.limit is not None and text == _value(row.name, row.limit) and at.value != row.limit:
         text = _value(row.name, at.value, 6)

@@ -134,7 +134,8 @@ class ContactMargins:
             does.append(f"{alike.where} lift{'s' * (len(alike.contacts) < 2)}")
         if friction and friction.value >= 1:
             slips = f"{friction.where} slip{'s' * (len(friction.contacts) < 2)}"
-            does.append(f"{slips}, needing {percent(friction.value)} of the friction")
+            needed = percent(friction.value) if friction.value < 10 else "far more than all"
+            does.append(f"{slips}, needing {needed} of the friction")
         return f"with equally compliant feet {' and '.join(does)}" if does else ""
 
     def later(self, seconds: float) -> ContactMargins:

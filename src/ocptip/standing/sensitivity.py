@@ -1,17 +1,16 @@
-"""Sensitivities of GN, GT and the minimum normal force to everything that a user can change.
+"""What one change of the robot or its base does to the margins: tipping margin, friction used, foot force.
 
-Each quantity alone is changed by a step that means something (1 kg, 10 mm) and all instants are solved again.
-So the worst may be at another instant, axis or contact. Besides, the slopes at the worst instants: where only
-the wrench changes, from the exact derivatives of the contact forces and indices with respect to it, else
-(positions, friction) by central differences of the exact solver. At a worst instant that two contacts or axes
-share, slopes are those of one of them.
+Each quantity alone is changed by a step that means something (1 kg, 10 mm) and all instants are solved again,
+within an uncertainty in its worst case. Besides, there are the slopes of the nominal values at their worst
+instants. Where only the wrench changes, they come from exact derivatives, else (positions, friction) from
+central differences of the exact solver. At a worst instant of two contacts or axes they are those of one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,17 +18,25 @@ import numpy as np
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
+from ocptip.numerics.inertia import union
 from ocptip.numerics.threads import one_thread
+from ocptip.reserves.equal_compliance import equal_normal_map
+from ocptip.reserves.friction_needed import FrictionDemand
+from ocptip.reserves.tipping import TipOverReserve, moment_at
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.standing.within.rest import SEARCHED, CaseWithin, scene_case
 
 KILOGRAM, MILLIMETRES, FRICTION, SPEED, GRIPPER = 1.0, 0.01, 0.1, 0.01, 0.1
 ONE_KILOGRAM = Payload(1.0)
 _DIFFERENCE = 1e-5  # of a step, for slopes
+_SMALL = 1e-4  # m: radius of gyration of a mass at the TCP
+_NEAR = 1e-3  # m: for the direction in which a shift of the centre of mass helps in the worst case
 
 
 @dataclass(frozen=True)
@@ -38,9 +45,10 @@ class Reserves:
 
     Attributes:
         GN, GT: largest; NaN where not known.
-        force: minimum distance of a normal force from the end at which its contact lets go, N; infinite where
-            no contact can.
+        force: minimum distance of a normal force from the end at which its contact lets go, N; of equally
+            compliant feet where the sharing is open, negative where one would pull. NaN: not known.
         moment: minimum tipping margin, N m, negative where the base tips; NaN where nothing does.
+        friction: factor on the friction that holds the base, up to 1 GT; infinite: no friction does.
     """
 
     TITLES: ClassVar = ("tipping [N m]", "friction [%]", "foot [N]")
@@ -49,26 +57,45 @@ class Reserves:
     GT: float
     force: float
     moment: float = np.nan
+    friction: float = np.nan
+
+    @classmethod
+    def of(cls, GN: float, GT: float, force: float, reference: float | None, factor: float) -> Reserves:
+        """From M0 of GN, N m (None where nothing tips), and from the factor where GT is above 1."""
+        moment = moment_at(GN, reference) if reference else np.nan
+        return cls(GN, GT, force, moment, factor if GT > 1 else GT)
 
     def cells(self) -> list[str]:
         """Tipping margin, friction used and minimum foot force as people read them."""
-        force = max(self.force, 0.0) if np.isfinite(self.force) else float("nan")
-        values = np.round([self.moment, 100 * self.GT, force], 9) + 0.0  # friction of nothing is 1e-14
-        return [f"{value:.3g}" if np.isfinite(value) else "-" for value in values]
+        values = np.round([self.moment, 100 * self.friction, self.force], 9) + 0.0  # noise is 1e-14
+        cells = [f"{value:.3g}" if np.isfinite(value) else "-" for value in values]
+        return [cells[0], "none holds" if np.isinf(self.friction) else cells[1], cells[2]]
+
+
+def reserves_at_rest(case: CaseWithin, reference: float | None) -> Reserves:
+    """The worst values of a base at rest within an uncertainty, M0 given; foot forces are not known."""
+    (GN, _), (GT, off) = case.tip(), case.slip()
+    factor = case.demand(off).factor if GT > 1 else GT
+    return Reserves.of(GN, GT, np.nan, reference, factor)
+
+
+Worst = Callable[[Any, float], Reserves]
+"""Worst values of a robot (of a scene: its support) within an uncertainty, with a factor on the speed."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The effect of one change on a margin.
+    """The effect of one change on the margins.
 
     Attributes:
         change: in words, such as "1 kg more base mass".
         quantity: what is changed, such as "base_mass".
         step: its size.
         unit: of the step: "kg", "m" or "" (a share).
-        before, after: the change.
-        slopes: of GN, GT and the minimum force (N) per unit, at their worst instants before the change.
+        before, after: the change; within an uncertainty both of the worst case.
+        slopes: of nominal GN, GT and minimum force (N) per unit, at their worst instants before the change.
         exact: slopes are derivatives, not differences.
+        worst_case: `before` and `after` are of the worst case within an uncertainty.
     """
 
     change: str
@@ -79,6 +106,7 @@ class Sensitivity:
     after: Reserves
     slopes: Reserves
     exact: bool
+    worst_case: bool = False
 
     def __str__(self) -> str:
         return f"{self.change}: " + ", ".join(
@@ -91,14 +119,14 @@ class Sensitivity:
         def plain(reserves: Reserves) -> dict[str, float | None]:
             names = {"GN": "GN", "GT": "GT", "force": "least_normal_force_N"}
             values = {key: getattr(reserves, name) for name, key in names.items()}
-            values["tipping_margin_Nm"] = reserves.moment
+            values |= {"tipping_margin_Nm": reserves.moment, "friction_used": reserves.friction}
             return {key: value if np.isfinite(value) else None for key, value in values.items()}
 
-        own = {name: getattr(self, name) for name in ("change", "quantity", "step", "unit", "exact")}
+        names = ("change", "quantity", "step", "unit", "exact", "worst_case")
         parts = {name: plain(getattr(self, name)) for name in ("before", "after")}
         slopes = plain(self.slopes)
-        del slopes["tipping_margin_Nm"]
-        return {**own, **parts, "slopes_per_unit": slopes}
+        del slopes["tipping_margin_Nm"], slopes["friction_used"]
+        return {**{name: getattr(self, name) for name in names}, **parts, "slopes_per_unit": slopes}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,24 +144,34 @@ class _Stand:
     def states(self) -> ContactStates:
         return self.footing.contact_states(self.wrenches)
 
+    @cached_property
     def values(self) -> np.ndarray:
         """(N, 4): GN, GT, minus the minimum normal and tipping margins, so that the maxima are the worst."""
         states = self.states
         tip = self.footing.tip_over.evaluate(states)
         GT = self.footing.slip.evaluate(states, derivatives=False).GT
-        moments = np.min(tip.margins, axis=1, initial=np.inf)
-        return np.column_stack([tip.GN, GT, -np.min(tip.normal_reserves, axis=1), -moments])
+        forces, moments = self._foot_forces(tip), np.min(tip.margins, axis=1, initial=np.inf)
+        return np.column_stack([tip.GN, GT, -np.min(forces, axis=1), -moments])
+
+    def _foot_forces(self, tip: TipOverReserve) -> np.ndarray:
+        """(N, n) distances of the normal forces from the end at which a contact lets go, N."""
+        shares = equal_normal_map(self.support)
+        return tip.normal_reserves if shares is None else self.wrenches @ shares.T
+
+    @property
+    def worst(self) -> Reserves:
+        """The worst values of all instants; not known where an instant is not."""
+        values = np.where(np.isnan(self.values), np.inf, self.values)
+        row, (GN, GT, lost, moment) = int(np.argmax(values[:, 1])), np.max(values, axis=0)
+        factor = float(GT)
+        if 1 < GT < np.inf:
+            factor = FrictionDemand.of(self.support, self.wrenches[row]).factor
+        margin = 0.0 - float(moment) if np.isfinite(moment) else np.nan
+        return Reserves(float(GN), float(GT), 0.0 - float(lost), margin, factor)
 
     def at(self, rows: np.ndarray) -> _Stand:
         """At some of the instants."""
         return replace(self, wrenches=self.wrenches[rows])
-
-    def loaded(self, wrenches: np.ndarray, reference: float) -> _Stand:
-        """With more on it, and a reference moment that is larger by this share."""
-        footing = self.footing
-        if (moment := footing.tip_over.reference_moment) and reference:
-            footing = Footing(footing.support, moment * (1 + reference), footing.slip.redistribution)
-        return _Stand(footing, self.wrenches + wrenches)
 
     def slopes(self, rows: np.ndarray, per_unit: np.ndarray, reference: float) -> np.ndarray:
         """Derivatives (3,) of the worst values, at row k of the k-th.
@@ -147,10 +185,13 @@ class _Stand:
         tip, slip = self.footing.tip_over.evaluate(states), self.footing.slip.evaluate(states)
         assert slip.gradient is not None  # it was asked for
         along = per_unit[rows]
-        contact = int(np.argmin(tip.normal_reserves[2]))
-        normal = states.contact_forces[2, contact, 0]
-        sign = 1.0 if self._lets_go_below(contact, normal, tip.normal_reserves[2, contact]) else -1.0
-        force = sign * states.force_maps[2, contact, 0]
+        contact = int(np.argmin(self.at(rows)._foot_forces(tip)[2]))
+        if (shares := equal_normal_map(self.support)) is not None:
+            force = shares[contact]
+        else:
+            normal = states.contact_forces[2, contact, 0]
+            sign = 1.0 if self._lets_go_below(contact, normal, tip.normal_reserves[2, contact]) else -1.0
+            force = sign * states.force_maps[2, contact, 0]
         ratio = tip.tip_ratio[0]  # M0 / (M0 + M)
         GN = tip.gradient[0] @ along[0] + (reference * ratio * (1 - ratio) if ratio < 1 else 0.0)
         return np.array([GN, slip.gradient[1] @ along[1], -force @ along[2]])
@@ -161,79 +202,56 @@ class _Stand:
         return abs(force - min(piece.normal_min for piece in pieces) - margin) <= 1e-9 * (1 + abs(force))
 
 
-Changed = Callable[[float], _Stand]
-
-
 @dataclass(frozen=True, eq=False)
 class _Change:
     """One quantity.
 
     Attributes:
         words, quantity, step, unit: see `Sensitivity`.
-        changed: the robot with the quantity larger by the argument.
+        varied: robot (of a scene: its support) and factor on the speed with the quantity larger by the
+            argument.
         per_unit: (N, 6), derivative of the wrenches, where contacts stay as they are; else None.
-        reference: derivative of the logarithm of the reference moment then.
     """
 
     words: str
     quantity: str
     step: float
     unit: str
-    changed: Changed
+    varied: Callable[[float], tuple[Any, float]]
     per_unit: np.ndarray | None = None
-    reference: float = 0.0
 
 
-def _load_change(
-    stand: _Stand, words: str, name: str, step: float, unit: str, per_unit: np.ndarray, reference: float
-) -> _Change:
-    """More of something to which the wrenches (N, 6) are affine."""
-
-    def changed(more: float) -> _Stand:
-        return stand.loaded(more * per_unit, more * reference)
-
-    return _Change(words, name, step, unit, changed, per_unit, reference)
-
-
-def _measured(stand: _Stand, changes: list[_Change]) -> tuple[Sensitivity, ...]:
-    values = stand.values()
-    known = np.where(np.isnan(values), -np.inf, values)
-    rows = np.argmax(known, axis=0)
-    before = _reserves(values[rows, range(4)])
+def _measured(
+    stand: Callable[[Any, float], _Stand], what: Any, changes: list[_Change], worst: Worst | None
+) -> tuple[Sensitivity, ...]:
+    """The effects of changes of a robot or a support, which `stand` gives a base under its wrenches."""
+    case = worst or (lambda other, speed: stand(other, speed).worst)
+    nominal, before = stand(what, 1.0), case(what, 1.0)
+    rows = np.argmax(np.where(np.isnan(nominal.values), -np.inf, nominal.values), axis=0)[:3]
     found = []
     for change in changes:
-        other = change.changed(change.step)
-        after = other.values()
-        after = np.max(np.where(np.isnan(after), np.inf, after), axis=0)
+        h = _DIFFERENCE * change.step
         if change.per_unit is not None:
-            slopes = stand.slopes(rows[:3], change.per_unit, change.reference)
+            moments = [
+                own.footing.tip_over.reference_moment or 1.0 for own in (stand(*change.varied(h)), nominal)
+            ]
+            slopes = nominal.slopes(rows, change.per_unit, float(np.log(moments[0] / moments[1])) / h)
         else:
-            h = _DIFFERENCE * change.step
-            ends = [change.changed(e).at(rows[:3]).values()[range(3), range(3)] for e in (h, -h)]
+            ends = [stand(*change.varied(e)).at(rows).values[range(3), range(3)] for e in (h, -h)]
             slopes = (ends[0] - ends[1]) / (2 * h)
-        own = change.words, change.quantity, change.step, change.unit
+        after, per_unit = case(*change.varied(change.step)), Reserves(*map(float, slopes * [1, 1, -1]))
+        named = change.words, change.quantity, change.step, change.unit
         exact = change.per_unit is not None
-        found.append(Sensitivity(*own, before, _reserves(after), _reserves(slopes), exact))
+        found.append(Sensitivity(*named, before, after, per_unit, exact, worst is not None))
     return tuple(found)
 
 
-def _reserves(values: np.ndarray) -> Reserves:
-    GN, GT, lost, *moment = (float(value) for value in values)
-    return Reserves(GN, GT, 0.0 - lost, *(0.0 - one if np.isfinite(one) else np.nan for one in moment))
+On = Callable[[Support], tuple[Any, float]]
+"""The robot, or a scene's support, on another support; and the factor 1 on the speed."""
 
 
-def _support_changes(support: Support, stand: Callable[[Support], _Stand]) -> list[_Change]:
-    """Changes of a base and its contacts."""
-
-    def other(**changes: Any) -> Support:
-        own = {
-            "contacts": support.contacts,
-            "mass": support.mass,
-            "center_of_mass": support.center_of_mass,
-            "gravity": support.gravity,
-        }
-        return Support(**{**own, **changes})
-
+def _support_changes(support: Support, on: On) -> list[_Change]:
+    """Changes of the contacts of a base."""
     d = support.dimension
     down = support.gravity / max(float(np.linalg.norm(support.gravity)), 1e-300)
     places = np.array([contact.position for contact in support.contacts])
@@ -242,13 +260,13 @@ def _support_changes(support: Support, stand: Callable[[Support], _Stand]) -> li
     sizes = np.linalg.norm(level, axis=1)
     outwards = level / np.where(sizes > 0, sizes, 1.0)[:, None]
 
-    def moved(which: np.ndarray) -> Callable[[float], _Stand]:
-        def change(way: float) -> _Stand:
+    def moved(which: np.ndarray) -> Callable[[float], tuple[Any, float]]:
+        def change(way: float) -> tuple[Any, float]:
             contacts = [
-                replace(c, position=c.position + way * own * out)
-                for c, own, out in zip(support.contacts, which, outwards, strict=True)
+                replace(c, position=c.position + way * moves * out)
+                for c, moves, out in zip(support.contacts, which, outwards, strict=True)
             ]
-            return stand(other(contacts=contacts))
+            return on(support.varied(contacts))
 
         return change
 
@@ -266,12 +284,12 @@ def _support_changes(support: Support, stand: Callable[[Support], _Stand]) -> li
         ]
     if any(_has_friction(contact) for contact in support.contacts):
 
-        def rougher(more: float) -> _Stand:
+        def rougher(more: float) -> tuple[Any, float]:
             contacts = [
                 replace(c, friction=c.friction * (1 + more)) if _has_friction(c) else c  # pyright: ignore
                 for c in support.contacts
             ]
-            return stand(other(contacts=contacts))
+            return on(support.varied(contacts))
 
         words = f"{100 * FRICTION:g} % more friction of all contacts"
         found.append(_Change(words, "friction", FRICTION, "", rougher))
@@ -282,43 +300,48 @@ def _has_friction(contact: Binding) -> bool:
     return getattr(contact, "friction", 0.0) > 0
 
 
-def _base_shifts(stand: _Stand) -> list[_Change]:
-    """Shifts of the base's centre of mass in the direction in which GN falls fastest, and down."""
-    support, d = stand.support, stand.support.dimension
-    pull, mm = support.mass * support.gravity, f"{1e3 * MILLIMETRES:g} mm"
+def _base_changes(stand: _Stand, on: On, worst: Worst | None) -> list[_Change]:
+    """A mass at the base's centre of mass, and shifts of that: down, and where the base tips last."""
+    support, d, mm = stand.support, stand.support.dimension, f"{1e3 * MILLIMETRES:g} mm"
+    pull = support.mass * support.gravity
     down = support.gravity / max(float(np.linalg.norm(support.gravity)), 1e-300)
 
-    def per_unit(way: np.ndarray) -> np.ndarray:
-        found = np.zeros_like(stand.wrenches)
-        found[:, d:] = np.cross(way, pull) if d == 3 else way[0] * pull[1] - way[1] * pull[0]
-        return found
+    def heavier(more: float) -> tuple[Any, float]:
+        return on(support.varied(mass=support.mass + more))
 
-    worst = np.full(3, np.argmax(np.nan_to_num(stand.values()[:, 0], nan=-np.inf)))
-    gradient = np.array([stand.slopes(worst, per_unit(axis), 0.0)[0] for axis in np.eye(d)])
-    gradient -= (gradient @ down) * down
-    found = []
-    if (size := float(np.linalg.norm(gradient))) > 1e-9:
-        best = -gradient / size
-        where = ", ".join(f"{x:.2g}" for x in np.round(best, 2) + 0.0)
-        words = f"centre of mass {mm} towards ({where})"
-        own = words, "center_of_mass_sideways", MILLIMETRES, "m"
-        found.append(_load_change(stand, *own, per_unit(best), 0.0))
-    words = f"centre of mass {mm} lower", "center_of_mass_down", MILLIMETRES, "m"
-    return [*found, _load_change(stand, *words, per_unit(down), 0.0)]
+    def shift(words: str, name: str, way: np.ndarray) -> _Change:
+        per_unit = np.zeros_like(stand.wrenches)
+        per_unit[:, d:] = np.cross(way, pull) if d == 3 else way[0] * pull[1] - way[1] * pull[0]
 
+        def moved(length: float) -> tuple[Any, float]:
+            return on(support.varied(center_of_mass=support.center_of_mass + length * way))
 
-def _base_mass(stand: _Stand, reference: float) -> _Change:
-    """Change by a mass at the base's centre of mass; `reference`: slope of the logarithm of M0 per kg."""
-    support = stand.support
-    per_unit = np.zeros_like(stand.wrenches)
-    per_unit[:, : support.dimension] = support.gravity
+        return _Change(f"centre of mass {mm} {words}", name, MILLIMETRES, "m", moved, per_unit)
+
+    weight = np.zeros_like(stand.wrenches)
+    weight[:, :d] = support.gravity
     words = f"{KILOGRAM:g} kg more base mass"
-    return _load_change(stand, words, "base_mass", KILOGRAM, "kg", per_unit, reference)
+    found = [_Change(words, "base_mass", KILOGRAM, "kg", heavier, weight)]
+    axes = [shift("", "", axis) for axis in np.eye(d)]
+    if worst is None:
+        row = np.full(3, np.argmax(np.nan_to_num(stand.values[:, 0], nan=-np.inf)))
+        slopes = [-stand.slopes(row, axis.per_unit, 0.0)[0] for axis in axes if axis.per_unit is not None]
+    else:
+        here = worst(*on(support)).moment
+        slopes = [(worst(*axis.varied(_NEAR)).moment - here) / _NEAR for axis in axes]
+    level = np.nan_to_num(slopes) - (np.nan_to_num(slopes) @ down) * down
+    if (size := float(np.linalg.norm(level))) > 1e-9:
+        where = ", ".join(f"{x:.2g}" for x in np.round(level / size, 2) + 0.0)
+        found.append(shift(f"to ({where})", "center_of_mass_sideways", level / size))
+    return [*found, shift("lower", "center_of_mass_down", down)]
 
 
 @one_thread
 def scene_sensitivities(
-    support: Support, loads: tuple[Load, ...], reference_moment: float | None = None
+    support: Support,
+    loads: tuple[Load, ...],
+    reference_moment: float | None = None,
+    tolerance: Uncertainty = NONE,
 ) -> tuple[Sensitivity, ...]:
     """The effects of changes on the margins of a scene; loads stay where they are.
 
@@ -326,14 +349,24 @@ def scene_sensitivities(
         support: the base.
         loads: on it.
         reference_moment: M0, N m, if it is given.
+        tolerance: what a scene cannot have of it is left out.
     """
+    counts = tolerance.only(*(name for name in SEARCHED if name in tolerance.given))
 
-    def stand(own: Support) -> _Stand:
-        return _Stand(Footing(own, reference_moment), own.wrench(loads)[None])
+    def worst(other: Support, _: float) -> Reserves:
+        within = counts.heavier(other.mass - support.mass)
+        moment = Footing(other, reference_moment).tip_over.reference_moment
+        return reserves_at_rest(scene_case(other, loads, moment, within), moment)
 
-    nominal = stand(support)
-    heavier = _base_mass(nominal, 0.0 if reference_moment else 1 / support.mass)
-    return _measured(nominal, [heavier, *_base_shifts(nominal), *_support_changes(support, stand)])
+    def stand(other: Support, _: float) -> _Stand:
+        return _Stand(Footing(other, reference_moment), other.wrench(loads)[None])
+
+    def on(other: Support) -> tuple[Support, float]:
+        return other, 1.0
+
+    case = worst if counts.given else None
+    changes = _base_changes(stand(support, 1.0), on, case) + _support_changes(support, on)
+    return _measured(stand, support, changes, case)
 
 
 @lru_cache(maxsize=8)
@@ -364,25 +397,50 @@ def payload_torques(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 @one_thread
 def motion_sensitivities(
-    robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+    robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, worst: Worst | None = None
 ) -> tuple[Sensitivity, ...]:
-    """The effects of changes on the margins of a robot at N states of a motion, (N, n) each."""
+    """The effects of changes on the margins of a robot at N states of a motion, (N, n) each.
 
-    def stand(own: StandingMechanism, speed: float = 1.0) -> _Stand:
-        return _Stand(own, own.loads(q, speed * qd, speed**2 * qdd)[1])
+    Args:
+        robot: on its base.
+        q, qd, qdd: the states, nominal.
+        worst: of a robot, within an uncertainty; None: the nominal values.
+    """
 
-    nominal, still = stand(robot), np.zeros_like(q)
-    per_kilogram = 0.0 if robot.argument("reference_moment") else 1 / robot.mass
-    changes = [_base_mass(nominal, per_kilogram), *_base_shifts(nominal)]
-    changes += _support_changes(robot.support, lambda support: stand(robot.varied(support=support)))
+    def stand(other: StandingMechanism, speed: float) -> _Stand:
+        return _Stand(other, other.loads(q, speed * qd, speed**2 * qdd)[1])
+
+    def on(support: Support) -> tuple[StandingMechanism, float]:
+        return robot.varied(support=support), 1.0
+
+    nominal, still = stand(robot, 1.0), np.zeros_like(q)
+    changes = _base_changes(nominal, on, worst) + _support_changes(robot.support, on)
     inertial = nominal.wrenches - robot.loads(q, still, still)[1]
     words = f"{100 * SPEED:g} % faster"
-    changes.append(_Change(words, "speed", SPEED, "", lambda e: stand(robot, 1 + e), 2 * inertial))
+    changes.append(_Change(words, "speed", SPEED, "", lambda more: (robot, 1 + more), 2 * inertial))
     if isinstance(robot, Robot):
-        own = f"{GRIPPER:g} kg more at the TCP", "gripper_mass", GRIPPER, "kg"
-        changes.append(_load_change(nominal, *own, _held(robot, ONE_KILOGRAM, q, qd, qdd), per_kilogram))
-        if (held := robot.arm.payload) is not None:
-            own = "10 % heavier payload", "payload_mass", 0.1, ""
-            load, share = _held(robot, held, q, qd, qdd), per_kilogram * held.mass
-            changes.append(_load_change(nominal, *own, load, share))
-    return _measured(nominal, changes)
+        held = robot.arm.payload
+
+        def gripping(more: float) -> tuple[Robot, float]:
+            return robot.varied(arm=_holding(robot.arm, _with_point_mass(held, more))), 1.0
+
+        named = f"{GRIPPER:g} kg more at the TCP", "gripper_mass", GRIPPER, "kg"
+        changes.append(_Change(*named, gripping, _held(robot, ONE_KILOGRAM, q, qd, qdd)))
+        if held is not None:
+
+            def heavier(more: float) -> tuple[Robot, float]:
+                other = Payload((1 + more) * held.mass, held.center_of_mass, (1 + more) * held.inertia)
+                return robot.varied(arm=_holding(robot.arm, other)), 1.0
+
+            load = _held(robot, held, q, qd, qdd)
+            changes.append(_Change("10 % heavier payload", "payload_mass", 0.1, "", heavier, load))
+    return _measured(stand, robot, changes, worst)
+
+
+def _with_point_mass(held: Payload | None, mass: float) -> Payload:
+    """A payload, if any, and a point mass at the TCP."""
+    if held is None:
+        return Payload(mass)
+    # Two point masses are a rod without inertia about itself, which no body is.
+    point = mass, np.zeros(3), mass * _SMALL**2 * np.eye(3)
+    return Payload(*union((held.mass, np.asarray(held.center_of_mass), np.asarray(held.inertia)), point))

@@ -203,6 +203,11 @@ class Uncertainty:
         """The uncertainty for an arm with this payload; without payload, its mass and centre are exact."""
         return self if payload else replace(self, payload_mass=0.0, payload_center=(0.0, 0.0, 0.0))
 
+    def heavier(self, more: float) -> Uncertainty:
+        """The uncertainty for a base that is heavier by `more`, kg: an interval of its mass moves with it."""
+        low_and_high = np.asarray(self.base_mass, dtype=float)
+        return replace(self, base_mass=low_and_high + more) if low_and_high.ndim and more else self
+
     def scaled(self, factor: float) -> Uncertainty:
         """Everything but damping by this factor of it; an interval of the base's mass stays."""
         values = {name: getattr(self, name) for name in self.given if name != "damping"}

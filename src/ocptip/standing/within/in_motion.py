@@ -173,20 +173,32 @@ def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> W
     """The worst values of a motion of an arm within the uncertainty of `cases`."""
     tolerance = cases.deviations.tolerance
     acting = cases.deviations.robot.during(motion)
+    torque = _worst_torque(acting, motion, tolerance, times)
+    gap = _smallest_gap(acting, motion, tolerance, times)
+    return WithinTolerance(
+        tolerance=tolerance, torque=torque, gap=gap, **worst_contacts(cases, motion, times)
+    )
+
+
+def worst_contacts(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> dict[str, Any]:
+    """The fields of `WithinTolerance` that are about contacts."""
+    tolerance = cases.deviations.tolerance
+    acting = cases.deviations.robot.during(motion)
     delayed = on_time(motion, tolerance, times, acting)
     delayed = delayed.joined(jump_states(motion, tolerance, cases, acting))
     tip, course = None, (np.empty(0), np.empty(0))
     if cases.axes:
         worst, bad = _refined(cases, motion, acting, delayed, _least_moments)
         tip, course = _worst_tip(cases, worst), (delayed.times, -bad[: len(delayed.times)])
-    at = _refined(cases, motion, acting, delayed, _greatest_slips)[0]
-    torque, gap = (
-        _worst_torque(acting, motion, tolerance, times),
-        _smallest_gap(acting, motion, tolerance, times),
-    )
-    slip, alike = _worst_slip(cases, at), _least_if_alike(cases, delayed)
-    force = _least_foot_force(cases, motion, acting, delayed)
-    return WithinTolerance(tolerance, tip, slip, torque, gap, len(delayed.times), alike, force, course)
+    slip = _worst_slip(cases, _refined(cases, motion, acting, delayed, _greatest_slips)[0])
+    return {
+        "tip": tip,
+        "slip": slip,
+        "states": len(delayed.times),
+        "alike": _least_if_alike(cases, delayed),
+        "foot_force": _least_foot_force(cases, motion, acting, delayed),
+        "course": course,
+    }
 
 
 def worst_tip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
