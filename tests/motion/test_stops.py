@@ -352,7 +352,7 @@ def test_a_cancel_is_a_third_scenario(capsys, motion_file):
     """At the default of a controller it tips case A's printed motion; a gentle one is safe."""
     arguments = ["check", str(motion_file), *PLAIN, "--stops", "cancel"]
     assert main([*arguments, "--json", "--deceleration", "300,100%"]) == 2
-    assert "--deceleration: expected numbers or a share such as 46%" in capsys.readouterr().err
+    assert "--deceleration: expected numbers, a share such as 46%, or stopj(4)" in capsys.readouterr().err
     assert main([*arguments, "--deceleration", "300,200"]) == 2
     assert "--deceleration: expected 1 or 6 numbers, got 2" in capsys.readouterr().err
     assert main([*arguments, "--deceleration", "30%", "--reaction", "8", "--json"]) == 0
@@ -425,6 +425,30 @@ def test_files_have_the_deceleration_of_a_cancel(case_file, task):
     again = load_task(path).limits.cancel
     np.testing.assert_allclose(again.decelerations, rates)
     assert replace(again, decelerations=()) == replace(found.limits.cancel, decelerations=())
+
+
+def test_stopj_is_checked_and_not_planned_for(capsys, motion_file, case_file):
+    arguments = ["check", str(motion_file), *PLAIN, "--stops", "cancel", "--json", "--deceleration"]
+    for text, rate in (("stopj", 4.0), ("stopj(1.5)", 1.5)):
+        assert main([*arguments, text]) in (0, 1)
+        data = json.loads(capsys.readouterr().out)
+        assert data["stops"]["worst"]["cancel"]["deceleration"] == [rate] * 6
+        assert data["stops"]["decelerations"]["together"]
+        assert "urscript" in data["stops"]["decelerations"]
+        proof = data["certificate"]
+        assert not any("cancel" in name for name in proof["bounds"])
+    assert main([*arguments, "stopj(x)"]) == 2
+    assert "got 'stopj(x)'" in capsys.readouterr().err
+    found = load_task(case_file('[stops]\nsafe = "cancel"\ncancel_stopj = 3\ncancel_share = 0.5\n'))
+    assert found.limits.cancel.together
+    path = case_file("")
+    path.write_text(found.source.text("A", found.limits, found.objective))
+    assert load_task(path).limits.cancel == found.limits.cancel
+    assert main(["plan", str(path)]) == 2
+    assert "stopj is checked, not planned for" in capsys.readouterr().err
+    path.write_text('case = "A"\n[stops]\ncancel_stopj = 3\ncancel_deceleration_deg_s2 = 90\n')
+    with pytest.raises(InputError, match="not beside cancel_stopj"):
+        load_task(path)
 
 
 def test_no_plan_for_stops_says_what_is_wrong_with_the_one_without(monkeypatch, capsys, task):

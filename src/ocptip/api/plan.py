@@ -372,6 +372,9 @@ def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: As
     if stops:
         kinds = None if stops == "given" else stops
         task = task.each(lambda own: replace(own, limits=own.stops.safe(own.limits, own.robot, kinds)))
+    for own in task.segments:
+        if own.task.limits.cancel is not None and own.task.limits.cancel.together:
+            raise InputError("stop_safe: stopj is checked, not planned for; give a deceleration per joint")
     if task.is_cycle:
         if rise_time is not None and controller != "quintic":
             raise InputError("rise_time: cycles have trapezoidal profiles; only for --controller quintic")

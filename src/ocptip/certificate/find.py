@@ -99,14 +99,16 @@ def certify(
     if within and SPEED_OF_POINTS in bounds:
         bounds[SPEED_OF_POINTS_WITHIN] = 1.0  # until the largest share is known, see `run`
     least = {CLEARANCE: getattr(limits, CLEARANCE)}
-    search = _ProofSearch(described, motion, bounds, tolerance, least, limits.cancel)
+    # The checker knows joints that decelerate each by itself.
+    cancel = None if limits.cancel is None or limits.cancel.together else limits.cancel
+    search = _ProofSearch(described, motion, bounds, tolerance, least, cancel)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
     sampled = _sampled(robot, motion, worst)
     if tolerance is not None:
         sampled += search.run_within(limits, worst, tolerance)
-    if limits.cancel is not None and isinstance(described, Robot):
+    if cancel is not None and isinstance(described, Robot):
         search.run_cancels(limits, worst)
     proved = proved_of_cancels(search.bounds)
     sampled = tuple(name for name in sampled if name not in proved)

@@ -172,7 +172,8 @@ CANCEL = (
         "--deceleration",
         "D",
         "deceleration of a cancelled controller, deg/s^2 (sliding joints: m/s^2), one number, or one per "
-        "joint with commas; or a share of the acceleration limits, 46%% (default: as in the task, or 100%%)",
+        "joint with commas; or a share of the acceleration limits, 46%% (default: as in the task, or 100%%); "
+        "or `stopj(4)` of Universal Robots, rad/s^2: all joints stop together (for check alone)",
     ),
     argument("--reaction", "MS", "maximum time from a cancel until joints decelerate, ms", type=float),
 )

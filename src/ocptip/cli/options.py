@@ -15,6 +15,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
+from ocptip.motion.stop_rules import STOPJ
 from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
@@ -61,20 +62,25 @@ def with_cancel(task: Task, options: Namespace) -> Task:
         if reaction is not None:
             given["reaction"] = 1e-3 * positive_number("--reaction", reaction, zero_allowed=True)
         if text is not None:
-            words = [text.removesuffix("%")] if text.endswith("%") else text.split(",")
+            law = re.fullmatch(r"(?P<share>[^,]+)%|stopj(?:\((?P<stopj>[^,]+)\))?|(?P<rates>.+)", text)
+            kind = law.lastgroup if law else ""
+            words = law[kind].split(",") if law and kind else [str(STOPJ)]
             try:
                 numbers = [positive_number("--deceleration", float(word)) for word in words]
             except ValueError:
-                reason = f"expected numbers or a share such as 46%, got {text!r}"
+                reason = f"expected numbers, a share such as 46%, or stopj(4), got {text!r}"
                 raise InputError(reason, "--deceleration") from None
-            if text.endswith("%"):
-                given |= {"share": numbers[0] / 100, "deceleration": None}
+            given |= {"share": 1.0, "deceleration": None, "stopj": None}
+            if kind == "share":
+                given["share"] = numbers[0] / 100
+            elif text.startswith("stopj"):
+                given["stopj"] = numbers[0]
             else:
                 n, units = own.robot.n, own.robot.units
                 if len(numbers) not in (1, n):
                     raise InputError(f"expected 1 or {n} numbers, got {len(numbers)}", "--deceleration")
                 scales = np.array([np.pi / 180 if unit == "rad" else 1.0 for unit in units])
-                given |= {"share": 1.0, "deceleration": scales * np.array(numbers)}
+                given["deceleration"] = scales * np.array(numbers)
         return replace(own, stops=replace(own.stops, **given))
 
     return task.each(changed)

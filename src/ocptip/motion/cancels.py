@@ -66,6 +66,7 @@ class SafeDecelerations:
         full: n, rad/s^2 (sliding joints: m/s^2), at 100 %.
         names, units: of the joints; units "rad" or "m".
         of_limits: these are the acceleration limits, which a controller would use by default.
+        together: joints come to rest together, see `Cancel`.
         levels: by falling share.
         minimum, maximum: of the safe shares; None where no checked share is safe.
         within: the uncertainty in words; empty: nominal model only.
@@ -76,6 +77,7 @@ class SafeDecelerations:
     names: tuple[str, ...]
     units: tuple[str, ...]
     of_limits: bool
+    together: bool
     levels: tuple[CancelLevel, ...]
     minimum: float | None
     maximum: float | None
@@ -102,9 +104,11 @@ class SafeDecelerations:
 
     @property
     def yaml(self) -> str:
-        """The line of ros2_control for the maximum safe deceleration; empty where there is none."""
+        """The line of ros2_control, or of URScript, for the maximum safe deceleration; empty if none is."""
         if self.maximum is None:
             return ""
+        if self.together:
+            return f"stopj({rounded_down(self.maximum * self.full[0]):g})"
         values = [rounded_down(self.maximum * value) for value in self.full]
         joints = ", ".join(
             f"{name}: {{max_deceleration_on_cancel: {value:g}}}"
@@ -116,17 +120,20 @@ class SafeDecelerations:
     def text(self) -> str:
         """One sentence or two."""
         of = "the acceleration limits" if self.of_limits else "the given decelerations"
+        of = f"stopj({self.full[0]:g})" if self.together else of
         hardest, model = self.hardest, self.within or "nominal model"
         if self.minimum is None or self.maximum is None:
             kept = f"no deceleration from {100 * SHARES[-1]:g} to 100 % of {of} is safe"
             helps = f". To plan for it, try ocptip plan with --stop-safe cancel{self._gentle}"
+            helps = "" if self.together else helps
             if any(text.startswith("clearance") for text in hardest.broken):
                 helps = ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
         else:
             least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
             kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}"
-            helps = "" if hardest.safe else ". Set that in the controller, or plan with --stop-safe cancel"
+            remedy = "" if self.together else ", or plan with --stop-safe cancel"
+            helps = "" if hardest.safe else f". Set that in the controller{remedy}"
         gentlest = self.levels[-1]
         worst = [hardest] if self.maximum is not None else [hardest, gentlest]
         why = [f"; at {100 * level.share:g} % {level.broken[0]}" for level in worst if not level.safe]
@@ -149,13 +156,14 @@ class SafeDecelerations:
             "full_deceleration": list(self.full),
             "units": [f"{unit}/s^2" for unit in self.units],
             "of_acceleration_limits": self.of_limits,
+            **({"together": True} if self.together else {}),
             "minimum_safe_share": self.minimum,
             "maximum_safe_share": self.maximum,
             "maximum_safe_deceleration": greatest,
             "levels": rows,
             "within": self.within or None,
             "instants": self.instants,
-            "ros2_control": self.yaml or None,
+            "urscript" if self.together else "ros2_control": self.yaml or None,
         }
 
 
@@ -211,6 +219,7 @@ def safe_decelerations(
         names=robot.names,
         units=robot.units,
         of_limits=of_limits,
+        together=cancel.together,
         levels=tuple(found[share] for share in sorted(found, reverse=True)),
         minimum=minimum,
         maximum=maximum,

@@ -118,7 +118,9 @@ def stop_keys(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:
         asked |= {"brake_delay": list(brakes.delay)}
     if cancel is not None:
         asked |= {"GN": cancel.GN, "GT": cancel.GT, "cancel_share": 1.0}
-        for key, unit, scale in _RATES:
+        if cancel.together:
+            asked["cancel_stopj"] = cancel.decelerations[0]
+        for key, unit, scale in () if cancel.together else _RATES:
             pairs = zip(robot.units, cancel.decelerations, strict=True)
             if own := [scale * rate for of, rate in pairs if of == unit]:
                 asked[key] = own

@@ -46,6 +46,9 @@ HOLDING = 1.3
 """A brake that is not given holds at least this share of what gravity asks in any posture: makers of drives
 ask for it in tests of holding brakes (docs/stops.md)."""
 
+STOPJ = 4.0
+"""rad/s^2 of `stopj` as the driver of Universal Robots calls it, see `ocptip.standing.stops.by_cancel`."""
+
 NO_DATA = "category 0 not checked: no brake data"
 
 
@@ -62,7 +65,9 @@ class StopRules:
         delay: s, minimum and maximum time from when the drives lose their torque until the brakes act.
         deceleration: (n,), rad/s^2 (sliding joints: m/s^2), of a controller that is cancelled; None: the
             acceleration limits.
-        share: of `deceleration` that it uses.
+        stopj: rad/s^2; instead, all joints come to rest together, the leading one at this rate, as `stopj` of
+            Universal Robots commands it.
+        share: of `deceleration` or `stopj` that it uses.
         reaction: s, at most from a cancel until the joints decelerate.
         longest: s, at most from a cancel until everything rests.
     """
@@ -74,6 +79,7 @@ class StopRules:
     brake_max: np.ndarray | None = None
     delay: tuple[float, float] = (0.0, 0.0)
     deceleration: np.ndarray | None = None
+    stopj: float | None = None
     share: float = 1.0
     reaction: float = 0.0
     longest: float = LONGEST
@@ -83,12 +89,17 @@ class StopRules:
         """Brake torques are not given."""
         return self.brake_min is None or self.brake_max is None
 
+    @property
+    def of_limits(self) -> bool:
+        """Cancels decelerate at a share of the acceleration limits."""
+        return self.deceleration is None and self.stopj is None
+
     def __post_init__(self) -> None:
         for name in ("GN", "GT"):
             if getattr(self, name) is not None:
                 share_of_one(name, getattr(self, name))
         positive_number("time", self.time, zero_allowed=True)
-        for name in ("share", "longest"):
+        for name in ("share", "longest", *(("stopj",) if self.stopj is not None else ())):
             positive_number(name, getattr(self, name))
         positive_number("reaction", self.reaction, zero_allowed=True)
         for name in ("brake_min", "brake_max", "deceleration"):
@@ -143,9 +154,12 @@ class StopRules:
 
         Raises:
             InputError: the number of decelerations is not the robot's, or none are given and a joint has no
-                acceleration limit.
+                acceleration limit; or a joint slides, which `stopj` does not know.
         """
+        if self.stopj is not None and "m" in robot.units:
+            raise InputError(f"stopj: is about turning joints; {robot.names[robot.units.index('m')]} slides")
         full = robot.limits.acceleration if self.deceleration is None else self.deceleration
+        full = full if self.stopj is None else np.full(robot.n, self.stopj)
         if len(full) != robot.n:
             raise InputError(f"deceleration: expected {robot.n} decelerations, got {len(full)}")
         if not np.isfinite(full).all():
@@ -156,7 +170,7 @@ class StopRules:
             )
         rates = tuple(((self.share if share is None else share) * full).tolist())
         GN, GT = self.GN or limits.GN, self.GT or limits.GT
-        return Cancel(rates, self.reaction, self.longest, GN, GT)
+        return Cancel(rates, self.reaction, self.longest, GN, GT, self.stopj is not None)
 
     def lacking(self, robot: StandingMechanism) -> str:
         """Why brake torques can be neither taken from the task nor assumed; empty: they can."""

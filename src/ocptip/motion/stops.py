@@ -28,7 +28,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
 ROWS = 12  # of the table
-_BY_JOINT = {"brakes": "by brakes (category 0)", "cancel": "cancel (each joint decelerates by itself)"}
+_BY_JOINT = {"brakes": "by brakes (category 0)", "cancel": "cancel"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def check_stops(
             cancel = limits.cancel or rules.cancel(robot, limits)
             tables["cancel"] = CancelTable(robot, motion, limits, cancel, times)
             full = rules.cancel(robot, limits, 1.0)
-            of_limits = rules.deceleration is None
+            of_limits = rules.of_limits
             decelerations = safe_decelerations(robot, motion, limits, full, of_limits=of_limits)
     violations = [text for table in tables.values() for text in table.violations()]
     violations += [lacking] if lacking else []
@@ -191,7 +191,7 @@ def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelera
     for segment, own in zip(task.segments, motion.segments, strict=False):
         robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
         if isinstance(robot, Robot) and np.isfinite(robot.limits.acceleration).all():
-            how = {"of_limits": rules.deceleration is None, "close": 1.0}
+            how = {"of_limits": rules.of_limits, "close": 1.0}
             full = rules.cancel(robot, limits, 1.0)
             found[segment.name] = safe_decelerations(robot, own, limits, full, **how)
     return found
@@ -240,8 +240,11 @@ def _assumed(
         return (*texts, "category 0 and cancels: not computed for parallel robots")
     if "cancel" in asked:
         when = f"within {1e3 * rules.reaction:g} ms" if rules.reaction else "at once"
-        texts.append(f"cancel: each joint decelerates by itself, {when}; the drives follow as commanded")
-        if rules.deceleration is None:
+        law = (
+            "each joint decelerates by itself" if rules.stopj is None else "all joints come to rest together"
+        )
+        texts.append(f"cancel: {law}, {when}; the drives follow as commanded")
+        if rules.of_limits:
             texts.append("cancel: 100 % is the acceleration limit; drives that brake harder are not covered")
         if not robot.arm.may_collide:
             texts.append("cancel: collisions not checked, no collision geometry")

@@ -54,6 +54,8 @@ from ocptip.trajectories.velocity_profiles import SHORTEST_RISE, checked_rise_ti
 _KIND = schema.choice("Stops.", get_args(Kinds))
 _RATES = {"cancel_deceleration_deg_s2": False, "cancel_deceleration_m_s2": True}
 """Keys of decelerations: whether these are of sliding joints."""
+_OF_CANCELS = ("stopj", "share", "reaction", "longest")
+"""Further keys of cancels, without their beginning."""
 _TORQUE = "torque of each brake; sliding joints: N."
 STOPS = Keys(
     "stops",
@@ -86,6 +88,12 @@ STOPS = Keys(
             )
             for key, slides in _RATES.items()
         },
+        "cancel_stopj": schema.number(
+            "Instead: rate of the leading joint; all stop together (`stopj` of a UR).",
+            "rad/s^2",
+            bound="> 0",
+            otherwise="none",
+        ),
         "cancel_share": schema.number("Share of that deceleration.", bound="> 0", default=1),
         "cancel_reaction": schema.number(
             "Maximum time from a cancel until the joints decelerate.", "s", bound=">= 0", default=0
@@ -119,12 +127,12 @@ def with_stops(data: Table, task: MotionTask) -> MotionTask:
     ends = [table.get(f"brake_torque_{end}_Nm", size=n) for end in ("min", "max")]
     delay = tuple(table["brake_delay"].tolist())
     rules = table.given("GN", "GT", "time")
-    cancel = {name: table[f"cancel_{name}"] for name in ("share", "reaction", "longest")}
+    cancel = {name: table[f"cancel_{name}"] for name in _OF_CANCELS}
     cancel["deceleration"] = _decelerations(table, task.robot)
     safe = _safe(table)
     table.close()
     names = {"brake_min": "brake_torque_min_Nm", "brake_max": "brake_torque_max_Nm", "delay": "brake_delay"}
-    names |= {name: f"cancel_{name}" for name in ("share", "reaction", "longest")}
+    names |= {name: f"cancel_{name}" for name in _OF_CANCELS}
     with table.at(**names, deceleration="cancel_deceleration_deg_s2"):
         found = StopRules(**rules, brake_min=ends[0], brake_max=ends[1], delay=delay, **cancel)
         if any(end is not None for end in ends):
@@ -138,6 +146,8 @@ def _decelerations(table: Table, robot: StandingMechanism) -> np.ndarray | None:
     given = [key for key in _RATES if table.value(key) is not None]
     if not given:
         return None
+    if table["cancel_stopj"] is not None:
+        raise table.error("not beside cancel_stopj, which is another law", given[0])
     if not isinstance(robot, Robot):
         raise table.error("cancels are not computed for parallel robots", given[0])
     found = robot.limits.acceleration.copy()

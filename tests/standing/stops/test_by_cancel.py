@@ -70,6 +70,51 @@ def test_states_are_those_of_the_controller_between_the_stops_of_joints():
             assert np.sum(np.abs(found.after[rows] - end) < 1e-12) >= 2
 
 
+def test_joints_that_stop_together_stay_on_a_line_and_the_leading_one_has_its_rate():
+    """As the manual says of stopj: linear in joint space, the acceleration is that of the leading axis."""
+    rng = np.random.default_rng(1)
+    q, qd, most = rng.normal(size=(20, 6)), rng.normal(size=(20, 6)), rng.uniform(0.5, 3, 6)
+    qd[0, :3], qd[1] = 0.0, 0.0
+    cancel = Cancel(tuple(most), together=True)
+    found = cancel.states(q, qd)
+    for own in range(20):
+        rows = np.flatnonzero(found.owner == own)
+        longest = np.max(np.abs(qd[own]) / most)
+        assert found.after[rows[-1]] == pytest.approx(longest)
+        t = found.after[rows]
+        scale = 1 - t / longest if longest else 0 * t
+        np.testing.assert_allclose(found.qd[rows], scale[:, None] * qd[own], atol=1e-9)
+        way = t - t**2 / (2 * longest) if longest else 0 * t
+        np.testing.assert_allclose(found.q[rows], q[own] + way[:, None] * qd[own], atol=1e-9)
+        assert np.max(np.abs(found.qdd[rows]) / most) == pytest.approx(float(longest > 0))
+    moving = np.abs(qd) > 0
+    assert np.all(cancel.rates(qd)[~moving] == np.broadcast_to(most, qd.shape)[~moving])
+
+
+def test_the_worst_of_joints_that_stop_together_is_that_of_a_dense_search(case):
+    robot, motion = case.robot, case.reference
+    cancel = Cancel((4.0,) * robot.n, together=True)
+    times, found = cancelled_motion(robot, motion, cancel)
+    moments = []
+    for t in times:
+        q, qd, _ = motion.states(t)
+        longest = np.max(np.abs(qd)) / 4.0
+        after = np.linspace(0, longest, 9)[:, None]
+        states = (
+            q + qd * after * (1 - after / (2 * longest)),
+            qd * (1 - after / longest),
+            0 * after - qd / longest,
+        )
+        moments.append(np.max(robot.tip_over.evaluate(robot.contact_states(robot.loads(*states)[1])).GN))
+    assert np.max(found.GN) >= np.max(moments) - 1e-6
+    assert np.max(found.GN) == pytest.approx(np.max(moments), rel=0.02)
+    shares = safe_decelerations(robot, motion, case.limits, replace(cancel, GN=0.9, GT=0.9), of_limits=False)
+    assert shares.text.startswith("safe at ")
+    assert f"of stopj(4), at most {shares.deceleration(shares.maximum)}" in shares.text
+    assert shares.yaml == f"stopj({rounded_down(4 * shares.maximum):g})"
+    assert shares.to_dict()["urscript"] == shares.yaml
+
+
 def test_tipping_moments_are_those_of_pinocchio(ur5):
     """Its recursive Newton-Euler algorithm, and the least moment about the edges of the four wheels."""
     robot, rng = ur5.robot, np.random.default_rng(1)
@@ -194,7 +239,7 @@ def test_within_an_uncertainty_nothing_sampled_is_worse(case):
     assert slip.value > 0
 
 
-def drawn_cancels(motion, rates, late, more, count, rng):
+def drawn_cancels(motion, cancel, late, more, count, rng):
     """States (count, 3 n) of joints that are each at a time of their own in the delay, or overshoot there.
 
     The steps of a joint are those of the motion, the cancel, and its rest.
@@ -204,7 +249,7 @@ def drawn_cancels(motion, rates, late, more, count, rng):
     for k in range(count):
         t = float(rng.choice(times)) + rng.uniform(0, late)
         q, v, _ = (part[0] for part in motion.states(np.array([t])))
-        acting = motion.states(np.array([t + INSIDE]))[2][0]
+        acting, rates = motion.states(np.array([t + INSIDE]))[2][0], cancel.rates(v[None])[0]
         slower, rests = -np.sign(v) * rates, np.abs(v) / rates
         now = t + rng.choice([0.0, *rests]) + rng.choice([0.0, rng.uniform(0, late)])
         for j in range(n):
@@ -226,17 +271,18 @@ def drawn_cancels(motion, rates, late, more, count, rng):
     return s.reshape(count, -1)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.01])
-def test_steps_of_the_motion_overshoot_in_cancels(ur5, delay):
+@pytest.mark.parametrize(("delay", "together"), [(0.0, False), (0.01, False), (0.01, True)])
+def test_steps_of_the_motion_overshoot_in_cancels(ur5, delay, together):
     """No drawn state tips more than reported, but by 0.002 of GN: instants and states are samples."""
     robot, rng = ur5.robot, np.random.default_rng(1)
     speed, acceleration, way = robot.limits.speed, robot.limits.acceleration, [1.0, 0.8, -1.0, 0.5, 0.3, 0.4]
     ramps = [RampCommand(*own) for own in zip(way, 0.4 * speed, 0.3 * acceleration, strict=True)]
     motion = Trajectory.from_profiles([0.0, -1.2, 1.2, 0.0, 0.0, 0.0], [[ramp] for ramp in ramps])
-    cancel, own = Cancel(tuple(0.1 * acceleration)), Uncertainty(delay=delay, damping=0.1)
+    cancel = Cancel(tuple(0.1 * acceleration), together=together)
+    own = Uncertainty(delay=delay, damping=0.1)
     cases = worst_case_of(robot, own)
     tip = next(worst_of_cancels(cases, motion, cancel, cancel_times(motion)))
-    s = drawn_cancels(motion, np.array(cancel.decelerations), own.late, own.overshoot, 1000, rng)
+    s = drawn_cancels(motion, cancel, own.late, own.overshoot, 1000, rng)
     moments = cases._map(cases.deviations.wrench(s, cases.deviations.nominal(len(s)))[0])[0]
     drawn = float(cases.tip_ratio(moments.min()))
     assert drawn <= tip.value + 2e-3

@@ -219,6 +219,8 @@ class AngleLimit(Limit):
 class CancelAngleLimit(StateLimit, AngleLimit):
     """Angles at which joints rest after the motion is cancelled: q + qd |qd| / (2 a), a the deceleration.
 
+    Programs take it as constant, which it is unless joints come to rest together.
+
     The nominal motion; a joint that is faster within an uncertainty gets farther.
     """
 
@@ -231,11 +233,11 @@ class CancelAngleLimit(StateLimit, AngleLimit):
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
-        self._rates = np.array(cancel_of(robot, asked)[1].decelerations)
+        self._rates = cancel_of(robot, asked)[1].rates
 
     def _rests(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """(N, n), where joints come to rest."""
-        return q + qd * np.abs(qd) / (2 * self._rates)
+        return q + qd * np.abs(qd) / (2 * self._rates(qd))
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         times = cancel_times(at.motion)
@@ -261,14 +263,14 @@ class CancelAngleLimit(StateLimit, AngleLimit):
         n, count = self.robot.n, np.arange(len(i))
         q, qd, _ = at.motion_states
         slopes = np.zeros((len(i), at.s.shape[1]))
-        slopes[count, k], slopes[count, n + k] = 1.0, np.abs(qd[i, k]) / self._rates[k]
+        slopes[count, k], slopes[count, n + k] = 1.0, np.abs(qd[i, k]) / self._rates(qd[i])[count, k]
         return NodeRows(at, i, k, self._rests(q[i], qd[i])[count, k], slopes)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         count, k, size = np.arange(len(rows.nodes)), rows.places, rows.at.s.shape[1]
-        qd, own = rows.at.motion_states[1][rows.nodes, k], self.robot.n + k
+        qd, own = rows.at.motion_states[1][rows.nodes], self.robot.n + k
         bends = np.zeros((len(count), size, size))
-        bends[count, own, own] = on * np.sign(qd) / self._rates[k]
+        bends[count, own, own] = on * np.sign(qd[count, k]) / self._rates(qd)[count, k]
         return count, bends
 
 

@@ -43,7 +43,6 @@ from ocptip.standing.stops.by_cancel import (
     cancel_slopes,
     cancel_times,
     cancelled_motion,
-    stop_states,
 )
 from ocptip.standing.stops.joint_stops import without_creep
 from ocptip.standing.within.cancelled import worst_of_cancels
@@ -308,7 +307,7 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
 
     def _stopped(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray) -> _Stopped:
         robot, cancel = self._arm
-        return _Stopped(robot, stop_states(q, qd, np.array(cancel.decelerations)), len(q), process)
+        return _Stopped(robot, cancel.states(q, qd), len(q), process)
 
     def _worst_of(self, stops: _Stopped) -> tuple[np.ndarray, np.ndarray]:
         """(N, width) badness of the worst state of each stop, and its number.

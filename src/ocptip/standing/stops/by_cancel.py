@@ -1,4 +1,4 @@
-"""Stops by a cancelled trajectory: every joint decelerates by itself at a constant rate, then holds.
+"""Stops by a cancelled trajectory: every joint decelerates at a constant rate, then holds.
 
 So do the controllers of others, as their sources say:
 
@@ -8,8 +8,10 @@ So do the controllers of others, as their sources say:
   further. Joints stop at different times. It does so on a cancel, a preemption, and where a tolerance is
   violated. Without that option (the default) `set_hold_position` commands the present position: the drives
   then decelerate as hard as they can, which the acceleration limits stand for here.
-- Universal_Robots_Client_Library 2.14.0, resources/external_control.urscript: `stopj(4.0)`, in rad/s^2; that
-  is "linear in joint space", the rate of the leading axis, and not the same as one rate for all joints.
+- Universal_Robots_Client_Library 2.14.0, resources/external_control.urscript: `stopj(4.0)`. The URScript
+  manual says of stopj(a): linear in joint space, a in rad/s^2 of the leading axis. So all joints come to rest
+  together on a straight line in joint space: the one that needs the longest at its rate has it, and the
+  others less.
 
 Until the controller reacts the motion goes on as planned. So a stop begins in a state of the motion, and the
 reaction time does not change which states these are: all. Between the stops of two joints all accelerations
@@ -49,6 +51,7 @@ class Cancel:
         reaction: s, at most from the cancel until the joints decelerate.
         longest: s, at most from the cancel until everything rests.
         GN, GT: largest values during any stop, at most 1.
+        together: all joints come to rest at the same time, and only one of them decelerates at its rate.
     """
 
     decelerations: tuple[float, ...]
@@ -56,6 +59,7 @@ class Cancel:
     longest: float = LONGEST
     GN: float = 0.9
     GT: float = 0.9
+    together: bool = False
 
     def __post_init__(self) -> None:
         for name in ("GN", "GT"):
@@ -67,6 +71,20 @@ class Cancel:
             raise InputError(
                 f"cancel.longest: must be > the reaction time, {self.reaction:g} s, got {self.longest:g}"
             )
+
+    def rates(self, qd: np.ndarray) -> np.ndarray:
+        """(N, n), at which joints with speeds (N, n) decelerate."""
+        speeds, most = np.abs(without_creep(qd)), np.array(self.decelerations)
+        if not self.together:
+            return np.broadcast_to(most, speeds.shape)
+        longest = np.max(speeds / most, axis=1, keepdims=True)
+        return np.divide(speeds, longest, out=np.tile(most, (len(qd), 1)), where=speeds > 0)
+
+    def states(self, q: np.ndarray, qd: np.ndarray) -> StopStates:
+        """States of stops from angles and speeds (N, n), see `stop_states`."""
+        # Joints that rest together part a stop into nothing: as many instants as with n stops of joints.
+        inside = np.linspace(0, 1, (len(INSIDE) - 1) * q.shape[1] + 1) if self.together else INSIDE
+        return stop_states(q, qd, self.rates(qd), inside)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -95,39 +113,41 @@ class StopStates(NamedTuple):
     weights: np.ndarray
 
 
-def stop_states(q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray) -> StopStates:
-    """States of stops from angles and speeds (N, n) at decelerations (n,); the last of each is at rest."""
+def stop_states(
+    q: np.ndarray, qd: np.ndarray, decelerations: np.ndarray, inside: np.ndarray = INSIDE
+) -> StopStates:
+    """States of stops from angles and speeds (N, n) at decelerations (N, n); the last of each is at rest."""
     count, n = q.shape
     qd = without_creep(qd)
     rests = np.abs(qd) / decelerations  # (N, n), s
     order = np.argsort(rests, axis=1)
     ends = np.take_along_axis(rests, order, axis=1)
     begins = np.hstack([np.zeros((count, 1)), ends[:, :-1]])
-    after = begins[:, :, None] + INSIDE * (ends - begins)[:, :, None]  # (N, n, K)
+    after = begins[:, :, None] + inside * (ends - begins)[:, :, None]  # (N, n, K)
     middle = 0.5 * (begins + ends)
-    keep = np.repeat((ends - begins > SHORTEST)[:, :, None], len(INSIDE), axis=2)
+    keep = np.repeat((ends - begins > SHORTEST)[:, :, None], len(inside), axis=2)
     owner, phase, place = np.nonzero(keep)
     owner, phase, place = (
         np.append(own, rest)
         for own, rest in (
             (owner, np.arange(count)),
             (phase, np.full(count, n - 1)),
-            (place, np.full(count, len(INSIDE) - 1)),
+            (place, np.full(count, len(inside) - 1)),
         )
     )
     last = np.arange(len(owner)) >= len(owner) - count
     after = after[owner, phase, place]
     moves = (rests[owner] > middle[owner, phase][:, None]) & ~last[:, None]
     way = np.minimum(after[:, None], rests[owner])
-    rate = np.sign(qd)[owner] * decelerations
-    weights, rows, share = np.zeros((len(owner), n)), np.arange(len(owner)), INSIDE[place]
+    rate = (np.sign(qd) * decelerations)[owner]
+    weights, rows, share = np.zeros((len(owner), n)), np.arange(len(owner)), inside[place]
     weights[rows, order[owner, phase]] = share
     later = phase > 0
     weights[rows[later], order[owner[later], phase[later] - 1]] = 1 - share[later]
     return StopStates(
         owner,
         after,
-        place == len(INSIDE) - 1,
+        place == len(inside) - 1,
         q[owner] + way * (qd[owner] - 0.5 * rate * way),
         np.where(moves, qd[owner] - rate * way, 0.0),
         np.where(moves, -rate, 0.0),
@@ -197,14 +217,14 @@ class CancelCheck(StopCheck):
 
     def __init__(self, robot: Robot, cancel: Cancel, exact: bool = True) -> None:
         super().__init__(robot, cancel.GN, cancel.GT, exact)
-        self._decelerations = np.array(cancel.decelerations)
+        self._cancel = cancel
 
     def stops(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray | None = None) -> JointStops:
         """From angles and speeds, (N, n) each; a process that varies stays what it is then, (N, 6).
 
         Times are from the beginning of the deceleration.
         """
-        at = stop_states(q, qd, self._decelerations)
+        at = self._cancel.states(q, qd)
         torques, wrenches = self._robot.loads(at.q, at.qd, at.qdd, of_owner(process, at.owner))
         loads = wrenches[:, None], torques[:, None]
         postures = at.q[::-1], at.owner[::-1], at.after[::-1]

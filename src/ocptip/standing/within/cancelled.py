@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ocptip.standing.stops.by_cancel import NEAR, Cancel, stop_states
+from ocptip.standing.stops.by_cancel import NEAR, Cancel
 from ocptip.standing.stops.joint_stops import SLOW
 from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
 from ocptip.standing.within.late_joints import CLOSER, DelayedStates, Events, exchanged, worst_options
@@ -56,8 +56,8 @@ def _states(
         times = np.unique(np.concatenate([times, events.times, events.times[starting] + _SOON]))
     process = acting.acting(times)
     q, qd, _ = motion.states(times)
-    rate = np.array(cancel.decelerations)
-    at = stop_states(q, qd, rate)
+    rate = cancel.rates(qd)
+    at = cancel.states(q, qd)
     own = np.hstack([at.q, at.qd, at.qdd, process[at.owner]])
     since = at.after[:, None] - np.where(at.qdd != 0, 0.0, (np.abs(qd) / rate)[at.owner])
     words = [_after(after) for after in at.after.tolist()]
@@ -66,7 +66,7 @@ def _states(
         return found
     rows = np.flatnonzero(at.before | (at.after == 0))
     stop, when = at.owner[rows], at.after[rows]
-    options = _options(events, times[stop], when, rate)
+    options = _options(events, times[stop], when, rate[stop])
     number, values, _ = worst_options(options, cases, process[stop], functions=functions, most=CLOSER)
     number = exchanged(options, cases, process[stop], number, values, functions)
     for k in range(values.shape[1]):
@@ -92,7 +92,7 @@ def _options(events: Events, begun: np.ndarray, when: np.ndarray, rate: np.ndarr
         events: of the motion.
         begun: (D,), s, when joints begin to decelerate.
         when: (D,), s, after that.
-        rate: (n,) decelerations.
+        rate: (D, n) decelerations.
 
     Returns:
         (D, n, K, 4): angle, speed, acceleration and maximum delay; NaN beyond these.
