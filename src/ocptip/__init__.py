@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from ocptip.robots.base_motion import BaseMotion
     from ocptip.standing.arm import Robot
     from ocptip.standing.limits import Limits
+    from ocptip.standing.objects import Object
     from ocptip.standing.tolerance import Uncertainty
     from ocptip.task_files.scene import read_scene
     from ocptip.trajectories.trajectory import Trajectory
@@ -66,6 +67,7 @@ _HOME = {
     "Limits": "ocptip.standing.limits",
     "Load": "ocptip.contact",
     "NoPlanError": "ocptip.api.plan",
+    "Object": "ocptip.standing.objects",
     "OcptipError": "ocptip.basics.errors",
     "Plan": "ocptip.api.plan",
     "RetimedPlan": "ocptip.api.retime",
@@ -106,6 +108,7 @@ __all__ = [
     "Limits",
     "Load",
     "NoPlanError",
+    "Object",
     "OcptipError",
     "Plan",
     "RetimedPlan",

@@ -103,7 +103,7 @@ def test_without_verified_contact_states_nothing_stands(monkeypatch, flaw):
 
     def flawed(*arguments):
         found = evaluate(*arguments)
-        return replace(found, **({"unsolved": [0.5]} if flaw == "unsolved" else {"standing": False}))
+        return replace(found, **({"unsolved": [0.5]} if flaw == "unsolved" else {"lost": ("base",)}))
 
     monkeypatch.setattr(check_module, "_evaluate", flawed)
     checked = check_motion(robot, motion)

@@ -17,7 +17,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of
-from ocptip.motion.cycles.task import Task
+from ocptip.motion.cycles.task import Task, refuse_objects
 from ocptip.motion.proof import Proof
 from ocptip.trajectories.read import CERTIFICATE
 
@@ -115,6 +115,7 @@ def certify(
             f"{motion}: its samples do not say the accelerations exactly, and a proof about a fit to "
             "them says nothing about the motion; certify the commanded motion, or use ocptip check"
         )
+    refuse_objects(task, "certify")
     with naming(name):
         sequence = segments_of(task, given)
         checked = certified_cycle(task, sequence, check_cycle(task, sequence))

@@ -74,6 +74,7 @@ def chart(
         whole_number(name, value, least)
     found = load_task(task, uncertainty=uncertainty)
     robot, _, limits = rests_of(found)["start"]
+    robot.require_no_objects("chart")
     if not isinstance(robot, Robot):
         raise InputError("task: load charts are for arms; this robot is a parallel one")
     rated = robot.payload.mass if robot.payload else None

@@ -20,7 +20,7 @@ from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import OF_PATH, MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
-from ocptip.motion.cycles.task import CycleTask, Task
+from ocptip.motion.cycles.task import CycleTask, Task, refuse_objects
 from ocptip.motion.design import motion_design
 from ocptip.motion.objective import TIME
 from ocptip.motion.output import csv_blocks, joint_trajectory
@@ -220,6 +220,10 @@ def check(
     name, task, given = given_motion(motion, task, base=base, **reading)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
+    stopped = stops is not None or any(segment.task.limits.stoppable for segment in task.segments)
+    asked = {"a cycle": task.is_cycle, "stops": stopped, "sensitivities": sensitivities, "design": design}
+    for what in (name for name, wanted in asked.items() if wanted):
+        refuse_objects(task, what)
     if stops is not None and "path" in SCENARIOS[stops]:
         task = task.each(lambda own: replace(own, limits=own.stops.asked(own.limits)))
     how = {"step": step, "progress": progress}
@@ -275,11 +279,11 @@ def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     """The fastest timing of the path of a motion that fails, as a sentence.
 
     Empty where no timing can help (angles, clearance) and where the path cannot be fitted. Also empty where
-    jerks, or torques within the uncertainty, are too large: these timings ignore both.
+    jerks, or torques within the uncertainty, are too large: these timings ignore both. Empty with objects.
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
     beyond = {TORQUE_WITHIN, "jerk_ratio", *OF_PATH}
-    if checked.verified or task.robot.varying or not beyond.isdisjoint(broken):
+    if checked.verified or checked.objects or task.robot.varying or not beyond.isdisjoint(broken):
         return ""
     try:
         path = path_of_motion(motion).path

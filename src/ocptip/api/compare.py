@@ -50,6 +50,7 @@ def compare(
     name = str(folder.path if isinstance(plan, PlanFolder) else plan)
     if folder.task.is_cycle:
         raise InputError("is a cycle; compare recordings of its segments with plans of these", "", name)
+    folder.task.robot.require_no_objects("compare")
     with naming(name):
         predictor = Predictor(folder.task.robot, folder.motion)
     measured = read_recording(recording, folder.task.robot, unit=unit, columns=columns, topics=topics)

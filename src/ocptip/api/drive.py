@@ -97,6 +97,7 @@ def drive(
     stow = isinstance(q, str) and q == STOW
     posture = resting_posture(what, None if stow else q)
     robot = posture.robot
+    robot.require_no_objects("drive")
     if not isinstance(robot, Robot):
         raise InputError("task: drive envelopes are for arms; this robot is a parallel one")
     if payload is not None:

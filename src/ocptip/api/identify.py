@@ -217,6 +217,7 @@ def motion_for_identification(task: MotionTask | str | os.PathLike[str], *, seed
     name = Path(task).name if is_file else given.name
     if given.is_cycle:
         raise InputError("is a cycle; motions for identification start at one pose", "", str(task))
+    given.robot.require_no_objects("identify")
     with naming(name):
         return ExcitingMotion(given.name, excite(cast(MotionTask, given), seed=seed))
 

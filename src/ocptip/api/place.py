@@ -54,6 +54,7 @@ def place(
         task = PlacementTask("placement", what, what.tolerance)
     else:
         task = load_placement(what, DEFAULT)
+    task.problem.robot.require_no_objects("place")
     if uncertainty is not None:
         task = task.within(load_tolerance(uncertainty) if isinstance(uncertainty, str) else uncertainty)
     try:

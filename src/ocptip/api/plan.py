@@ -23,7 +23,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
-from ocptip.motion.cycles.task import Task
+from ocptip.motion.cycles.task import Task, refuse_objects
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
 from ocptip.motion.motion_plan import MotionPlan
@@ -323,6 +323,7 @@ def plan(
         for number in numbers:
             positive_number(name, number)
     task = _prepared(load_task(task), controller, rise_time, stops)
+    refuse_objects(task, "plan")
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}

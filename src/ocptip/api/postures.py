@@ -33,7 +33,7 @@ from ocptip.standing.sensitivity import (
 from ocptip.standing.slope import FloorSlope, largest_slope
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.design import Design, smallest_design
-from ocptip.standing.within.rest import CaseWithin, WithinAtRest
+from ocptip.standing.within.rest import CaseWithin, WithinAtRest, object_within
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.scene import Scene
@@ -93,6 +93,25 @@ class RestingPosture:
     scene: Scene
     base_motion: BaseMotion | None = None
 
+    @cached_property
+    def objects(self) -> tuple[Scene, ...]:
+        """Each object as a scene, in axes of the gripper or the base, its acceleration a part of gravity."""
+        scenes = []
+        for own in self.instant.interfaces[1:]:
+            support, wrench = own.footing.support, own.wrenches[0]
+            support = support.varied(gravity=wrench[:3] / support.mass)
+            scenes.append(_scene_of(own.footing.name, support, wrench))
+        return tuple(scenes)
+
+    def object_within(self, name: str, tolerance: Uncertainty) -> WithinAtRest | None:
+        """The worst of an object at rest within an uncertainty; None without, and on a base that drives."""
+        if not tolerance.given or self.base_motion is not None:
+            return None
+        assert isinstance(self.robot, Robot)
+        scene = next(scene for scene in self.objects if scene.name == name)
+        own = next(own for own in self.robot.carried if own.object.name == name)
+        return object_within(own.footing, own.bodies, scene.support.gravity, tolerance)
+
     @classmethod
     def of(
         cls, task: str, name: str, robot: StandingMechanism, q: np.ndarray, limits: Limits
@@ -119,8 +138,8 @@ class RestingPosture:
 
     @cached_property
     def largest_slope(self) -> FloorSlope | None:
-        """The largest slope that loses no contact; None on a base that drives, and without an arm."""
-        if self.base_motion is not None or not isinstance(self.robot, Robot):
+        """The largest slope that loses no contact; None with objects, no arm, or a base that drives."""
+        if self.base_motion is not None or not isinstance(self.robot, Robot) or self.objects:
             return None
         loads, gravity = RestLoads(self.robot, self.q[None]), self.robot.support.gravity
         return largest_slope(self.robot, gravity, lambda tilted: loads.wrenches(tilted)[0])
@@ -143,10 +162,12 @@ class RestingPosture:
     def largest_payload(self, tolerance: Uncertainty) -> LargestPayload | None:
         """The largest payload that keeps the limits within an uncertainty.
 
-        None on a base that drives, where nothing resists a rotation, and for mechanisms that are no arm.
+        None on a base that drives, where nothing resists a rotation, with objects, and without an arm.
         """
         robot = self.robot
         if self.base_motion is not None or not isinstance(robot, Robot) or robot.tip_over.free_rotation:
+            return None
+        if robot.objects:
             return None
         limits = replace(self.limits, tolerance=tolerance)
         no_drives = replace(limits, torque_ratio=_NO_LIMIT)
@@ -164,6 +185,7 @@ class RestingPosture:
         """
         if self.base_motion is not None:
             raise InputError("sensitivities: not on a base that drives")
+        self.robot.require_no_objects("sensitivities")
         still, counts = np.zeros((1, self.robot.n)), self._counting(tolerance)
 
         def worst(robot: Robot, _: float) -> Reserves:
@@ -184,6 +206,7 @@ class RestingPosture:
         """The smallest base for this posture within an uncertainty; None without an arm."""
         if not isinstance(robot := self.robot, Robot):
             return None
+        robot.require_no_objects("design")
         counts = self._counting(tolerance)
 
         def case(support: Support) -> CaseWithin:
@@ -216,8 +239,13 @@ def _scene(
     """The base under the load of a robot at rest on it, and under inertial forces if it drives."""
     still, support = np.zeros((1, robot.n)), robot.support
     wrench = robot.loads(q[None], still, still, base_motion=base_motion)[1][0]
+    return replace(_scene_of(name, support, wrench), tolerance=limits.tolerance)
+
+
+def _scene_of(name: str, support: Support, wrench: np.ndarray) -> Scene:
+    """A body on its contacts under a wrench (6,); what is not its weight is a single load."""
     own = wrench - support.weight
-    return Scene(name, support, (Load(own[:3], own[3:], support.center_of_mass),), wrench, limits.tolerance)
+    return Scene(name, support, (Load(own[:3], own[3:], support.center_of_mass),), wrench)
 
 
 def resting_posture(

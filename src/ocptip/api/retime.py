@@ -17,7 +17,7 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
-from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.task import CycleTask, refuse_objects
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
@@ -217,6 +217,7 @@ def retime(
         task, file = task_of_motion(path, task, base)
         reading = {"columns": columns, "unit": unit, "rate": rate, "topic": topic}
         name, given = file.name, load_path(file, task, tolerance=path_tolerance, **reading)
+    refuse_objects(task, "retime")
     motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
     goal = (
         TIME if objective is None and price_per_second is None else objective_of(objective, price_per_second)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -118,6 +118,12 @@ def _solved(
         state = standing_state(verdict) or state
     states = state.states
     tip_over = TipOver(support, reference) if posture is None else posture.robot.tip_over
+    objects = ()
+    if posture is not None:
+        objects = tuple(
+            replace(_solved(own, None, NONE, None, False), within=posture.object_within(own.name, tolerance))
+            for own in posture.objects
+        )
     if wants_sensitivities and posture is not None:
         sensitivities = posture.sensitivities(tolerance)
     elif wants_sensitivities:
@@ -136,6 +142,7 @@ def _solved(
         sensitivities=sensitivities,
         tolerance=tolerance,
         posture=posture,
+        objects=objects,
     )
 
 
@@ -161,6 +168,7 @@ class Standing:
         sensitivities: what changes would do; empty if not asked for.
         tolerance: the uncertainty that was asked for.
         posture: of the robot whose scene this is; None: the scene is no robot's.
+        objects: the same of each object that the robot carries, in axes of the gripper or the base.
     """
 
     scene: Scene
@@ -174,6 +182,7 @@ class Standing:
     sensitivities: Sequence[Sensitivity] = ()
     tolerance: Uncertainty = NONE
     posture: RestingPosture | None = None
+    objects: tuple[Standing, ...] = ()
 
     def __repr__(self) -> str:
         """The verdict with the margins and their units."""
@@ -215,6 +224,8 @@ class Standing:
         return tuple(map(self._outcome, read_requirements(text)))
 
     def _outcome(self, wanted: Requirement) -> Outcome:
+        if self.posture is not None:
+            self.posture.robot.require_no_objects("require")
         note = "worst case" if self.within else "nominal"
         if wanted.name == "tipping margin":
             reference = self.tip.tip_over.reference_moment
@@ -297,8 +308,23 @@ class Standing:
 
     @property
     def stable(self) -> bool:
-        """True if the nominal base is stable, also within the uncertainty where there is one."""
+        """True if base and objects are stable, also within the uncertainty where there is one."""
+        return self.stable_itself and all(own.stable_itself for own in self.objects)
+
+    @property
+    def stable_itself(self) -> bool:
+        """The same, whatever becomes of objects on it."""
         return self.nominally_stable and (self.within is None or self.within.stands)
+
+    @property
+    def critical(self) -> Standing:
+        """The one of base and objects that is nearest to the loss of a contact."""
+        return max((self, *self.objects), key=lambda own: own.largest_index)
+
+    @property
+    def largest_index(self) -> float:
+        """The larger of GN and GT, in the worst case where there is one."""
+        return max((self.within.GN, self.within.GT) if self.within else (self.tip.GN[0], self.slip.GT[0]))
 
     @property
     def nominally_stable(self) -> bool:
@@ -449,10 +475,33 @@ class Standing:
             "wrench": self.scene.wrench,
             **({"sensitivities": changes} if changes else {}),
             **({"posture": self.posture.to_dict()} if self.posture else {}),
+            **self._objects_to_dict(),
             "residual": self.verdict.state.residual,
             "pivots": self.verdict.state.pivots,
             "versions": versions(),
         }
+
+    def _objects_to_dict(self) -> dict[str, Any]:
+        """Each object by name, and what of all is critical; nothing without objects."""
+        if not self.objects:
+            return {}
+        objects = {
+            own.scene.name: {
+                "stable": own.stable_itself,
+                "stability": own.verdict.verdict,
+                **({"within": own.within.to_dict()} if own.within else {}),
+                "GN": own.tip.GN[0],
+                "GT": own.slip.GT[0],
+                "tipping_axis": own.nearest_axis,
+                "modes": own.state.modes,
+                "normal_forces": own.normal_forces,
+                "friction_used": own.friction_used,
+                "wrench": own.scene.wrench,
+            }
+            for own in self.objects
+        }
+        critical = "base" if self.critical is self else self.critical.scene.name
+        return {"stable": self.stable, "objects": objects, "critical": critical}
 
     @property
     def nearest_axis(self) -> dict[str, Any] | None:

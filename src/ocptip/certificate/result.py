@@ -11,7 +11,7 @@ import numpy as np
 
 from ocptip.certificate.trusted.checker import ANGLE_MARGIN_CANCEL, COVERS_OF_CANCELS, Verdict
 from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN
-from ocptip.motion.summary import RESULT_TITLES
+from ocptip.motion.summary import result_title
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 
 AT_LIMIT = 1e-6
@@ -133,7 +133,7 @@ class Certificate:
             return f"a proof: {self.verdict.problems[0]}"
         if not self.kept:
             return f"a proof within the limits; proved is {claims(self.verdict)}"
-        sampled = ", ".join(RESULT_TITLES.get(name, name) for name in self.sampled)
+        sampled = ", ".join(map(result_title, self.sampled))
         return f"a proof of {sampled}: these are only checked at samples, all other limits are proved"
 
     def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:

@@ -23,7 +23,7 @@ from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows, wr
 from ocptip.cli.options import given_limits, naming_options, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.summary import RESULT_TITLES, motion_line
+from ocptip.motion.summary import RESULT_TITLES, motion_line, result_title
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.option_files import read_columns
@@ -196,16 +196,24 @@ def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
 def worst_rows(checked: MotionCheck) -> list[list[str]]:
     """Worst value, limit, time and place of every quantity, below a row of titles."""
     rows = [["quantity", "worst", "limit", "time", "where", ""]]
-    for name, title in RESULT_TITLES.items():
-        if name not in checked.worst:
-            continue
+    known = [name for name in RESULT_TITLES if name in checked.worst]
+    for name in (*known, *(name for name in checked.worst if "[" in name)):  # of the base, then of objects
         worst = checked.worst[name]
         broken = any(violation.startswith(f"{name} ") for violation in checked.violations)
         time = f"{max(worst.time, 0.0):.3f} s" if math.isfinite(worst.time) else "-"
         sign = ">=" if name in _LEAST else "<="
         limit = f"{sign} {_value(name, worst.limit)}"
         where = "" if name in _AT_WORST else worst.detail
-        rows.append([title, _value(name, worst.value), limit, time, where or "-", "BROKEN" if broken else ""])
+        rows.append(
+            [
+                result_title(name),
+                _value(name, worst.value),
+                limit,
+                time,
+                where or "-",
+                "BROKEN" if broken else "",
+            ]
+        )
     return rows
 
 

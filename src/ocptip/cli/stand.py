@@ -13,7 +13,17 @@ import numpy as np
 
 from ocptip.api.stand import Standing, stand
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import NOISE, margin_text, percent, quantity, ratio, table, towards, without_noise
+from ocptip.basics.text import (
+    NOISE,
+    margin_text,
+    percent,
+    quantity,
+    ratio,
+    some,
+    table,
+    towards,
+    without_noise,
+)
 from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import changes_table, named, under
 from ocptip.cli.options import given_tolerance
@@ -102,16 +112,19 @@ class StandReport(GatedReport):
     def to_text(self) -> str:
         """Verdict, margins, contacts; with -v the indices and the evidence."""
         head = [self.headline, *named([*self._margins(), *under("Required", self.outcomes)])]
-        return "\n".join([*head, "", *self._contact_table(), "", *named(self._summary())]).rstrip()
+        objects = [*self._object_table(), ""] if self.found.objects else []
+        return "\n".join([*head, "", *objects, *self._contact_table(), "", *named(self._summary())]).rstrip()
 
     @property
     def headline(self) -> str:
         """Name of the scene and verdict."""
         found = self.found
-        lost = found.nominally_stable and not found.stable
+        lost = found.nominally_stable and not found.stable_itself
         about = f" WITHIN {found.within.scope.upper()}" if found.within and found.stable else ""
         verdict, _, remark = self._answer().partition(".")
         verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
+        if found.stable_itself and (fallen := [o.scene.name for o in found.objects if not o.stable_itself]):
+            verdict += f", BUT {some(fallen, 3)} {'IS' if len(fallen) == 1 else 'ARE'} NOT STABLE"
         if found.posture and found.posture.refusals:
             verdict += ", BUT the arm cannot be there, see below"
         return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
@@ -168,6 +181,27 @@ class StandReport(GatedReport):
             scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
             rows.append(("Max payload", f"in all, {scope}: {largest}"))
         return rows
+
+    def _object_table(self) -> list[str]:
+        """Margins of the base and of each object, nominal and in the worst case, the critical one marked."""
+        found, critical = self.found, self.found.critical
+        within = any(own.within for own in found.objects)
+        titles = ["tipping margin", "friction used"]
+        rows = [["", *titles, "min normal force", *(f"{t}, worst case" for t in titles if within), ""]]
+        for own in (found, *found.objects):
+            axis, reference, worst = own.nearest_axis, own.tip.tip_over.reference_moment, own.within
+            row = ["base" if own is found else own.scene.name]
+            row.append(quantity(axis["moment_reserve"], "N m", 3) if axis else "-")
+            row.append(_share_text(own.slip.GT[0]))
+            row.append(quantity(float(np.min(own.normal_forces)), "N", 3))
+            if within and worst:
+                row += [quantity(worst.tipping_margin(reference), "N m", 3) if reference else "-"]
+                row += [quantity(100 * worst.GT, "%", 3) if worst.GT <= 1 else worst.demand.used]
+            elif within:
+                row += ["-", "-"]
+            mark = "<- critical" if own is critical else ""
+            rows.append([*row, mark if own.stable_itself else f"NOT STABLE {mark}".rstrip()])
+        return table(rows, left=(0, len(rows[0]) - 1))
 
     def _contact_table(self) -> list[str]:
         found = self.found

@@ -7,8 +7,8 @@ around the worst instants until these no longer move. The rest before and after 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any
 
@@ -99,6 +99,7 @@ class MotionCheck:
         feet: how the base swings on compliant feet; None where it does not, or where that is not known.
         drives: how gripper and base vibrate with elastic joints; None where they do not.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
+        objects: the same of each object's contacts, by name; nominal, and checked at samples only.
         collision: what was checked, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts in the worst case of the uncertainty; None without uncertainty.
         certificate: what is proved for all instants; None where nobody has put one there.
@@ -113,6 +114,7 @@ class MotionCheck:
     stands: bool
     contacts: ContactMargins
     collision: dict[str, Any]
+    objects: Mapping[str, ContactMargins] = field(default_factory=dict)
     within: WithinTolerance | None = None
     feet: FeetMotion | None = None
     drives: DriveMotion | None = None
@@ -173,7 +175,7 @@ class MotionCheck:
         word = f"PROVED {about}" if self.proved_while_moving else f"CHECKED at samples {about}"
         if self.within is not None:
             word += f"for {self.within.tolerance.scope}"
-        word += self._if_equally_compliant + self._nominal_speeds + self.scope
+        word += self._if_equally_compliant + self._nominal_speeds + self._objects + self.scope
         return word if self.verified else broken_in_stops(word)
 
     @property
@@ -183,6 +185,13 @@ class MotionCheck:
         if not differs and alike and alike.value < 0:
             differs = f"with equally compliant feet {alike.where} may lift within the uncertainty"
         return f", BUT {differs}" if differs else ""
+
+    @property
+    def _objects(self) -> str:
+        """What is left out for objects; empty without any."""
+        if not self.objects:
+            return ""
+        return f", objects ({', '.join(self.objects)}) in the nominal model" if self.within else ""
 
     @property
     def _nominal_speeds(self) -> str:
@@ -229,6 +238,11 @@ class MotionCheck:
             "samples": self.samples,
             "stands": self.stands,
             "contacts": self.contacts.to_dict(),
+            **(
+                {"objects": {name: own.to_dict() for name, own in self.objects.items()}}
+                if self.objects
+                else {}
+            ),
             "feet": self.feet.to_dict() if self.feet else None,
             **({"drives": self.drives.to_dict()} if self.drives else {}),
             "collision": self.collision,
@@ -279,7 +293,8 @@ def check_motion(
     kinds = limits_of(robot, limits)
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
-    samples, unsolved, uncertified, standing, contacts = 0, [], [], True, None
+    samples, unsolved, uncertified, lost = 0, [], [], dict[str, None]()
+    contacts = tuple[ContactMargins, ...]()
     todo, ends = [grid.times for grid in grids], np.empty(0, dtype=int)
     for _ in range(_ROUNDS):
         count = sum(map(len, todo))
@@ -291,24 +306,27 @@ def check_motion(
         found = _evaluate(robot, motion, kinds, todo, limits.GT)
         unsolved += found.unsolved
         uncertified += found.uncertified
-        standing &= found.standing
+        lost |= dict.fromkeys(found.lost)
         # The grid is refined for the limits that are asked for; what is counted must not depend on them.
-        contacts, ends = contacts.worse(found.contacts.uncounted) if contacts else found.contacts, found.ends
+        further = tuple(own.uncounted for own in found.contacts) if contacts else found.contacts
+        contacts, ends = _worse(contacts, further) if contacts else further, found.ends
         for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
             if len(times):
                 grid.add(times, values)
         todo = _refinements(grids)
-    assert contacts is not None  # rest is looked at, too
+    names = [own.name for own in robot.interfaces]
     times = np.concatenate([grid.times for grid in grids])
     values = np.concatenate([grid.values for grid in grids])
-    holding, worst = standing and not unsolved, list[Worst]()
+    holding, worst = not (lost or unsolved), list[Worst]()
     sampled = Sampled(described, motion, times, lambda time: _instants(robot, motion, np.array([time])))
     rows = zip(kinds, np.split(values, ends, axis=1), strict=True)
     for limit, own in sorted(rows, key=lambda row: row[0].scenario):
         of_limit = limit.worst(own, sampled)
         if limit.scenario == SAMPLED and limit.of_contacts and limit.of_motion:
             # These indices reach 1 where a contact is lost; other limits of contacts are forces and lifts.
-            holding &= all(w.value < 1 if w.name in _UNTIL_1 else not w.violation for w in of_limit)
+            holding &= all(
+                w.value < 1 if w.name.partition("[")[0] in _UNTIL_1 else not w.violation for w in of_limit
+            )
         worst += of_limit
     within = worst_of_sampled(sampled, limits.tolerance) if limits.tolerance.given else None
     violations = [w.violation for w in worst if w.violation]
@@ -321,8 +339,9 @@ def check_motion(
             f"the slip optimum is not proved at {len(uncertified)} instants, first at "
             f"{uncertified[0]:.4f} s: GT there is an upper bound, beyond the limit"
         )
-    if not standing:
-        violations.append("a contact slips or lifts off")
+    for name in lost:
+        of = "" if name == names[0] else f" of {name}"
+        violations.append(f"a contact{of} slips or lifts off")
     return MotionCheck(
         verified=not violations,
         energy=robot.energy(motion),
@@ -331,7 +350,8 @@ def check_motion(
         violations=tuple(violations),
         samples=samples,
         stands=holding,
-        contacts=contacts,
+        contacts=contacts[0],  # rest is checked, too
+        objects=dict(zip(names[1:], contacts[1:], strict=True)),
         collision=robot.collision.to_dict(_nearest(motion, worst)),
         within=within,
         feet=on_its_feet(robot, motion),
@@ -369,6 +389,8 @@ class _Found:
     """Values (N, m) at instants; `ends` are the columns at which the limits' values are split.
 
     Attributes:
+        lost: names of base and objects that lose a contact.
+        contacts: of base and objects.
         unsolved: times without a contact state, s.
         uncertified: times at which GT is an upper bound beyond the limit, s.
     """
@@ -377,8 +399,8 @@ class _Found:
     ends: np.ndarray
     unsolved: list[float]
     uncertified: list[float]
-    standing: bool
-    contacts: ContactMargins
+    lost: tuple[str, ...]
+    contacts: tuple[ContactMargins, ...]
 
     def split(self, todo: list[np.ndarray]) -> list[np.ndarray]:
         """By the instants' grids."""
@@ -405,8 +427,8 @@ def _evaluate(
         ends=found[0].ends,
         unsolved=[time for one in found for time in one.unsolved],
         uncertified=[time for one in found for time in one.uncertified],
-        standing=all(one.standing for one in found),
-        contacts=reduce(ContactMargins.worse, [one.contacts for one in found]),
+        lost=tuple(name for one in found for name in one.lost),
+        contacts=reduce(_worse, [one.contacts for one in found]),
     )
 
 
@@ -417,13 +439,22 @@ def _evaluated(
     measured = [limit.measure(at) for limit in limits]
     values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
     values[np.isnan(values)] = np.inf
-    GT, certified = at.largest_slip.GT, at.largest_slip.solved
-    kept = certified | (most >= GT)  # an upper bound within the limit keeps it
-    open_slip = at.states.persistent & ~kept
-    standing = bool(np.all(at.states.persistent | ~at.states.solved))
-    contacts = ContactMargins.of(at, times)
-    unsolved, uncertified = times[~at.states.solved].tolist(), times[open_slip].tolist()
-    return _Found(values, ends, unsolved, uncertified, standing, contacts)
+    unsolved, uncertified, lost = [], [], []
+    for own in at.interfaces:
+        GT, certified = own.largest_slip.GT, own.largest_slip.solved
+        kept = certified | (most >= GT)  # an upper bound within the limit keeps it
+        uncertified += times[own.states.persistent & ~kept].tolist()
+        unsolved += times[~own.states.solved].tolist()
+        lost += [own.footing.name] * bool(np.any(own.states.solved & ~own.states.persistent))
+    contacts = tuple(ContactMargins.of(own, times) for own in at.interfaces)
+    return _Found(values, ends, unsolved, uncertified, tuple(lost), contacts)
+
+
+def _worse(
+    first: tuple[ContactMargins, ...], second: tuple[ContactMargins, ...]
+) -> tuple[ContactMargins, ...]:
+    """The worse of both, interface by interface."""
+    return tuple(one.worse(other) for one, other in zip(first, second, strict=True))
 
 
 def _refinements(grids: list[_Grid]) -> list[np.ndarray]:

@@ -9,7 +9,9 @@ from typing import Any
 
 from ocptip.motion.check import MotionCheck
 from ocptip.reserves.tipping import moment_at
+from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
+from ocptip.standing.limit_kinds.nominal import of_object
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -43,6 +45,7 @@ class MotionMargin:
         limit_worst_case: of the other.
         minimum: the limits are minima, not maxima.
         used: share of the limit that is in use, of the one that decides; 1: at the limit.
+        object: whose contacts it is about; empty: those of the base.
     """
 
     name: str
@@ -52,10 +55,11 @@ class MotionMargin:
     limit_worst_case: float | None
     minimum: bool
     used: float
+    object: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return asdict(self)
+        """Plain data for JSON; `object` only where it is about one."""
+        return {name: value for name, value in asdict(self).items() if name != "object" or value}
 
 
 TIPPING, FRICTION, FOOT_FORCE = "tipping_margin_Nm", "friction_used", "foot_force_N"
@@ -144,3 +148,20 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         yield MotionMargin(CLEARANCE, of(CLEARANCE), of(_CLEARANCE_WITHIN), *limits, True, share)
     for name in (TCP_SPEED, POINT_SPEED):
         yield MotionMargin(name, of(name), None, limit(name), None, False, used(name))
+    for footing in robot.interfaces[1:]:
+        yield from _of_object(footing, checked)
+
+
+def _of_object(footing: Footing, checked: MotionCheck) -> Iterable[MotionMargin]:
+    """The nominal margins of the contacts of an object."""
+    name, contacts = footing.name, checked.objects[footing.name]
+    tip, slip = (checked.worst[of_object(symbol, name)] for symbol in ("GN", "GT"))
+    rows = (
+        (TIPPING, contacts.moment, moment_at(tip.limit, footing.tip_over.reference_moment), tip),
+        (FRICTION, contacts.friction, slip.limit, slip),
+        (FOOT_FORCE, contacts.alike or contacts.force, 0.0 if contacts.unique else None, None),
+    )
+    for title, own, limit, index in rows:
+        at = own and At(own.value, own.time, own.contacts)
+        used = index.value / index.limit if index else -math.inf
+        yield MotionMargin(title, at, None, limit, None, title != FRICTION, used, name)

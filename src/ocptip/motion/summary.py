@@ -11,7 +11,7 @@ from ocptip.basics.text import quantity, table
 from ocptip.motion.check import MotionCheck, broken_in_stops
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.margins import At, MotionMargin, critical, motion_margins
+from ocptip.motion.margins import FOOT_FORCE, At, MotionMargin, critical, motion_margins
 from ocptip.motion.proof import Proof
 from ocptip.motion.stop_rules import SCENARIOS
 from ocptip.motion.stops import Stops
@@ -69,6 +69,14 @@ RESULT_TITLES = {
     "point_speed_m_s": "speed of a point",
 }
 """Titles of worst values by their names in `MotionCheck.worst`."""
+
+
+def result_title(name: str) -> str:
+    """The title of a worst value: of `GN[glass]` that of GN and of what."""
+    name, _, of = name.partition("[")
+    return f"{RESULT_TITLES.get(name, name)}{of and f' of {of[:-1]}'}"
+
+
 _UNIT_ENDS = {"_m_s": "m/s", "_deg": "deg", "_m": "m", "_N": "N"}
 _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s", "point_speed_m_s": "m/s"}
 _IF_REACHED = {
@@ -170,11 +178,11 @@ class CheckedMotion:
 def violation_words(text: str) -> str:
     """A sentence of `MotionCheck.violations` with the title of its quantity, and the unit."""
     name, _, rest = text.partition(" ")
-    if name not in RESULT_TITLES:
+    if name.partition("[")[0] not in RESULT_TITLES:
         return text
     unit = next((f" ({unit})" for end, unit in _UNIT_ENDS.items() if name.endswith(end)), "")
     beyond = _BEYOND.get(name[:2], "") if float(rest.split()[1].rstrip(",")) > 1 else ""
-    return f"{RESULT_TITLES[name]}{unit} {rest}{beyond}"
+    return f"{result_title(name)}{unit} {rest}{beyond}"
 
 
 def brief(title: str, found: CheckedMotion) -> str:
@@ -212,7 +220,7 @@ def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str
         mark = (
             "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive and row.used > _NEAR else ""
         )
-        rows.append([TITLES[row.name], *(at_text(row, value) for value in values), _limit(row, within), mark])
+        rows.append([_title(row), *(at_text(row, value) for value in values), _limit(row, within), mark])
     for name, (title, unit, scale) in _IF_REACHED.items():
         worst = checked.worst.get(name)
         if worst is None or not (worst.violation or worst.value >= _REACHED.get(name, math.inf)):
@@ -224,6 +232,13 @@ def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str
         mark = "BROKEN" if worst.violation else "reached"
         rows.append([title, value, *(["-"] if within else []), limit, mark])
     return rows
+
+
+def _title(row: MotionMargin) -> str:
+    """The quantity, and of which object it is."""
+    if not row.object:
+        return TITLES[row.name]
+    return f"{'Min normal force' if row.name == FOOT_FORCE else TITLES[row.name]}, {row.object}"
 
 
 def at_text(row: MotionMargin, at: At | None) -> str:

@@ -204,14 +204,14 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
 
 
 def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
-    """For every deviation the minimum over the segments; empty for parallel robots.
+    """For every deviation the minimum over the segments; empty for parallel robots, and with objects.
 
     Times are from the begin of the first segment.
     """
     least: dict[str, Tolerated] = {}
     for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         robot = segment.task.robot
-        for found in tolerated(robot, own) if isinstance(robot, Robot) else ():
+        for found in tolerated(robot, own) if isinstance(robot, Robot) and not robot.objects else ():
             placed = replace(found, time=float(begin) + found.time)
             if segment.name and not found.at_most:
                 placed = replace(placed, how=f"segment {segment.name}: {found.how}")

@@ -146,8 +146,10 @@ class PlanCurves:
 
     @cached_property
     def margins(self) -> dict[str, MotionMargin]:
-        """By name, see `motion.margins`."""
-        return {row.name: row for row in motion_margins(self.plan.task.robot, self.plan.check)}
+        """Of base and arm by name, see `motion.margins`."""
+        return {
+            row.name: row for row in motion_margins(self.plan.task.robot, self.plan.check) if not row.object
+        }
 
     def moments(self, samples: MotionSamples) -> np.ndarray:
         """(N,), N m: minimum moment about a tipping axis; 0 where the base tips."""

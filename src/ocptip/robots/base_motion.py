@@ -18,7 +18,7 @@ from ocptip.contact.support import Support
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """How a base moves, at one instant or at N; all in base axes.
+    """How a base, or what else carries bodies, moves, at one instant or at N; all in its axes.
 
     Attributes:
         acceleration: (3,) or (N, 3), m/s^2, of the origin of the base frame.

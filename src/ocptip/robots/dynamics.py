@@ -86,26 +86,12 @@ def newton_euler(
     mass (3,) and inertia (3, 3) about it in that link's frame. A base that turns has a `spin` (rad/s) and its
     change (rad/s^2), (3,) in base axes; Q_1 is then accelerated by minus `gravity`.
     """
-    count, values = model.links, joint_values(model, q)
-    speeds, changes = joint_rates(model, qd), joint_rates(model, qdd)
-    relative = [relative_rotation(model, index, values[index]) for index in range(count)]
+    relative, levers, motions = _link_motions(model, q, qd, qdd, gravity, spin, spin_change)
+    count = model.links
     inertial_force, inertial_moment = [], []
-    omega, domega = (cs.SX.zeros(3) if turn is None else turn for turn in (spin, spin_change))
-    # Gravity enters as an upward acceleration of the base, so m (r'' - g) of (2.40) needs no second term.
-    acceleration = -gravity
     own, held = process_parts(model)
     load, load_moment = force + own[:3], moment + own[3:]
-    offsets = [cs.SX.zeros(3), *map(cs.SX, model.offsets)]
-    levers = [offsets[i] + relative[i] @ slide(model, i, values[i]) for i in range(count)] + offsets[-1:]
-    for index, A in enumerate(relative):
-        acceleration = A.T @ (acceleration + _rotating(omega, domega, levers[index]))  # of Q_i
-        omega, domega = A.T @ omega, A.T @ domega
-        rate, change = cs.vertcat(0, 0, speeds[index]), cs.vertcat(0, 0, changes[index])
-        if model.slides[index]:
-            acceleration = acceleration + 2 * cs.cross(omega, rate) + change
-        else:
-            domega = domega + cs.cross(omega, rate) + change  # (2.36)
-            omega = omega + rate
+    for index, (A, (acceleration, omega, domega)) in enumerate(zip(relative, motions, strict=True)):
         centre, inertia = cs.SX(model.centres[index]), cs.SX(model.inertias[index])
         mass = model.masses[index]
         if scales is not None:
@@ -137,6 +123,66 @@ def newton_euler(
         ]
     arm = cs.SX(model.mount_position) + levers[0] - about
     return cs.vertcat(*torque), cs.vertcat(-F, -M - cs.cross(arm, F))
+
+
+def _link_motions(
+    model: ArmModel,
+    q: cs.SX,
+    qd: cs.SX,
+    qdd: cs.SX,
+    gravity: cs.SX,
+    spin: cs.SX | None,
+    spin_change: cs.SX | None,
+) -> tuple[list[cs.SX], list[cs.SX], list[tuple[cs.SX, cs.SX, cs.SX]]]:
+    """A_{i-1,i}, Q_{i-1} to Q_i in frame i-1 (then Q_n to G), and the motions of all links in their frames.
+
+    A motion is the acceleration of Q_i less gravity, then angular velocity and acceleration.
+    """
+    count, values = model.links, joint_values(model, q)
+    speeds, changes = joint_rates(model, qd), joint_rates(model, qdd)
+    relative = [relative_rotation(model, index, values[index]) for index in range(count)]
+    omega, domega = (cs.SX.zeros(3) if turn is None else turn for turn in (spin, spin_change))
+    # Gravity enters as an upward acceleration of the base, so m (r'' - g) of (2.40) needs no second term.
+    acceleration = -gravity
+    offsets = [cs.SX.zeros(3), *map(cs.SX, model.offsets)]
+    levers = [offsets[i] + relative[i] @ slide(model, i, values[i]) for i in range(count)] + offsets[-1:]
+    motions = []
+    for index, A in enumerate(relative):
+        acceleration = A.T @ (acceleration + _rotating(omega, domega, levers[index]))  # of Q_i
+        omega, domega = A.T @ omega, A.T @ domega
+        rate, change = cs.vertcat(0, 0, speeds[index]), cs.vertcat(0, 0, changes[index])
+        if model.slides[index]:
+            acceleration = acceleration + 2 * cs.cross(omega, rate) + change
+        else:
+            domega = domega + cs.cross(omega, rate) + change  # (2.36)
+            omega = omega + rate
+        motions.append((acceleration, omega, domega))
+    return relative, levers, motions
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def gripper_motion_function(model: ArmModel, turning: bool = False) -> cs.Function:
+    """CasADi function of the motion of the gripper in gripper axes, as bodies in it feel it.
+
+    In: `q`, `qd`, `qdd`, `gravity`, and of a base that is `turning` `spin` and `spin_change`, as in
+    :func:`inverse_dynamics`. Out: (9,): acceleration of G less gravity, m/s^2; angular velocity, rad/s, and
+    acceleration, rad/s^2.
+    """
+    q, qd, qdd = (cs.SX.sym(name, model.n) for name in ("q", "qd", "qdd"))
+    gravity = cs.SX.sym("gravity", 3)
+    spin, change = (cs.SX.sym(name, 3) if turning else None for name in ("spin", "spin_change"))
+    _, levers, motions = _link_motions(model, q, qd, qdd, gravity, spin, change)
+    acceleration, omega, domega = motions[-1]
+    acceleration = acceleration + _rotating(omega, domega, levers[-1])
+    turn = cs.SX(model.tool_rotation).T
+    found = cs.vertcat(*(turn @ own for own in (acceleration, omega, domega)))
+    inputs = [q, qd, qdd, gravity, *(own for own in (spin, change) if turning)]
+    return cs.Function("gripper_motion", inputs, [found])
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def _gripper_motions(model: ArmModel, turning: bool) -> BatchFunction:
+    return BatchFunction(gripper_motion_function(model, turning))
 
 
 @lru_cache(maxsize=_CACHED_MODELS)
@@ -231,13 +277,44 @@ def evaluate_dynamics(
     loads = []
     for name, value in (("force", force), ("moment", moment)):
         loads.append(finite_array(name, value, (3,) if np.ndim(value) < 2 else (count, 3)))
-    pull, point, spin = finite_array("gravity", gravity, (3,)), finite_array("about", about, (3,)), []
-    if base_motion is not None:
-        rows = base_motion.rows(count)
-        pull = pull - base_motion.acceleration_at(model.mount_position)
-        spin = [rows[:, 3:6], rows[:, 6:]] if base_motion.turns else []
+    point = finite_array("about", about, (3,))
+    pull, spin = _at_mount(model, finite_array("gravity", gravity, (3,)), base_motion, count)
     torque, wrench = dynamics_batch(model, bool(spin))(states, *rates, pull, *loads, point, *spin)
     return Dynamics(torque[0], wrench[0]) if single else Dynamics(torque, wrench)
+
+
+def gripper_motion(
+    model: ArmModel,
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    gravity: np.ndarray,
+    base_motion: BaseMotion | None = None,
+) -> BaseMotion:
+    """The motion of the gripper at states (N, n) in gripper axes, its acceleration less gravity.
+
+    Its inertial wrench on a body in the gripper is then that of inertia and weight.
+
+    Args:
+        model: of the arm.
+        q, qd, qdd: rad, rad/s, rad/s^2 (sliding joints: m for rad).
+        gravity: (3,), m/s^2, base axes.
+        base_motion: of the base; default: it rests.
+    """
+    pull, spin = _at_mount(model, gravity, base_motion, len(q))
+    (found,) = _gripper_motions(model, bool(spin))(q, qd, qdd, pull, *spin)
+    return BaseMotion(found[:, :3], found[:, 3:6], found[:, 6:])
+
+
+def _at_mount(
+    model: ArmModel, gravity: np.ndarray, base_motion: BaseMotion | None, count: int
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Gravity less the acceleration of the mount; spin and its change where the base turns."""
+    if base_motion is None:
+        return gravity, []
+    rows = base_motion.rows(count)
+    pull = gravity - base_motion.acceleration_at(model.mount_position)
+    return pull, [rows[:, 3:6], rows[:, 6:]] if base_motion.turns else []
 
 
 @lru_cache(maxsize=_CACHED_MODELS)

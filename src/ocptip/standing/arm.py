@@ -36,9 +36,11 @@ from ocptip.robots.pinocchio import PinocchioModel
 from ocptip.robots.point_speeds import PointSpeeds, checked_points
 from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
+from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.objects import Object, carried_objects, carrier_motions, loaded, objects_note
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.pieces import MERGE
@@ -59,11 +61,13 @@ class Robot(StandingMechanism):
         shapes: of the base, in base axes.
         floor: what the contacts stand on is also an obstacle, unless `obstacles` has a floor.
         speed_limits: m/s, by name of a point: "tcp", or a joint, where its link begins.
+        objects: that only contacts hold; `arm` and `support` hold their masses, see `carrying`.
         reference_moment, redistribution: see `StandingMechanism`.
         sensor: see `StandingMechanism`; default: where the arm is mounted, in base axes.
 
     Attributes:
-        arm, obstacles, shapes: as given.
+        arm, obstacles, shapes, objects: as given.
+        carried: the objects in the axes of what carries them.
         around: the obstacles and, where it counts, the floor that the base stands on.
 
     Raises:
@@ -82,6 +86,7 @@ class Robot(StandingMechanism):
         shapes: Sequence[BodyShape] = (),
         floor: bool = True,
         speed_limits: Mapping[str, float] | None = None,
+        objects: Sequence[Object] = (),
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
         sensor: WrenchSensor | None = None,
@@ -90,6 +95,7 @@ class Robot(StandingMechanism):
         self._points = PointSpeeds(arm, self.speed_limits)
         self.further_limits = FurtherLimits.of_points(self.speed_limits)
         self.arm, self.obstacles, self.shapes = arm, tuple(obstacles), tuple(shapes)
+        self.objects, self.carried = tuple(objects), carried_objects(objects, support.gravity)
         derived = floor and support.dimension == 3 and not any(isinstance(o, Floor) for o in self.obstacles)
         self.around = (*self.obstacles, *(floors_under(support) if derived else ()))
         super().__init__(
@@ -191,6 +197,31 @@ class Robot(StandingMechanism):
         """The payload of the gripper; None without one."""
         return self.arm.payload
 
+    def carrying(self, objects: Sequence[Object]) -> Self:
+        """The robot with objects that only contacts hold; they also load its gripper and its base.
+
+        Raises:
+            InputError: it carries objects already, a name occurs twice, or an object stands on nothing.
+        """
+        if self.objects:
+            raise InputError("objects: the robot carries some already; give all at once")
+        arm, support = loaded(self.arm, self.support, objects)
+        return self.varied(arm=arm, support=support, objects=tuple(objects))
+
+    @property
+    def interfaces(self) -> tuple[Footing, ...]:
+        """See `StandingMechanism.interfaces`."""
+        return (self, *(own.footing for own in self.carried))
+
+    def object_wrenches(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, base_motion: BaseMotion | None = None
+    ) -> tuple[np.ndarray, ...]:
+        """See `StandingMechanism.object_wrenches`."""
+        if not self.carried:
+            return ()
+        motions = carrier_motions(self.arm, self.support.gravity, q, qd, qdd, base_motion)
+        return tuple(motions[own.carrier].inertial_wrench(own.footing.support) for own in self.carried)
+
     def joint_label(self, joint: int) -> str:
         """Name of a joint, counted from 0."""
         return self.names[joint]
@@ -219,7 +250,7 @@ class Robot(StandingMechanism):
             f"clearance: {1e3 * self.usual_clearance:.1f} mm where none is given, for {pair} are never "
             f"farther apart than {1e3 * widest:.1f} mm",
         )  # fmt: skip
-        return self.arm.notes + process + near + super().notes
+        return self.arm.notes + objects_note(self.objects) + process + near + super().notes
 
     @property
     def usual_clearance(self) -> float:

@@ -37,15 +37,16 @@ def center_by_weights(own: Support, loads_on: Callable[[Support], np.ndarray]) -
 
 
 class Footing:
-    """A base on its contacts: where everything that stands meets the ground.
+    """A body on contacts, the base or an object: where it meets what it stands on.
 
     Args:
         support: in base axes.
         reference_moment: M0 of the tip-over index, N m; default: see `TipOver`.
         redistribution: of the friction utilisation, see `reserves.slip.Slip`.
+        name: of what stands on the contacts.
 
     Attributes:
-        support: as given.
+        support, name: as given.
         tip_over, slip: its margins.
     """
 
@@ -54,13 +55,14 @@ class Footing:
         support: Support,
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
+        name: str = "base",
     ) -> None:
-        self.support = support
+        self.support, self.name = support, name
         self.tip_over, self.slip = TipOver(support, reference_moment), Slip(support, redistribution)
 
     def on(self, support: Support) -> Footing:
         """These margins for another support."""
-        return Footing(support, self.tip_over.reference_moment, self.slip.redistribution)
+        return Footing(support, self.tip_over.reference_moment, self.slip.redistribution, self.name)
 
     def weakest(self, tolerance: Uncertainty) -> Footing:
         """These margins with the minimum friction within the uncertainty."""

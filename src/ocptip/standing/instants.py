@@ -32,15 +32,19 @@ class NodeColumns:
 
 
 class Loaded:
-    """Wrenches on a base; contact states and margins are computed when first asked for.
+    """Wrenches on a base or an object; contact states and margins are computed when first asked for.
 
     Args:
-        footing: the base on its contacts; a mechanism is one.
-        wrenches: (N, 6) on the base about its centre of mass, its weight included, N and N m.
+        footing: what is on its contacts; a mechanism is one.
+        wrenches: (N, 6) about its centre of mass, its weight included, N and N m.
+
+    Attributes:
+        memo: what limits compute of the instants for each other.
     """
 
     def __init__(self, footing: Footing, wrenches: np.ndarray) -> None:
         self.footing, self.wrenches = footing, wrenches
+        self.memo: dict[object, Any] = {}
 
     @cached_property
     def states(self) -> ContactStates:
@@ -78,9 +82,7 @@ class Instants(Loaded):
         further: (N, k), of the robot's `FurtherLimits`.
         speeds, accelerations: (N, n), rad/s and rad/s^2 (m/s and m/s^2).
         process: (N, 6) of one that varies, else (N, 0).
-
-    Attributes:
-        memo: what limits compute of the instants for each other.
+        base_motion: of a base that drives.
     """
 
     def __init__(
@@ -93,12 +95,13 @@ class Instants(Loaded):
         speeds: np.ndarray,
         accelerations: np.ndarray,
         process: np.ndarray | None = None,
+        base_motion: BaseMotion | None = None,
     ) -> None:
         super().__init__(robot, wrenches)
         self.process = np.empty((len(angles), 0)) if process is None else process
         self.robot, self.speeds, self.accelerations = robot, speeds, accelerations
         self.angles, self.torques, self.further = angles, torques, further
-        self.memo: dict[object, Any] = {}
+        self.base_motion = base_motion
         self._gaps: tuple[float, np.ndarray] | None = None
 
     @classmethod
@@ -114,7 +117,7 @@ class Instants(Loaded):
         """At angles, speeds and accelerations, (N, n) each, and times (N,), s."""
         process = np.empty((len(q), 0)) if times is None else robot.acting(times)
         loads = robot.loads(q, qd, qdd, process if process.size else None, base_motion)
-        return cls(robot, q, *loads, robot.further(q, qd), qd, qdd, process)
+        return cls(robot, q, *loads, robot.further(q, qd), qd, qdd, process, base_motion)
 
     @classmethod
     def at_rest(cls, robot: StandingMechanism, q: np.ndarray, times: np.ndarray | None = None) -> Instants:
@@ -130,6 +133,12 @@ class Instants(Loaded):
         """Some of the instants."""
         parts = self.angles, self.torques, self.wrenches, self.further, self.speeds, self.accelerations
         return Instants(self.robot, *(part[rows] for part in parts), process=self.process[rows])
+
+    @cached_property
+    def interfaces(self) -> tuple[Loaded, ...]:
+        """The base and each object under their wrenches, in the order of the robot's `interfaces`."""
+        wrenches = self.robot.object_wrenches(*self.motion_states, self.base_motion)
+        return (self, *map(Loaded, self.robot.interfaces[1:], wrenches))
 
     @property
     def motion_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

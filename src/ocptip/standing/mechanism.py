@@ -98,6 +98,25 @@ class StandingMechanism(MadeOf, Footing, ABC):
     def payload(self) -> Payload | None:
         """The payload, which is part of `mass` and of all loads; None without one."""
 
+    @property
+    def interfaces(self) -> tuple[Footing, ...]:
+        """What only contacts hold: the base on the ground, then each object on what it stands on."""
+        return (self,)
+
+    def object_wrenches(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, base_motion: BaseMotion | None = None
+    ) -> tuple[np.ndarray, ...]:
+        """Wrenches (N, 6) on the objects, weight included, in the order of `interfaces`.
+
+        About the centre of mass of what stands on the contacts, in axes of the gripper or the base.
+        """
+        return ()
+
+    def require_no_objects(self, what: str) -> None:
+        """Raise InputError if it carries objects, which `what` does not take."""
+        if names := ", ".join(own.name for own in self.interfaces[1:]):
+            raise InputError(f"object: {what} does not take objects ({names}); stand and check do")
+
     def joint_label(self, joint: int) -> str:
         """Name of a driven joint, counted from 0, in messages."""
         return f"joint {joint + 1}"

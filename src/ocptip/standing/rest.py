@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.contact.moving import what_moves
-from ocptip.contact.solver import ContactStates
-from ocptip.standing.instants import Instants
+from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -16,8 +15,8 @@ def posture_refusals(robot: StandingMechanism, limits: Limits, q: np.ndarray) ->
     """Why the mechanism cannot rest at angles or coordinates q, (n,)."""
     at, kinds = Instants.at_rest(robot, q[None]), limits_of(robot, limits)
     found = own_refusals(robot, limits, at)
-    if moving := _moving(robot, at.states):
-        return [*found, moving]
+    if moving := list(filter(None, map(_moving, at.interfaces))):
+        return [*found, *moving]
     return found + [reason for limit in kinds if limit.of_contacts for reason in limit.refusals(at)]
 
 
@@ -27,10 +26,11 @@ def own_refusals(robot: StandingMechanism, limits: Limits, at: Instants) -> list
     return [reason for limit in others for reason in limit.refusals(at)]  # the posture before its load
 
 
-def _moving(robot: StandingMechanism, states: ContactStates) -> str:
-    """Why the base does not rest in its (single) contact state; empty if it does."""
-    if not states[0].solved:
-        return f"no verified contact state at rest: {states[0].status}"
-    if states[0].persistent:
+def _moving(at: Loaded) -> str:
+    """Why a base or an object does not rest in its (single) contact state; empty if it does."""
+    state, footing = at.states[0], at.footing
+    if not state.solved:
+        return f"no verified contact state of the {footing.name} at rest: {state.status}"
+    if state.persistent:
         return ""
-    return f"the base does not stand at rest: {what_moves(robot.support, states[0].modes)}"
+    return f"the {footing.name} does not stand at rest: {what_moves(footing.support, state.modes)}"

@@ -36,6 +36,7 @@ from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, requi
 from ocptip.task_files.ends import end_keys, read_end
 from ocptip.task_files.joints import joint_values
 from ocptip.task_files.motors import GEARS, read_gears
+from ocptip.task_files.objects import OBJECT, with_objects
 from ocptip.task_files.payload import PROCESS, SENSOR, read_process, read_sensor
 from ocptip.task_files.scene import SCENE
 from ocptip.task_files.source import task_source
@@ -240,9 +241,10 @@ MOTION = task_keys(
     },
     {
         "arm": {
+            "object": schema.tables(OBJECT, "Objects that only contacts hold."),
             "motion": schema.table(
                 motion_keys("motion of an arm", {**end_keys("start", "start"), **end_keys("goal", "goal")})
-            )
+            ),
         },
         "robot": {
             "motion": schema.table(
@@ -325,7 +327,8 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
 
 def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
     scene = TaskScene(data, otherwise)
-    name, robot, motion = data.get("name", path.stem), scene.robot(), data.table("motion")
+    name, motion = data.get("name", path.stem), data.table("motion")
+    robot = with_objects(data, scene.robot())
     ends = [read_end(robot, motion, key, scene.limits) for key in ("start", "goal")]
     starts, goals = (postures for postures, _ in ends)
     if not isinstance(robot, Robot):

@@ -82,6 +82,8 @@ def arms_of(task: Task, does: str, path: Path) -> list[Robot]:
     arms = [robot for robot in robots if isinstance(robot, Robot)]
     if len(arms) < len(robots):
         raise InputError(f"is of a parallel robot; {does} arms", "", str(path))
+    for arm in arms:
+        arm.require_no_objects(does.partition(" ")[0])
     return arms
 
 

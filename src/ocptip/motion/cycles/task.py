@@ -123,6 +123,12 @@ Task = MotionTask | CycleTask
 """The task that is planned and checked; a motion has one segment."""
 
 
+def refuse_objects(task: Task, what: str) -> None:
+    """Raise InputError if a robot of the task carries objects, which `what` does not take."""
+    for segment in task.segments:
+        segment.task.robot.require_no_objects(what)
+
+
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:
     """Where in its ranges a pose is in posture q, (n,): m, by the axes along which it is free."""
     if target is None or not isinstance(robot, Robot):

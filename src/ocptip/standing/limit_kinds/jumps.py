@@ -116,13 +116,13 @@ class JumpLimit(AtJumps, NominalLimit):
     after_steps = True
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near_by_difference(self.quantity.badness(at), share)
+        return self.quantity.near_by_difference(self.quantity.badness(self._loads(at)), share)
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         jumps = Jumps.of(at.motion)
         if not len(jumps):
             return [self.found(0.0, np.nan, "no acceleration steps")]
-        values = self.quantity.measure_still(jumps.loads(self.robot, self.asked.overshoot))
+        values = self.quantity.measure_still(self._loads(jumps.loads(self.robot, self.asked.overshoot)))
         values = np.where(np.isnan(values), np.inf, values)
         k = int(np.argmax(values))
         return [self.found(float(values[k]), float(jumps.times[k]), jumps.words(k))]

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
-from ocptip.standing.instants import Instants
+from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.limit import AskedLimit, InstantAt, WrenchLimit
 from ocptip.standing.limit_kinds.quantities import ContactQuantity, SlipQuantity, TipOverQuantity
 from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
+
+
+def of_object(result: str, name: str) -> str:
+    """The name of a result of an object, from that of the base."""
+    return f"{result}[{name}]"
 
 
 class ContactLimit(AskedLimit):
@@ -18,6 +25,7 @@ class ContactLimit(AskedLimit):
     Args:
         robot, asked, joints: see `Limit`.
         quantity: which.
+        interface: of the robot's `interfaces`; 0: the base.
 
     Attributes:
         words: name and result in this scenario, to be filled with those of the quantity.
@@ -34,11 +42,15 @@ class ContactLimit(AskedLimit):
         asked: Limits,
         joints: tuple[int, ...],
         quantity: type[ContactQuantity],
+        interface: int = 0,
     ) -> None:
         super().__init__(robot, asked, joints)
         self.name, self.result = self.words[0].format(quantity.name), self.words[1].format(quantity.symbol)
-        self.setting = self.setting_of(quantity)
-        self.quantity = quantity(robot, self.number)
+        self.setting, self.interface = self.setting_of(quantity), interface
+        footing = robot.interfaces[interface]
+        if interface:
+            self.name, self.result = f"{self.name} of {footing.name}", of_object(self.result, footing.name)
+        self.quantity = quantity(footing, self.number)
 
     @property
     def width(self) -> int:
@@ -55,7 +67,18 @@ class ContactLimit(AskedLimit):
 
 
 class NominalLimit(WrenchLimit, ContactLimit):
-    """A quantity of the contacts, as the motion loads them."""
+    """A quantity of the contacts of the base or of an object, as the motion loads them."""
+
+    @classmethod
+    def of(cls, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> tuple[ContactLimit, ...]:
+        objects = range(1, len(robot.interfaces))
+        pairs = product(objects, (TipOverQuantity, SlipQuantity))
+        further = (cls(robot, asked, joints, quantity, interface) for interface, quantity in pairs)
+        return (*super().of(robot, asked, joints), *further)
+
+    def _loads(self, at: Instants) -> Loaded:
+        """Of the interface."""
+        return at.interfaces[self.interface]
 
     @property
     def affine(self) -> bool:
@@ -66,28 +89,29 @@ class NominalLimit(WrenchLimit, ContactLimit):
         return self.quantity.unit
 
     def measure(self, at: Instants) -> np.ndarray:
-        return self.quantity.measure(at)[:, None]
+        return self.quantity.measure(self._loads(at))[:, None]
 
     def detail(self, instant_at: InstantAt, time: float) -> str:
-        return self.quantity.detail(instant_at(time))
+        return self.quantity.detail(self._loads(instant_at(time)))
 
     def kept(self, at: Instants) -> bool:
-        return self.quantity.kept(at)
+        return self.quantity.kept(self._loads(at))
 
     def refusals(self, at: Instants) -> list[str]:
-        return self.quantity.refusals(at)
+        found = self.quantity.refusals(self._loads(at))
+        return [f"{self.quantity.footing.name}: {text}" for text in found] if self.interface else found
 
     def path_excess(self, at: Instants) -> float:
-        return self.quantity.path_excess(at)
+        return self.quantity.path_excess(self._loads(at))
 
     def half_spaces(self) -> np.ndarray | None:
         return self.quantity.half_spaces()
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near(self.quantity.badness(at), share)
+        return self.quantity.near(self.quantity.badness(self._loads(at)), share)
 
     def use(self, at: Instants) -> np.ndarray:
-        return self.quantity.use(self.quantity.badness(at))
+        return self.quantity.use(self.quantity.badness(self._loads(at)))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self.quantity.bounds()

@@ -16,7 +16,7 @@ from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import known
 from ocptip.reserves.tipping import TipMap, moment_at
 from ocptip.standing.footing import Footing
-from ocptip.standing.instants import Instants, Loaded
+from ocptip.standing.instants import Loaded
 from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING
 from ocptip.standing.stops.by_brakes import BrakeCheck, Closing
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations
@@ -60,11 +60,11 @@ class ContactQuantity(ABC):
         """(N,) values for reports; those below the maximum may be upper bounds."""
 
     @abstractmethod
-    def kept(self, at: Instants) -> bool:
+    def kept(self, at: Loaded) -> bool:
         """At all instants."""
 
     @abstractmethod
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, at: Loaded) -> list[str]:
         """Why the mechanism cannot rest so (a single instant), with numbers."""
 
     def largest(self, at: Loaded) -> np.ndarray:
@@ -75,11 +75,11 @@ class ContactQuantity(ABC):
         """(N,) values under loads that come before anything moves."""
         return self.measure(at)
 
-    def detail(self, at: Instants) -> str:
+    def detail(self, at: Loaded) -> str:
         """Further words on a single instant."""
         return ""
 
-    def path_excess(self, at: Instants) -> float:
+    def path_excess(self, at: Loaded) -> float:
         """By how much a path, taken at rest, misses the limit, with some margin; in about its units."""
         return -np.inf
 
@@ -90,7 +90,7 @@ class ContactQuantity(ABC):
     # --- rows of a program --------------------------------------------------------------------------------
 
     @abstractmethod
-    def badness(self, at: Instants) -> np.ndarray:
+    def badness(self, at: Loaded) -> np.ndarray:
         """(N, width) as rows of programs have it."""
 
     @abstractmethod
@@ -199,11 +199,11 @@ class TipOverQuantity(ContactQuantity):
             return self.measure(at)
         return self.footing.tip_over.ratio(np.min(self.moments(at.wrenches)[0], axis=1))
 
-    def detail(self, at: Instants) -> str:
+    def detail(self, at: Loaded) -> str:
         """GN above 1 counts the acceleration of what lifts: the moment that is missing is another number."""
         return "" if at.tip.GN[0] <= 1 else self._left(at)
 
-    def _left(self, at: Instants) -> str:
+    def _left(self, at: Loaded) -> str:
         """The moment left or missing in a single instant, and about which contacts; empty without an axis."""
         axes, margins = self.footing.tip_over.axes, at.tip.margins[0]
         if not len(axes) or not np.isfinite(least := float(np.min(margins))):
@@ -211,24 +211,24 @@ class TipOverQuantity(ContactQuantity):
         first, second = sorted(axes[int(np.argmin(margins))].contacts)
         return f"tipping margin {margin_text(least, 'N m')} about contacts {first + 1} and {second + 1}"
 
-    def kept(self, at: Instants) -> bool:
+    def kept(self, at: Loaded) -> bool:
         if self.affine:  # contact states are not needed
             return not self.width or bool(np.min(self.moments(at.wrenches)[0]) >= self.least_moment)
         return bool(np.all(self.measure(at) <= self.number))
 
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, at: Loaded) -> list[str]:
         if at.tip.GN[0] <= self.number:
             return []
         where = f" ({left})" if (left := self._left(at)) else ""
         return [f"tip-over GN is {at.tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
 
-    def path_excess(self, at: Instants) -> float:
+    def path_excess(self, at: Loaded) -> float:
         if not self.width:
             return -np.inf
         needed = self.least_moment * (1 + PATH_MARGIN)
         return (needed - np.min(self.moments(at.wrenches)[0])) / self.footing.tip_over.reference_moment
 
-    def badness(self, at: Instants) -> np.ndarray:
+    def badness(self, at: Loaded) -> np.ndarray:
         return self.exact(at)
 
     def exact(self, at: Loaded) -> np.ndarray:
@@ -310,17 +310,17 @@ class SlipQuantity(ContactQuantity):
     def largest(self, at: Loaded) -> np.ndarray:
         return self.footing.slip.greatest(at.wrenches)
 
-    def detail(self, at: Instants) -> str:
+    def detail(self, at: Loaded) -> str:
         """GT above 1 counts the acceleration of what slides: the friction needed is another number."""
         if not at.slip.GT[0] > 1:
             return ""
         demand = FrictionDemand.of(self.footing.support, at.wrenches[0])
         return "" if np.isnan(demand.factor) else f"friction used {demand.used}"
 
-    def kept(self, at: Instants) -> bool:
+    def kept(self, at: Loaded) -> bool:
         return bool(np.all(self.footing.slip.above(at.wrenches, self.number) <= self.number))
 
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, at: Loaded) -> list[str]:
         slip = at.slip
         if slip.GT[0] <= self.number:  # also where it is an upper bound
             return []
@@ -335,7 +335,7 @@ class SlipQuantity(ContactQuantity):
     def half_spaces(self) -> np.ndarray | None:
         return self.footing.slip.half_spaces(self.number)
 
-    def badness(self, at: Instants) -> np.ndarray:
+    def badness(self, at: Loaded) -> np.ndarray:
         if self._map not in at.memo:
             full = self.footing.slip.redistribution == "full"
             values = self.exact(at) if full else self._map(at.wrenches, derivatives=False)[0][:, None]

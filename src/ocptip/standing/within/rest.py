@@ -14,8 +14,8 @@ repeated, from many directions of tilt.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import Any, Protocol
@@ -25,6 +25,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import margin_text, quantity, towards
 from ocptip.contact.support import Load, Support
+from ocptip.numerics.inertia import RigidBody
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.tipping import TipMap, TipOver, moment_at
 from ocptip.standing.footing import Footing
@@ -35,6 +36,9 @@ from ocptip.standing.within.tolerable import why_not
 
 SEARCHED = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
 """Quantities that a scene can have; a scene knows no arm, payload or motion."""
+
+OF_OBJECTS = ("tilt", "payload_center", "payload_mass", "friction")
+"""Quantities that objects have at rest."""
 
 AROUND = 24  # directions of tilt from which the worst is looked for
 ROUNDS = 3
@@ -160,6 +164,30 @@ def scene_case(
     fixed, hanging = fixed_and_hanging(support, loads)
     weights = [base_weight(support, tolerance), *hanging]
     return RestCase(support, weights, fixed, tolerance, base_pushes(tolerance), moment)
+
+
+def object_within(
+    footing: Footing, bodies: Mapping[str, RigidBody], gravity: np.ndarray, tolerance: Uncertainty
+) -> WithinAtRest:
+    """The worst of an object and all that stands on it, at rest.
+
+    Args:
+        footing: of the object.
+        bodies: all, by name, in the axes of what carries them.
+        gravity: (3,), m/s^2, in these axes.
+        tolerance: each mass and centre is as uncertain as those of a payload, and the friction.
+    """
+    support = footing.support.varied(gravity=gravity)
+
+    def case(some: Uncertainty) -> RestCase:
+        half, share = np.asarray(some.payload_center, dtype=float), some.payload_mass
+        weights = [
+            Weight(name, mass, center - support.center_of_mass, -share * mass, share * mass, half)
+            for name, (mass, center, _) in bodies.items()
+        ]
+        return RestCase(support, weights, np.zeros(6), some, (), footing.tip_over.reference_moment)
+
+    return replace(found_within([case], tolerance, OF_OBJECTS), ignored=())
 
 
 def base_weight(support: Support, tolerance: Uncertainty) -> Weight:

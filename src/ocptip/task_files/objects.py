@@ -1,0 +1,79 @@
+"""Tables `[[object]]` of task files: what stands on a tray in the gripper, on the base, or on each other."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from ocptip.basics import schema
+from ocptip.basics.schema import Keys
+from ocptip.basics.toml import Table
+from ocptip.standing.arm import Robot
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.objects import Object
+
+OBJECT = Keys(
+    "object",
+    "A rigid object that only contacts hold; z of its frame points away from what it stands on.",
+    {
+        "name": schema.text("Name in messages and results: letters, digits, `_` and `-`."),
+        "mass": schema.number("Mass.", "kg", bound="> 0"),
+        "friction": schema.number("Coefficient of its contacts.", bound=">= 0"),
+        "on": schema.text("`gripper`, `base`, or the name of the object below.", default="gripper"),
+        "box": schema.vector("Edges of a box.", "m", 3, otherwise="none"),
+        "cylinder": schema.vector("Radius and height of an upright cylinder.", "m", 2, otherwise="none"),
+        "center_of_mass": schema.vector(
+            "Centre of mass, object axes.", "m", 3, otherwise="middle of the shape"
+        ),
+        "inertia": schema.numbers(
+            "About the centre of mass: principal values, xx xy xz yy yz zz, or matrix.",
+            "kg m^2",
+            otherwise="of the homogeneous shape",
+        ),
+        "contacts": schema.numbers(
+            "Points that it stands on, object axes.",
+            "m",
+            words="list of positions",
+            otherwise="edge of the shape",
+        ),
+        "position": schema.vector(
+            "Origin, gripper or base axes; on an object from the middle of its top.",
+            "m",
+            3,
+            default=[0, 0, 0],
+        ),
+        **schema.rotation("Axes of the object to these axes", default="parallel"),
+    },
+    at_most_one=[("box", "cylinder")],
+)
+
+
+def with_objects(data: Table, robot: StandingMechanism) -> StandingMechanism:
+    """The robot with the objects of a file.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+    if "object" not in data:  # which only files of arms may have
+        return robot
+    objects = [_object(table) for table in data.tables("object")]
+    with data.at("object"):
+        return cast(Robot, robot).carrying(objects)
+
+
+def _object(table: Table) -> Object:
+    given = {key: table[key] for key in ("name", "mass", "friction", "on", "position")}
+    given["rotation"] = table.rotation("", np.eye(3))
+    shape = table.one_of("box")
+    size = table[shape] if shape else np.zeros(0)
+    if not shape:
+        for key in ("inertia", "contacts"):
+            table.require(key, "an object without box or cylinder needs it")
+    given |= table.given("center_of_mass", "inertia", "contacts")
+    table.close()
+    with table.at(size=shape or ""):
+        if not shape:
+            return Object(**given)
+        make = {"box": Object.box, "cylinder": Object.cylinder}[shape]
+        return make(size=size, **given)

@@ -1,0 +1,197 @@
+"""Objects that only contacts hold: wrenches by the load on the base, margins by hand and cone programs."""
+
+import dataclasses
+
+import clarabel
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+from ocptip.motion.check import check_motion
+from ocptip.motion.margins import motion_margins
+from ocptip.numerics.cone_program import quiet_settings, solve_cones
+from ocptip.robots.base_motion import BaseMotion
+from ocptip.robots.dynamics import evaluate_dynamics
+from ocptip.robots.kinematics import link_frames
+from ocptip.robots.motors import DCMotors
+from ocptip.standing.arm import Robot
+from ocptip.standing.instants import Instants
+from ocptip.standing.objects import Object
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
+from tests.places import EXAMPLES
+from tests.robots.sample_arms import random_arm, random_rotation
+
+G = 9.81
+UR5 = EXAMPLES / "tasks" / "ur5_cart.toml"
+BOX = Object.box("box", 2.0, (0.1, 0.1, 0.3), friction=0.6)
+GLASS = Object.cylinder("glass", 0.4, (0.035, 0.14), friction=0.35)
+PLATE = Object.box("plate", 0.5, (0.16, 0.12, 0.03), friction=0.4, position=(0.1, 0.02, 0.01))
+CUP = Object.box("cup", 0.2, (0.06, 0.05, 0.1), friction=0.3, on="plate", position=(0.02, 0.0, 0.0))
+CRATE = Object.box("crate", 3.0, (0.2, 0.2, 0.6), friction=0.5, on="base", position=(-0.1, 0.0, 0.5))
+
+
+def robot_of(arm, objects) -> Robot:
+    corners = [(x, y, 0.0) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+    feet = [UnilateralContact(position=corner, friction=0.9) for corner in corners]
+    support = Support(feet, mass=200.0, center_of_mass=(0, 0, 0.2))
+    arm = arm.with_limits(torque=np.full(arm.n, 1e3), speed=np.full(arm.n, 2.0))
+    return Robot(arm, support, DCMotors.estimated(arm), floor=False).carrying(objects)
+
+
+def on_a_slide(objects) -> Robot:
+    """An arm that slides along x; its gripper has the axes of the base."""
+    turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # z of the joint along x
+    arm = dataclasses.replace(
+        random_arm(0, 1),
+        rotations=turn[None],
+        tool_rotation=turn.T,
+        prismatic=np.array([True]),
+        mount_rotation=np.eye(3),
+        mount_position=np.array([0.0, 0, 0.7]),
+    )
+    return robot_of(arm, objects)
+
+
+def state_of(robot: Robot, acceleration: float) -> Instants:
+    still = np.zeros((1, 1))
+    return Instants.of_states(robot, still, still, np.full((1, 1), acceleration))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_wrench_on_an_object_is_what_it_adds_to_the_load_of_the_arm(seed):
+    rng, arm = np.random.default_rng(seed), random_arm(seed, 4)
+    tilted = dataclasses.replace(
+        GLASS, on="gripper", position=(0.1, -0.2, 0.3), rotation=random_rotation(rng)
+    )
+    robot, count = robot_of(arm, [tilted]), 5
+    q, qd, qdd = rng.normal(size=(3, count, 4))
+    drives = BaseMotion(*rng.normal(size=(3, count, 3)))
+    found = robot.object_wrenches(q, qd, qdd, drives)[0]
+    given = {"gravity": robot.support.gravity, "base_motion": drives}
+    with_it, without = (evaluate_dynamics(own, q, qd, qdd, **given).wrench for own in (robot.arm, arm))
+    for k in range(count):
+        frames = link_frames(robot.arm, q[k])
+        turn = frames.rotations[-1]
+        centre = frames.origins[-1] + turn @ robot.interfaces[1].support.center_of_mass
+        force = turn @ found[k, :3]
+        moment = turn @ found[k, 3:] + np.cross(centre, force)
+        np.testing.assert_allclose(np.r_[force, moment], (with_it - without)[k], rtol=1e-9, atol=1e-9)
+
+
+def test_a_box_on_a_slide_tips_at_half_its_length_over_the_height_of_its_centre_and_slides_at_its_friction():
+    robot, a = on_a_slide([BOX]), 2.0
+    at = state_of(robot, a).interfaces[1]
+    np.testing.assert_allclose(at.tip.margins.min(), 2.0 * (G * 0.05 - a * 0.15), rtol=1e-9)
+    np.testing.assert_allclose(at.slip.GT, [a / (0.6 * G)], rtol=1e-6)
+    assert state_of(robot, 0.999 * G / 3).interfaces[1].states.persistent.all()
+    assert not state_of(robot, 1.001 * G / 3).interfaces[1].states.persistent.any()
+
+
+def test_the_interface_under_a_stack_carries_all_that_stand_on_it():
+    robot, a = on_a_slide([CUP, PLATE]), 1.5
+    base, plate, cup = robot.interfaces
+    assert [own.name for own in robot.interfaces] == ["base", "plate", "cup"]
+    assert base is robot
+    assert plate.support.mass == pytest.approx(0.7)
+    assert cup.support.mass == pytest.approx(0.2)
+    assert robot.payload.mass == pytest.approx(0.7)
+    np.testing.assert_allclose(cup.support.center_of_mass, [0.12, 0.02, 0.01 + 0.03 + 0.05])
+    margin = state_of(robot, a).interfaces[1].tip.margins.min()
+    # About the rear edge of the plate: the weight of both there, less the inertia at their heights.
+    weight, inertia = G * (0.5 * 0.08 + 0.2 * 0.1), a * (0.5 * 0.015 + 0.2 * 0.08)
+    assert margin == pytest.approx(min(weight - inertia, G * 0.7 * 0.06), rel=1e-9)
+
+
+def test_an_object_on_the_deck_feels_the_base_and_loads_it():
+    robot = load_task(UR5).robot.carrying([CRATE])
+    assert robot.support.mass == pytest.approx(38.0)
+    assert robot.payload is None
+    q = np.zeros((1, robot.n))
+    wrench = robot.object_wrenches(q, q, q, BaseMotion(acceleration=(1.0, 0.0, 0.0)))[0]
+    np.testing.assert_allclose(wrench[0], [-3.0, 0, -3 * G, 0, 0, 0], atol=1e-12)
+
+
+def shared_optimally(support, wrench) -> float:
+    """Least share of the friction with which contact forces balance a wrench: bisection, cone programs."""
+    n, W, mu = support.n_contacts, support.wrench_matrix, support.contacts[0].friction
+    unit = np.abs(wrench[:3]).max()
+    A = np.vstack([W, np.zeros((3 * n, 3 * n))])
+    cones = [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(3)] * n]
+    b = np.r_[-wrench / unit, np.zeros(3 * n)]
+    low, high = 0.0, 4.0
+    for _ in range(26):
+        share = 0.5 * (low + high)
+        for k in range(n):
+            A[6 + 3 * k : 9 + 3 * k, 3 * k : 3 * k + 3] = -np.diag([share * mu, 1.0, 1.0])
+        holds = solve_cones(np.zeros(3 * n), A, b, cones, quiet_settings(1e-9)).status
+        low, high = (low, share) if str(holds) == "Solved" else (share, high)
+    return high
+
+
+def test_random_states_have_the_margins_of_cone_programs_and_of_moments_about_the_edges():
+    rng = np.random.default_rng(3)
+    robot = robot_of(dataclasses.replace(random_arm(2, 4), tool_rotation=np.eye(3)), [GLASS, PLATE, CUP])
+    seen = 0
+    for own in robot.interfaces[1:]:
+        support = own.support
+        wrenches = np.tile(support.weight, (5, 1)) + 0.15 * support.mass * rng.normal(size=(5, 6)) * [
+            G, G, G, 0.03 * G, 0.03 * G, 0.03 * G
+        ]  # fmt: skip
+        states = own.contact_states(wrenches)
+        GT = own.slip.evaluate(states, derivatives=False).GT
+        margins = own.tip_over.evaluate(states).margins.min(axis=1)
+        points = np.array([contact.position for contact in support.contacts]) - support.center_of_mass
+        for k in np.flatnonzero(states.persistent):
+            seen += 1
+            assert GT[k] == pytest.approx(shared_optimally(support, wrenches[k]), abs=1e-6)
+            edges = zip(points, np.roll(points, -1, axis=0), strict=True)
+            by_hand = []
+            for a, b in edges:
+                e = (b - a) / np.linalg.norm(b - a)
+                by_hand.append(-e @ (wrenches[k, 3:] - np.cross(a, wrenches[k, :3])))
+            assert margins[k] == pytest.approx(min(by_hand), rel=1e-9)
+    assert seen > 8
+
+
+def test_a_motion_that_is_too_fast_for_an_object_breaks_its_limits_and_names_it():
+    robot = on_a_slide([BOX, dataclasses.replace(GLASS, position=(0.0, 0.3, 0.0), friction=0.6)])
+    names = ["GN[box]", "GT[box]", "GN[glass]", "GT[glass]"]
+    for a, broken in ((1.5, set()), (4.0, {"GN[box]"})):
+        motion = Trajectory.from_profiles([0.0], [(RampCommand(0.4, 1.0, a),)])
+        checked = check_motion(robot, motion)
+        assert {name for name in names if checked.worst[name].violation} - {"GT[box]"} == broken
+        assert checked.verified == checked.stands == (not broken)
+        assert checked.objects["box"].moment.value == pytest.approx(2.0 * (G * 0.05 - a * 0.15), rel=1e-6)
+        glass = checked.objects["glass"]
+        moment = 0.4 * (G * 0.035 - a * 0.07) * np.cos(np.pi / 12)  # about an edge of the polygon in its foot
+        assert glass.moment.value == pytest.approx(moment, rel=1e-6)
+        assert glass.friction.value == pytest.approx(a / (0.6 * G), rel=1e-5)
+        rows = {(row.object, row.name): row for row in motion_margins(robot, checked)}
+        assert rows["glass", "tipping_margin_Nm"].nominal.value == glass.moment.value
+        assert rows["glass", "friction_used"].used == pytest.approx(a / (0.6 * G) / 0.9, rel=1e-5)
+    assert any("of box slips or lifts off" in text for text in checked.violations)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": 0.0}, "mass: must be > 0"),
+        ({"friction": -0.1}, "friction: must be"),
+        ({"name": "a b"}, "name: expected letters"),
+        ({"inertia": (0.0, 0.0, 0.0)}, "inertia: must not be zero"),
+    ],
+)
+def test_what_no_object_can_be_is_refused(change, message):
+    given = {"name": "x", "mass": 1.0, "friction": 0.3, **change}
+    with pytest.raises(InputError, match=message):
+        Object.box(size=(0.1, 0.1, 0.1), **given)
+
+
+def test_objects_that_stand_on_nothing_or_twice_are_refused():
+    for objects, message in (([CUP], "on: expected gripper"), ([GLASS, GLASS], "occurs 2 times")):
+        with pytest.raises(InputError, match=message):
+            on_a_slide(objects)
