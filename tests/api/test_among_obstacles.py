@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import signal
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 import ocptip
 from ocptip.api.methods import methods_for, searched
+from ocptip.api.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
+from ocptip.cli.plan_report import PlanReport
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.task_files.motion import load_task
 from tests.motion.among_boxes import WALL, task_among, task_file
@@ -19,8 +22,12 @@ pytest.importorskip("ompl")
 BESIDE = WALL.replace("0.75, 0.0", "0.75, -0.9")
 
 
-def test_a_motion_around_a_wall_is_proved(tmp_path):
-    plan = ocptip.plan(task_file(tmp_path), seed=1)
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    return ocptip.plan(task_file(tmp_path_factory.mktemp("wall")), seed=1)
+
+
+def test_a_motion_around_a_wall_is_proved(plan):
     assert plan.planned.options["method"] == "path"
     assert plan.verified
     assert plan.check.certified
@@ -28,6 +35,26 @@ def test_a_motion_around_a_wall_is_proved(tmp_path):
     q = motion(np.arange(0, motion.end, 1e-3))
     assert robot.collision.gaps(q).min() >= plan.task.limits.clearance
     assert plan.executions[0].controller == "cubic"
+
+
+def test_of_the_path_and_the_smoothed_one_the_better_motion_is_the_plan(plan):
+    smooth = Plan.of(plan.planned, smooth=True)
+    path = smooth.planned.options["path"]
+    assert path["smoothed"]
+    assert smooth.check.certified
+    assert smooth.check.energy / plan.check.energy - 1 == pytest.approx(path["smoothed_costs_more"])
+    assert path["smoothed_costs_more"] < 0
+    motion, robot = smooth.motion, smooth.task.robot
+    assert motion.goal == pytest.approx(plan.motion.goal)
+    q = motion(np.arange(0, motion.end, 1e-3))
+    assert robot.collision.gaps(q).min() >= smooth.task.limits.clearance
+    assert "of the smoothed path, which costs" in PlanReport(smooth).to_text()
+
+
+def test_without_time_the_path_stays_as_it_is(plan):
+    rushed = Plan.of(plan.planned, smooth=True, budget=TimeBudget(1e-6))
+    assert rushed.motion.end == plan.motion.end
+    assert not rushed.planned.options["path"]["smoothed"]
 
 
 def test_the_method_follows_from_the_straight_line(tmp_path, monkeypatch):
@@ -86,6 +113,14 @@ def test_a_failed_solver_of_one_method_leaves_the_other(tmp_path, monkeypatch):
 
 def test_a_time_limit_interrupts_and_leaves_no_trace():
     before = signal.getsignal(signal.SIGALRM)
+
+    def slow():
+        with interrupted_after(0.01), suppress(TimeIsUpError):
+            time.sleep(5)
+        time.sleep(5)
+
+    with pytest.raises(TimeIsUpError), interrupted_after(0.02):
+        slow()
     with pytest.raises(TimeIsUpError), interrupted_after(0.01):
         time.sleep(5)
     with interrupted_after(30.0):

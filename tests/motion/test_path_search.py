@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, PlanningError
-from ocptip.motion.path_search import search_path
-from tests.motion.among_boxes import WALL, task_among
+from ocptip.motion.path_search import joint_bounds, search_path
+from ocptip.task_files.motion import load_task
+from tests.motion.among_boxes import WALL, task_among, task_file
 
 pytest.importorskip("ompl")
 
@@ -25,6 +26,19 @@ def test_a_path_around_a_wall_keeps_the_clearance_everywhere(tmp_path, capfd):
     assert task.robot.collision.gaps(path.at(np.linspace(0, 1, 4000))[0]).min() >= task.limits.clearance
     assert not len(path.corners)
     assert capfd.readouterr() == ("", "")
+
+
+def test_joints_without_limits_have_one_turn_around_the_ends(tmp_path):
+    file = task_file(tmp_path)
+    urdf = (tmp_path / "arm.urdf").read_text()
+    for number in (2, 3):
+        urdf = urdf.replace(f'name="j{number}" type="revolute"', f'name="j{number}" type="continuous"')
+    (tmp_path / "arm.urdf").write_text(urdf)
+    ends = np.array([[0.0, 1.0, -4.0], [0.5, 2.0, 4.0]])
+    low, high = np.array(list(joint_bounds(load_task(file), ends))).T
+    assert (low[0], high[0]) == pytest.approx((-2.9, 2.9))
+    assert (low[1], high[1]) == pytest.approx((1.5 - np.pi, 1.5 + np.pi))
+    assert (low[2], high[2]) == (-4.0, 4.0)
 
 
 def test_the_same_seed_gives_the_same_path_and_another_one_another(tmp_path):

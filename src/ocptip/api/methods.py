@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Callable
 from importlib.util import find_spec
+from types import ModuleType
 from typing import Literal, TypeVar, cast
 
 import numpy as np
@@ -19,7 +20,10 @@ from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 
 T = TypeVar("T")
-Method = Literal["direct", "path"]
+Method = Literal["direct", "path", "smooth"]
+
+ALONG_PATH: tuple[Method, ...] = ("path", "smooth")
+"""Methods that time a path among obstacles; the second one smooths it then."""
 
 NEARLY = 0.02
 """m: overlap on the straight line in joint space up to which the direct search is tried first."""
@@ -50,14 +54,14 @@ def searched(
         InputError: the task cannot be planned, or not by this method.
         PlanningError: no method gave a verified motion.
     """
-    if method == "path":
-        _require_path(task)
+    if method in ALONG_PATH:
+        _require_path(task, method)
     methods = methods_for(task, budget.given) if method is None else (method,)
     failed: list[str] = []
     for name, share in zip(methods, _shares(len(methods)), strict=True):
         if failed:
             say(failed[-1])
-        if name == "path":
+        if name in ALONG_PATH:
             say("searching and timing a path ...")
         try:
             seconds = share * budget.left
@@ -65,9 +69,7 @@ def searched(
             with interrupted_after(seconds):
                 if name == "direct":
                     return direct()
-                from ocptip.retiming.among import plan_along_path  # splines load for 0.2 s
-
-                return plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
+                return plans_along_paths().plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
         except TimeIsUpError:
             failed.append(f"{name} method: no verified motion in the given time")
         except ToleranceError:
@@ -79,6 +81,13 @@ def searched(
     if method == "path":
         failed[-1] += " (without --method, the direct method is tried as well)"
     raise PlanningError("; ".join(failed))
+
+
+def plans_along_paths() -> ModuleType:
+    """The module that times paths; its splines load for 0.2 s, so only who needs it loads it."""
+    from ocptip.retiming import among
+
+    return among
 
 
 def _shares(count: int) -> list[float]:
@@ -122,11 +131,11 @@ def _overlap(task: MotionTask) -> tuple[float, str]:
     return min(found)
 
 
-def _require_path(task: Task) -> None:
+def _require_path(task: Task, method: Method) -> None:
     if task.is_cycle:
-        raise InputError("method: path is for single motions, not for cycles")
+        raise InputError(f"method: {method} is for single motions, not for cycles")
     if not task.robot.collision.labels:
-        raise InputError("method: path needs collision geometry; there is none")
+        raise InputError(f"method: {method} needs collision geometry; there is none")
 
 
 def in_time(compute: Callable[[], T], otherwise: T, budget: TimeBudget) -> T:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
-from ocptip.api.methods import Method, in_time, searched
+from ocptip.api.methods import ALONG_PATH, Method, in_time, plans_along_paths, searched
 from ocptip.api.motion_requirements import motion_outcomes
 from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import TaskLike, load_task
@@ -53,7 +53,7 @@ from ocptip.trajectories.velocity_profiles import checked_rise_times
 
 RISE_TIME = 0.02
 """s, for controllers that need one and where none is asked for."""
-ALONG_PATH = 1.004
+SLOWER_ALONG_PATH = 1.004
 """Factor of the times of a timed path that is tried first; cubics between points then keep the limits."""
 SPACING = 0.01
 """s, between the instants of sensitivities."""
@@ -100,26 +100,20 @@ class Plan(CheckedMotion):
         sensitivities: bool = False,
         stage: Callable[[str], None] | None = None,
         budget: TimeBudget | None = None,
+        smooth: bool = False,
     ) -> Plan:
-        """Run, prove and check what was planned; arguments are those of :func:`plan`."""
-        task, say = planned.finished, stage or silent
+        """Run, prove and check what was planned; arguments are those of :func:`plan`.
+
+        Args:
+            smooth: smooth the path of a plan along one, and take the better of both motions.
+        """
+        task, say, budget = planned.finished, stage or silent, budget or TimeBudget(None)
         say("proving what is run ...")
-        step = None if rate is None else 1 / rate
-        executions = []
-        for part in planned.parts:
-            robot, motion, limits = part.task.robot, part.motion, part.task.limits
-            if task.is_cycle and controller == "quintic":  # segments are planned as ramps
-                least = rise_time or RISE_TIME  # jerk limits may ask for more
-                motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
-            along_path = motion.timing is not None  # no drive runs that as it is
-            if controller == "ramps" and not along_path:
-                run = Execution.of_drives(robot, motion, limits, part.check)
-            else:
-                runner = cast(Controller, "cubic" if controller == "ramps" else controller)
-                first = ALONG_PATH if along_path else 1.0
-                run = execute(robot, motion, limits, runner, step=step, first=first)
-            prove = partial(certified, robot, run.motion, run.check, limits)
-            executions.append(replace(run, check=in_time(prove, run.check, budget or TimeBudget(None))))
+        run = partial(_executed, controller=controller, rate=rate, rise_time=rise_time, budget=budget)
+        executions = run(planned)
+        if smooth:
+            say("smoothing the path ...")
+            planned, executions = _smoothed(planned, executions, run, budget)
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
         pairs = zip(executions, checked.segments, strict=True)
@@ -307,7 +301,8 @@ def plan(
         sensitivities: say what changes of masses and contacts would do.
         largest_uncertainty: where there is no plan, search the largest uncertainty that has one.
         method: "direct" searches velocity profiles from start to goal, "path" times a path among obstacles
-            (needs OMPL); None: what suits the task.
+            (needs OMPL), "smooth" also smooths it and takes the better motion; None: what suits the task,
+            and with `seconds` paths are smoothed.
         seconds: of wall time, after which the best verified motion so far is the plan; a proof that is not
             finished is left out.
         progress: called as progress(done, steps, minimum cost of a verified plan so far or None).
@@ -329,7 +324,7 @@ def plan(
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
     budget = TimeBudget(seconds)
     if controller == "quintic":
-        if method == "path":
+        if method in ALONG_PATH:
             raise InputError(
                 "method: motions along a path have acceleration steps, which quintics cannot run"
             )
@@ -360,8 +355,69 @@ def plan(
         stage("planning without stops, to compare the cost ...")
     price = {} if along_path else price_of_stops(planned, _without_stops(task, how, budget))
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
-    how_run = {"price": price, "sensitivities": sensitivities, "stage": stage, "budget": budget}
+    smooth = along_path and (method == "smooth" or (method is None and budget.given))
+    how_run = {
+        "price": price,
+        "sensitivities": sensitivities,
+        "stage": stage,
+        "budget": budget,
+        "smooth": smooth,
+    }
     return Plan.of(planned, **known, **how_run)
+
+
+def _executed(
+    planned: MotionPlan,
+    *,
+    controller: Runner,
+    rate: float | None,
+    rise_time: float | None,
+    budget: TimeBudget,
+) -> list[Execution]:
+    """What runs each segment, with its proof if there is time for it."""
+    step, executions = None if rate is None else 1 / rate, list[Execution]()
+    for part in planned.parts:
+        robot, motion, limits = part.task.robot, part.motion, part.task.limits
+        if planned.task.is_cycle and controller == "quintic":  # segments are planned as ramps
+            least = rise_time or RISE_TIME  # jerk limits may ask for more
+            motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
+        along_path = motion.timing is not None  # no drive runs that as it is
+        if controller == "ramps" and not along_path:
+            run = Execution.of_drives(robot, motion, limits, part.check)
+        else:
+            runner = cast(Controller, "cubic" if controller == "ramps" else controller)
+            first = SLOWER_ALONG_PATH if along_path else 1.0
+            run = execute(robot, motion, limits, runner, step=step, first=first)
+        prove = partial(certified, robot, run.motion, run.check, limits)
+        executions.append(replace(run, check=in_time(prove, run.check, budget)))
+    return executions
+
+
+def _smoothed(
+    planned: MotionPlan,
+    executions: list[Execution],
+    run: Callable[[MotionPlan], list[Execution]],
+    budget: TimeBudget,
+) -> tuple[MotionPlan, list[Execution]]:
+    """The better of a plan along a path, with its execution, and of that along the smoothed path.
+
+    One that is proved is not replaced by one that is not. Without time the plan stays as it is.
+    """
+
+    def smoother() -> tuple[MotionPlan, list[Execution]] | None:
+        plan = plans_along_paths().smoothed_plan(planned)
+        return None if plan is None else (plan, run(plan))
+
+    objective, before = planned.task.segments[0].task.objective, executions[0].check
+    found = in_time(smoother, None, budget)
+    path = {**planned.options["path"], "smoothed": False}
+    if found is not None:
+        after = found[1][0].check
+        costs = [objective.cost(one.energy, one.duration) for one in (before, after)]
+        path["smoothed_costs_more"] = costs[1] / costs[0] - 1
+        if after.verified and after.certified >= before.certified and costs[1] < costs[0]:
+            planned, executions, path["smoothed"] = *found, True
+    return replace(planned, options={**planned.options, "path": path}), executions
 
 
 def silent(text: str) -> None:

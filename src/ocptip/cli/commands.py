@@ -159,8 +159,9 @@ COMMANDS = (
                     "--method",
                     None,
                     "direct: velocity profiles from start to goal; path: a path among obstacles, then its "
-                    "timing (needs: pip install 'ocptip[paths]'; default: what suits the task)",
-                    choices=("direct", "path"),
+                    "timing (needs: pip install 'ocptip[paths]'); smooth: also of the smoothed path, and the "
+                    "better one (default: what suits the task; with --seconds paths are smoothed)",
+                    choices=("direct", "path", "smooth"),
                 ),
                 argument(
                     "--seconds",

@@ -124,7 +124,15 @@ class PlanReport(GatedReport):
 
     def _path(self) -> str:
         path = self.plan.planned.options["path"]
-        return f"method: path around the obstacles ({path['made_of']}), then its timing"
+        text = f"method: path around the obstacles ({path['made_of']}), then its timing"
+        if "smoothed" not in path:
+            return text
+        if (more := path.get("smoothed_costs_more")) is None:
+            return f"{text}; no motion along the smoothed path keeps all limits in the given time"
+        if path["smoothed"]:
+            return f"{text}; of the smoothed path, which costs {-100 * more:.1f} % less"
+        why = f"costs {100 * more:.1f} % more" if more >= 0 else "is not proved"
+        return f"{text}; not of the smoothed path, which {why}"
 
     def _controller(self) -> str:
         runs = self.plan.executions

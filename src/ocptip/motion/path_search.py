@@ -29,17 +29,18 @@ from ocptip.trajectories.path_legs import polygon_lengths
 MOST_STATES = 400_000
 """States of a search whose distances are computed, at most."""
 
+EXTRA = 0.004
+"""m beyond the clearance, where ends allow it: motions within an uncertainty need some."""
+
 AT_REST = 0.2
 """rad (sliding joints: m): spacing of the postures on a line in which the robot has to stand at rest."""
 
-_EXTRA = 0.004  # m beyond the clearance, where ends allow it: motions within an uncertainty need some
 _SAG = 5e-4  # rad or m: distance of chords, which are tested, from the blend between them
 _HALVINGS = 6  # of a blend at most; a corner that none rounds stays, and the motion stops there
 _FIRST = 20_000  # states of the first search
 _FURTHER = 8_000  # states after which a path is taken as it is; before, others are searched
-_RANGE = 1.0  # rad or m: longest line that a tree grows by at once
+_RANGES = (1.0, 0.4)  # rad or m: longest line that a tree grows by at once; another one after a failure
 _SHORTCUTS = 60  # tried in a row without success, and rounds of them
-_TURN = 2 * np.pi  # rad: how far beyond start and goal a joint without limits may go
 
 
 def library_ompl() -> tuple[Any, Any, Any]:
@@ -51,7 +52,7 @@ def library_ompl() -> tuple[Any, Any, Any]:
     return base, geometric, util
 
 
-class _AllowedLines:
+class AllowedLines:
     """Straight lines between postures that a task allows: clear, and at rest within all limits.
 
     Args:
@@ -60,12 +61,14 @@ class _AllowedLines:
 
     Attributes:
         at_rest: whether the limits at rest count, which take longer than the clearance.
+        clearance: m, that the lines keep.
     """
 
     at_rest = False
 
     def __init__(self, task: MotionTask, extra: float) -> None:
-        self._lines = StraightLines(task.robot.collision, task.limits.clearance + extra)
+        self.clearance = task.limits.clearance + extra
+        self._lines = StraightLines(task.robot.collision, self.clearance)
         self._robot = task.robot.resting(0)
         kinds = limits_of(self._robot, task.limits)
         self._limits = [limit for limit in kinds if not isinstance(limit, ClearanceLimit)]
@@ -115,10 +118,10 @@ def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) ->
     library_ompl()
     starts, goals = _ends(task)
     gaps = [task.robot.collision.least(np.array(own)) for own in (starts, goals)]
-    extra = float(np.clip(0.5 * (min(map(np.max, gaps)) - task.limits.clearance), 0.0, _EXTRA))
+    extra = float(np.clip(0.5 * (min(map(np.max, gaps)) - task.limits.clearance), 0.0, EXTRA))
     tested = 0
     for more in sorted({extra, 0.0}, reverse=True):
-        lines = _AllowedLines(task, more)
+        lines = AllowedLines(task, more)
         ends = [[q for q in own if lines.free(q)] for own in (starts, goals)]
         if not all(ends):
             continue
@@ -127,12 +130,12 @@ def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) ->
             lines.at_rest = True
             found = _shortest(task, lines, *ends, seed=seed, deadline=deadline)
         if found is not None:
-            return _rounded(found, lines)
+            return rounded(found, lines)
         tested += lines.tested
     raise PlanningError(f"no path among the obstacles after {tested} tested states; {_HINT}")
 
 
-def _rounded(corners: np.ndarray, lines: _AllowedLines) -> FittedPath:
+def rounded(corners: np.ndarray, lines: AllowedLines) -> FittedPath:
     """The path through corners (N, n), each with the longest blend that is clear."""
     lengths, reaches = polygon_lengths(corners), []
     directions = np.diff(corners, axis=0) / np.diff(lengths)[:, None]
@@ -175,7 +178,7 @@ def _ends(task: MotionTask) -> list[list[np.ndarray]]:
 
 def _shortest(
     task: MotionTask,
-    lines: _AllowedLines,
+    lines: AllowedLines,
     starts: Sequence[np.ndarray],
     goals: Sequence[np.ndarray],
     *,
@@ -188,13 +191,15 @@ def _shortest(
     with twice the number of states, and after a quick one there is time for others.
     """
     speed = np.where(np.isfinite(task.robot.limits.speed), task.robot.limits.speed, 1.0)
-    states, paths, end = _FIRST, list[np.ndarray](), lines.tested + MOST_STATES
+    states, paths, end, failures = _FIRST, list[np.ndarray](), lines.tested + MOST_STATES, 0
     for turn in count():
         until = min(lines.tested + states, end)
         own = np.random.SeedSequence([seed, turn]).generate_state(1)[0]
-        found = _connected(task, lines, starts, goals, seed=int(own) + 1, until=until, deadline=deadline)
+        range_ = _RANGES[failures % len(_RANGES)]
+        how = {"seed": int(own) + 1, "range_": range_, "until": until, "deadline": deadline}
+        found = _connected(task, lines, starts, goals, **how)
         if found is None:
-            states *= 2
+            states, failures = 2 * states, failures + 1
         else:
             paths.append(found)
         enough = bool(paths) and (lines.tested > end - MOST_STATES + _FURTHER or len(paths[-1]) == 2)
@@ -209,11 +214,12 @@ def _shortest(
 
 def _connected(
     task: MotionTask,
-    lines: _AllowedLines,
+    lines: AllowedLines,
     starts: Sequence[np.ndarray],
     goals: Sequence[np.ndarray],
     *,
     seed: int,
+    range_: float,
     until: int,
     deadline: float,
 ) -> np.ndarray | None:
@@ -239,7 +245,7 @@ def _connected(
         util.RNG.setSeed(seed)
         space = base.RealVectorStateSpace(n)
         bounds = base.RealVectorBounds(n)
-        for j, (low, high) in enumerate(_bounds(task, [*starts, *goals])):
+        for j, (low, high) in enumerate(joint_bounds(task, [*starts, *goals])):
             bounds.setLow(j, low)
             bounds.setHigh(j, high)
         space.setBounds(bounds)
@@ -262,7 +268,7 @@ def _connected(
             ends.addState(state(q))
         problem.setGoal(ends)
         planner = geometric.RRTConnect(information)
-        planner.setRange(_RANGE)
+        planner.setRange(range_)
         planner.setProblemDefinition(problem)
         planner.setup()
         planner.solve(base.PlannerTerminationCondition(over))
@@ -277,12 +283,17 @@ def _connected(
     return corners
 
 
-def _bounds(task: MotionTask, ends: Sequence[np.ndarray]) -> Iterator[tuple[float, float]]:
-    """Limits of each joint within the margin that is asked for; of endless joints a turn beyond the ends."""
+def joint_bounds(task: MotionTask, ends: Sequence[np.ndarray] | np.ndarray) -> Iterator[tuple[float, float]]:
+    """Limits of each joint within the margin that is asked for; joints without limits have one turn.
+
+    The turn is around the ends, so that each posture is in it once: more turns only dilute random samples.
+    """
     limits, turns = task.robot.limits, np.array(task.robot.units) == "rad"
     margin = np.where(turns, task.limits.angle_margin, 0.0)
-    low = np.maximum(limits.angle_min + margin, np.min(ends, axis=0) - _TURN)
-    high = np.minimum(limits.angle_max - margin, np.max(ends, axis=0) + _TURN)
+    first, last = np.min(ends, axis=0), np.max(ends, axis=0)
+    spare = np.maximum(np.pi - 0.5 * (last - first), 0.0)
+    low = np.where(np.isfinite(limits.angle_min), limits.angle_min + margin, first - spare)
+    high = np.where(np.isfinite(limits.angle_max), limits.angle_max - margin, last + spare)
     return zip(low.tolist(), high.tolist(), strict=True)
 
 

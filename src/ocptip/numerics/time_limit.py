@@ -20,6 +20,8 @@ class TimeIsUpError(KeyboardInterrupt):
 def interrupted_after(seconds: float) -> Iterator[None]:
     """Raise `TimeIsUpError` in this thread, the main one, after some time, s; infinite: never.
 
+    A limit around this one goes on afterwards.
+
     Raises:
         InputError: this is not the main thread, or the system has no timers.
     """
@@ -34,13 +36,15 @@ def interrupted_after(seconds: float) -> Iterator[None]:
     def stop(*_: Any) -> None:
         raise TimeIsUpError
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before, began = signal.signal(signal.SIGALRM, stop), time.monotonic()
+    around, _ = signal.setitimer(signal.ITIMER_REAL, seconds)  # 0: there is none
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+        if around:
+            signal.setitimer(signal.ITIMER_REAL, max(around - (time.monotonic() - began), 1e-6))
 
 
 class TimeBudget:
