@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from ocptip.standing.objects import Object
     from ocptip.standing.tolerance import Uncertainty
     from ocptip.task_files.scene import read_scene
+    from ocptip.trajectories.drive_profile import load_drive_profile
     from ocptip.trajectories.trajectory import Trajectory
 
     __version__: str
@@ -83,6 +84,7 @@ _HOME = {
     "drive": "ocptip.api.drive",
     "export": "ocptip.api.export",
     "identify": "ocptip.api.identify",
+    "load_drive_profile": "ocptip.trajectories.drive_profile",
     "load_task": "ocptip.api.tasks",
     "place": "ocptip.api.place",
     "plan": "ocptip.api.plan",
@@ -125,6 +127,7 @@ __all__ = [
     "drive",
     "export",
     "identify",
+    "load_drive_profile",
     "load_task",
     "place",
     "plan",

@@ -13,9 +13,8 @@ from ocptip.contact.force_programs import LoadRays
 from ocptip.contact.support import Support
 from ocptip.standing.drive_envelope import Manoeuvres, first_zero, largest_manoeuvres
 from ocptip.standing.tolerance import WORKSHOP
-from ocptip.standing.within.moving import MovingCase
+from ocptip.standing.within.moving import MovingCase, driving_case_of
 from ocptip.standing.within.tolerable import AT_REST
-from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES
 from tests.standing.test_base_motion import G, carried, feet
@@ -79,7 +78,7 @@ def test_limits_are_those_at_which_stand_changes(task):
     paths = Manoeuvres.accelerations(kinds, robot.support.gravity)
     nominal = largest_manoeuvres(robot, q, paths)
     found = largest_manoeuvres(robot, q, paths, ROUGH, nominal)
-    cases = worst_case_of(robot, ROUGH, True)
+    cases = driving_case_of(robot, ROUGH)
     for kind, largest, worst in zip(kinds, nominal.largest, found.largest, strict=True):
         for share, holds in ((1 - 1e-4, True), (1 + 1e-4, False)):
             motion = ocptip.BaseMotion(share * largest * kind)
@@ -107,7 +106,7 @@ def test_limits_within_pushes_and_on_free_wheels_are_those_of_the_worst_case(tas
     for model, tolerance in ((robot, pushed), (wheeled, ROUGH)):
         paths = Manoeuvres.accelerations(kinds, robot.support.gravity)
         found = largest_manoeuvres(model, q, paths, tolerance)
-        cases = worst_case_of(model, tolerance, True)
+        cases = driving_case_of(model, tolerance)
         assert np.any(found.slip < found.tip)
         for kind, largest in zip(kinds, found.largest, strict=True):
             for share, holds in ((1 - 1e-4, True), (1 + 1e-4, False)):

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.api.given import MotionLike, given_motion
+from ocptip.api.given import MotionLike, ProfileLike, given_motion
 from ocptip.api.motion_requirements import motion_outcomes
 from ocptip.api.plan import sensitivities_of, silent
 from ocptip.api.requirements import Outcome
@@ -41,6 +42,10 @@ from ocptip.trajectories.points import Points
 from ocptip.trajectories.sequence import joined
 from ocptip.trajectories.trajectory import Trajectory
 
+NO_STOPS = (
+    "while the base drives these are not checked: stops of the arm, torques of wheels, obstacles at rest in "
+    "the world, and sway at steps of the acceleration of base and arm at once"
+)
 SAME = {"deg": 0.01, "m": 1e-4}
 """Offsets of start and goal up to this are not worth a note."""
 _RETIMED_NODES = 100  # of the timing that a motion is told about: within 1 % of the duration
@@ -74,7 +79,9 @@ class Check(CheckedMotion):
     @property
     def assumed(self) -> list[str]:
         """The assumptions about the motion where its file gives nothing, one sentence each."""
-        return [*self.motion.assumed, f"the robot rests before 0 s and after {self.motion.end:.4g} s"]
+        rests = f"the robot rests before 0 s and after {self.motion.end:.4g} s"
+        driving = [NO_STOPS] if self.task.robot.acts.end else []
+        return [*self.motion.assumed, rests, *driving]
 
     @property
     def unproved(self) -> str:
@@ -161,9 +168,10 @@ class Check(CheckedMotion):
 
 def check(
     task: TaskLike | None,
-    motion: MotionLike | None = None,
+    motion: MotionLike | ArrayLike | None = None,
     *,
     base: Base | None = None,
+    drive_profile: ProfileLike | None = None,
     step: float = 0.01,
     time_scale: Sequence[float] = (),
     stops: Kinds | None = None,
@@ -185,13 +193,17 @@ def check(
 
         found = ocptip.check("task.toml", "trajectory.json")
         found = ocptip.check("plan-A")  # the folder of a plan
+        found = ocptip.check("cart.toml", "start", drive_profile="2 m, 0.8 m/s, 1 m/s^2")
 
     Args:
         task: robot and limits, what :func:`ocptip.load_task` takes; or, alone, the folder of a plan or a file
             that names its case.
         motion: a motion, such as `plan.motion`, or the path of a file: profile commands, a joint trajectory
-            (JSON, YAML), samples (CSV). None: that of `task`.
+            (JSON, YAML), samples (CSV). None: that of `task`. Where the base drives also a posture of an arm
+            that is held: (n,), rad (prismatic joints: m), or a name in the task.
         base: of a case, if it is not that of the file.
+        drive_profile: how the base drives meanwhile, instead of as in the task: what
+            :func:`ocptip.load_drive_profile` gives or takes.
         step: s, first distance of the instants.
         time_scale: factors; the check is repeated with all times multiplied by each.
         stops: what if the motion is stopped at any instant: along the path, by brakes, both, by a controller
@@ -213,13 +225,17 @@ def check(
             raise InputError(f"time_scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
     say = stage or silent
     if motion is None:
-        if not _is_path(task):
+        if not isinstance(task, str | os.PathLike):
             raise InputError("motion: missing; the task alone is no motion")
-        motion, task = cast(MotionLike, task), None
+        motion, task = task, None
     reading = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
-    name, task, given = given_motion(motion, task, base=base, **reading)
+    name, task, given = given_motion(motion, task, base=base, drive_profile=drive_profile, **reading)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
+    if task.robot.acts.end:
+        stops = None  # the arm's, see `NO_STOPS`
+        if sensitivities:
+            raise InputError("sensitivities: not for a base that drives")
     stopped = stops is not None or any(segment.task.limits.stoppable for segment in task.segments)
     asked = {"a cycle": task.is_cycle, "stops": stopped, "sensitivities": sensitivities, "design": design}
     for what in (name for name, wanted in asked.items() if wanted):
@@ -271,10 +287,6 @@ def check(
     )
 
 
-def _is_path(task: object) -> bool:
-    return isinstance(task, str | os.PathLike)
-
-
 def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     """The fastest timing of the path of a motion that fails, as a sentence.
 
@@ -283,7 +295,8 @@ def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
     beyond = {TORQUE_WITHIN, "jerk_ratio", *OF_PATH}
-    if checked.verified or checked.objects or task.robot.varying or not beyond.isdisjoint(broken):
+    waived = checked.verified or checked.objects or task.robot.acts.size
+    if waived or not beyond.isdisjoint(broken):
         return ""
     try:
         path = path_of_motion(motion).path

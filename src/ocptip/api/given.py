@@ -8,6 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.api.postures import resting_posture
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.read import only_inside, require_readable
@@ -16,12 +20,17 @@ from ocptip.motion.output import PLAN, TRAJECTORY
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
 from ocptip.trajectories.bags import is_bag
+from ocptip.trajectories.drive_profile import DriveProfile, load_drive_profile
 from ocptip.trajectories.read import load_motion, load_motions, motion_origin
 from ocptip.trajectories.trajectory import Trajectory
+
+ProfileLike = DriveProfile | str | os.PathLike[str]
+"""How a base drives: what `load_drive_profile` gives or takes."""
 
 MotionLike = Trajectory | str | os.PathLike[str]
 """A motion, that of a cycle, the path of a file that holds one, or the folder of a plan."""
@@ -69,11 +78,38 @@ def task_of_motion(
     return replace(found, limits=replace(found.limits, tolerance=DEFAULT)), path
 
 
+def _is_file(motion: object) -> bool:
+    """Whether a file is meant, which need not exist."""
+    return isinstance(motion, os.PathLike) or (
+        isinstance(motion, str) and (bool(Path(motion).suffix) or Path(motion).exists())
+    )
+
+
+def _driving(task: Task, profile: DriveProfile | None) -> Task:
+    """The task of an arm on a base that drives so; None: as it is."""
+    if profile is None:
+        return task
+    if task.is_cycle:
+        raise InputError("drive_profile: not for cycles, whose segments would each begin with it")
+    if not isinstance(task.robot, Robot):
+        raise InputError("drive_profile: only for arms, this robot is a parallel one")
+    return task.each(lambda own: replace(own, robot=cast(Robot, own.robot).driving(profile)))
+
+
+def _held(task: Task, posture: ArrayLike | str) -> tuple[str, Task, Trajectory]:
+    """The motion of an arm that holds a posture as long as its base drives."""
+    found = resting_posture(task, posture)
+    times = np.array([0.0, task.robot.acts.end])
+    motion = Trajectory.from_points(times, np.tile(found.q, (2, 1)))
+    return found.name, task, motion
+
+
 def given_motion(
-    motion: MotionLike,
+    motion: MotionLike | ArrayLike,
     task: TaskLike | None,
     *,
     base: Base | None = None,
+    drive_profile: ProfileLike | None = None,
     rise_time: float | None = None,
     unit: str | None = None,
     rate: float | None = None,
@@ -85,6 +121,18 @@ def given_motion(
     Profile commands have the given rise time, else that of the file, else that of the task. The trajectory in
     the folder of a plan is for the controller that the plan names.
     """
+    if drive_profile is not None and not isinstance(drive_profile, DriveProfile):
+        drive_profile = load_drive_profile(drive_profile)
+    if not isinstance(motion, Trajectory) and task is not None and not _is_file(motion):
+        driven = _driving(load_task(task, base=base), drive_profile)
+        if driven.robot.acts.end:
+            return _held(driven, motion)
+    if drive_profile is not None:
+        how = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
+        name, task, found = given_motion(motion, task, base=base, **how)
+        return name, _driving(task, drive_profile), found
+    if not isinstance(motion, str | os.PathLike | Trajectory):
+        raise InputError("motion: a posture is held only where the base drives; give a drive profile")
     if not isinstance(motion, str | os.PathLike):
         if task is None:
             raise InputError("task: missing; a motion that is no file does not say which robot it is of")

@@ -96,7 +96,7 @@ class Stage:
         stopped = check_motion(robot, motion, self.task.stops.asked(as_described))
         self.stops = stops_of(self.task, motion, stopped, "path")
         times = np.linspace(0.0, motion.end, POSTURES)
-        acting = robot.during(motion).acting(times)
+        acting = robot.driving(None).during(motion).acting(times)
         self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0], acting)
 
     def rests(self, robot: Robot, cases_file: str | None) -> None:

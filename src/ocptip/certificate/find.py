@@ -139,6 +139,8 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
         return f"motions of a {robot.kind} without closed forms cannot be proved"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
+    if robot.acts.end:
+        return "proofs do not cover a base that drives"
     if np.any(ForceSets(robot.support).rolls):
         return "proofs do not cover wheels that roll freely"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]

@@ -62,7 +62,7 @@ def run(options: Namespace) -> CheckReport:
         with naming("--bag"):
             require_new(options.bag)
     with naming_options(
-        "base", "step", "time_scale", "rate", "rise_time", "sensitivities", "design", "topic"
+        "base", "step", "time_scale", "rate", "rise_time", "sensitivities", "design", "topic", "drive_profile"
     ):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
         task = with_cancel(load_task(task, **given_limits(options)), options)
@@ -71,6 +71,7 @@ def run(options: Namespace) -> CheckReport:
             found = check(
                 task,
                 options.motion,
+                drive_profile=options.drive_profile,
                 step=options.step,
                 time_scale=options.time_scale,
                 stops=options.stops,

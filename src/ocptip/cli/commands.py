@@ -300,6 +300,15 @@ COMMANDS = (
             LIMITS,
             FILE_OF_MOTION,
             group(
+                "a base that drives",
+                argument(
+                    "--drive-profile",
+                    "PROFILE",
+                    "how the base drives meanwhile: CSV with velocities (v, w) or a course (x, y, yaw), a "
+                    "bag, or '2 m, 0.8 m/s, 1 m/s^2'; MOTION may then be a posture (start, goal)",
+                ),
+            ),
+            group(
                 "further answers",
                 stops(
                     "--stops",

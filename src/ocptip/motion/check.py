@@ -28,6 +28,7 @@ from ocptip.standing.limit_kinds.limit import SAMPLED, Limit, Sampled, Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WithinTolerance, worst_of_sampled
+from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 MOST_INSTANTS = 1_000_000
@@ -281,18 +282,22 @@ def check_motion(
     step = positive_number("step", step)
     robot.require_fit(motion.n)
     described, robot = robot, robot.during(motion)
-    pieces = robot.pieces(motion)
-    instants = motion.end / step + _MIN_POINTS * len(pieces)
+    pieces, end = robot.pieces(motion), max(motion.end, robot.acts.end)
+    if end > motion.end:  # the base drives on when the arm has come to rest
+        knots = robot.acts.knots
+        edges = np.array([motion.end, *knots[(knots > motion.end + MERGE) & (knots < end)], end])
+        pieces = np.vstack([pieces, np.column_stack([edges[:-1], edges[1:]])])
+    instants = end / step + _MIN_POINTS * len(pieces)
     if not instants <= MOST_INSTANTS:
         raise InputError(
-            f"step: the motion lasts {motion.end:.4g} s, which would be {instants:.2g} instants at steps of "
+            f"step: the motion lasts {end:.4g} s, which would be {instants:.2g} instants at steps of "
             f"{step:.4g} s, more than {MOST_INSTANTS:.0e}; take larger steps, or correct a speed or an "
             "acceleration that is far too small"
         )
     limits = limits or Limits()
     kinds = limits_of(robot, limits)
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
-    grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
+    grids += [_Grid(t, t, step) for t in (-INSIDE, end + INSIDE)]
     samples, unsolved, uncertified, lost = 0, [], [], dict[str, None]()
     contacts = tuple[ContactMargins, ...]()
     todo, ends = [grid.times for grid in grids], np.empty(0, dtype=int)

@@ -84,21 +84,25 @@ class RestLoads:
     Args:
         robot: on its base.
         q: (N, n) postures.
-        process: (N, 6) force and moment in its axes, if it varies.
+        acting: (N, k) what acts there, see `StandingMechanism.acting`.
 
     Attributes:
         per_gravity: (N, 6, 3) per component of gravity, N per m/s^2.
-        process: (N, 6) of what acts on the gripper besides.
+        process: (N, 6) of what acts on the gripper besides, and of the motion of the base.
         tool: (N, 3) gripper from the base's centre of mass, m.
     """
 
-    def __init__(self, robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> None:
+    def __init__(self, robot: Robot, q: np.ndarray, acting: np.ndarray | None = None) -> None:
         self.robot, still, about = robot, np.zeros_like(q), robot.support.center_of_mass
+        process, self.base_motion = robot.acts.split(acting)
+        given = {"about": about, "base_motion": self.base_motion}
         self.process, *weights = (
-            robot.pushed(robot.arm, q, still, still, process, gravity=g, about=about).wrench
+            robot.pushed(robot.arm, q, still, still, process, gravity=g, **given).wrench
             for g in (np.zeros(3), *np.eye(3))
         )
         self.per_gravity = np.stack(weights, axis=2) - self.process[:, :, None]
+        if self.base_motion is not None:
+            self.process = self.process + self.base_motion.inertial_wrench(robot.support)
         self.per_gravity[:, :3] += robot.support.mass * np.eye(3)
         self.tool = gripper_batch(robot.arm)(q)[0] - about
 
@@ -131,9 +135,10 @@ def load_cases(robot: Robot, asked: LoadCaseGrid) -> list[LoadCase]:
 
 def _in_pose(robot: Robot, q: np.ndarray, acting: np.ndarray | None) -> RestLoads:
     """In q (n,), once for each row of a process that varies, if its value (6,) is not given."""
+    robot = robot.driving(None)
     if robot.varying is None:
         return RestLoads(robot, q[None])
-    rows = np.hstack([robot.varying.force, robot.varying.moment]) if acting is None else acting[None]
+    rows = np.hstack([robot.varying.force, robot.varying.moment]) if acting is None else acting[None, :6]
     rows = np.unique(rows, axis=0)
     return RestLoads(robot, np.tile(q, (len(rows), 1)), rows)
 
@@ -166,10 +171,14 @@ def tilt_by_direction(
 def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
     """(N,) kg: the largest point mass at the gripper beyond what it holds, at rest in postures q (N, n).
 
-    At most the mass of the robot; what the drives can hold is not checked. A process that varies needs its
-    values, (N, 6).
+    At most the mass of the robot; what the drives can hold is not checked. A process that varies
+    needs its values, (N, 6). A base that drives rests.
     """
-    loads, gravity, keeps_contacts = RestLoads(robot, q, process), robot.support.gravity, _contact_test(robot)
+    loads, gravity, keeps_contacts = (
+        RestLoads(robot.driving(None), q, process),
+        robot.support.gravity,
+        _contact_test(robot),
+    )
 
     def stands(payload: np.ndarray) -> np.ndarray:
         return keeps_contacts(loads.wrenches(gravity, payload[:, None]))

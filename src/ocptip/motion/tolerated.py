@@ -242,17 +242,23 @@ class _Parts(RestLoads):
         one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
 
         def wrench(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> np.ndarray:
-            return evaluate_dynamics(model, q, *rates, gravity=gravity, about=about).wrench
+            given = {"gravity": gravity, "about": about, "base_motion": self.base_motion}
+            return evaluate_dynamics(model, q, *rates, **given).wrench
 
         moving = (qd, qdd)
-        self.inertial = wrench(arm, moving, np.zeros(3))
+        self.inertial, self.crossed = wrench(arm, moving, np.zeros(3)), np.zeros((len(q), 6))
+        if self.base_motion is not None:  # the speeds of arm and base meet in Coriolis forces
+            back = wrench(arm, (-qd, qdd), np.zeros(3))
+            self.crossed = 0.5 * (self.inertial - back)
+            self.inertial = 0.5 * (self.inertial + back) - wrench(arm, (0 * qd, 0 * qdd), np.zeros(3))
         both = wrench(one, moving, self.support.gravity), wrench(bare, moving, self.support.gravity)
         self.extra = both[0] - both[1]
 
     def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
-        """Wrenches (N, 6) on the base with this gravity (3,), m/s^2, at `speed` times the speed."""
+        """Wrenches (N, 6) on the base with gravity (3,), m/s^2, and the arm's speed times `speed`."""
         gravity = self.support.gravity if gravity is None else gravity
-        return self.per_gravity @ gravity + self.process + speed**2 * self.inertial
+        moving = speed**2 * self.inertial + speed * self.crossed
+        return self.per_gravity @ gravity + self.process + moving
 
     def push(self, side: np.ndarray) -> np.ndarray:
         """(N, 6): of a force of 1 N at the gripper in direction `side`."""
@@ -392,8 +398,8 @@ def _direction(side: np.ndarray) -> str:
 
 
 def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
-    """(K,) s, within the motion, of a process that varies."""
-    own = np.empty(0) if robot.varying is None else np.asarray(robot.varying.knots)
+    """(K,) s, within the motion, of what acts."""
+    own = robot.acts.knots
     return own[(own > 0) & (own < motion.end)]
 
 

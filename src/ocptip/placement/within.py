@@ -17,7 +17,7 @@ from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
 from ocptip.standing.slope import Weight
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.moving import MovingCase
+from ocptip.standing.within.moving import MovingCase, driving_case_of
 from ocptip.standing.within.rest import (
     CaseWithin,
     Push,
@@ -28,7 +28,6 @@ from ocptip.standing.within.rest import (
     found_within,
 )
 from ocptip.standing.within.tolerable import AT_REST
-from ocptip.standing.within.worst_case import worst_case_of
 
 SEARCHED = ("base_mass", "center_of_mass", "friction")
 """Quantities that the search for placements includes."""
@@ -71,7 +70,7 @@ def posture_case(
     """A robot in a posture, by parts of an uncertainty; arguments are those of `posture_within`."""
     if base_motion is not None:
         counting = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
-        return partial(MovingCase, worst_case_of(robot, counting, True), q, base_motion)
+        return partial(MovingCase, driving_case_of(robot, counting), q, base_motion)
     still, support, gravity = np.zeros((1, robot.n)), robot.support, robot.support.gravity
     wrench = robot.loads(q[None], still, still)[1][0]
 

@@ -6,8 +6,10 @@ The velocity of the origin itself does not matter.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -79,3 +81,23 @@ class BaseMotion:
         force = -support.mass * self.acceleration_at(support.center_of_mass)
         moment = -(al @ support.inertia + np.cross(w, w @ support.inertia))
         return np.concatenate(np.broadcast_arrays(force, moment), axis=-1)
+
+
+def acceleration_of(motion: Sequence[cs.SX], point: cs.SX) -> cs.SX:
+    """(3,), m/s^2: see `BaseMotion.acceleration_at`, of expressions of its three parts."""
+    a, w, al = motion
+    return a + cs.cross(al, point) + cs.cross(w, cs.cross(w, point))
+
+
+def inertial_wrench_of(
+    motion: Sequence[cs.SX], support: Support, share: cs.SX | float = 1.0, shift: cs.SX | None = None
+) -> cs.SX:
+    """(6,): see `BaseMotion.inertial_wrench`, of expressions of its three parts.
+
+    The base may have a share of its mass, and its centre of mass a shift, m, from the point of the moment.
+    """
+    _, w, al = motion
+    place, inertia = cs.SX.zeros(3) if shift is None else shift, cs.SX(support.inertia)
+    force = -support.mass * share * acceleration_of(motion, cs.SX(support.center_of_mass) + place)
+    turning = inertia @ al + cs.cross(w, inertia @ w)
+    return cs.vertcat(force, cs.cross(place, force) - share * turning)

@@ -21,7 +21,7 @@ from ocptip.contact.support import Support
 from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.arm_source import arm_from, resting_base
-from ocptip.robots.base_motion import BaseMotion
+from ocptip.robots.base_motion import BaseMotion, acceleration_of, inertial_wrench_of
 from ocptip.robots.braking import gravity_torques
 from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
 from ocptip.robots.collision.model import collisions_of
@@ -36,12 +36,14 @@ from ocptip.robots.pinocchio import PinocchioModel
 from ocptip.robots.point_speeds import PointSpeeds, checked_points
 from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
+from ocptip.standing.acting import Acting
 from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.objects import Object, carried_objects, carrier_motions, loaded, objects_note
 from ocptip.standing.sensor import WrenchSensor
+from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.trajectory import Trajectory
@@ -64,9 +66,10 @@ class Robot(StandingMechanism):
         objects: that only contacts hold; `arm` and `support` hold their masses, see `carrying`.
         reference_moment, redistribution: see `StandingMechanism`.
         sensor: see `StandingMechanism`; default: where the arm is mounted, in base axes.
+        drive_profile: how the base drives while the arm moves; default: it rests.
 
     Attributes:
-        arm, obstacles, shapes, objects: as given.
+        arm, obstacles, shapes, objects, drive_profile: as given.
         carried: the objects in the axes of what carries them.
         around: the obstacles and, where it counts, the floor that the base stands on.
 
@@ -90,7 +93,9 @@ class Robot(StandingMechanism):
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
         sensor: WrenchSensor | None = None,
+        drive_profile: DriveProfile | None = None,
     ) -> None:
+        self.drive_profile = drive_profile
         self.speed_limits = checked_points(arm, speed_limits)
         self._points = PointSpeeds(arm, self.speed_limits)
         self.further_limits = FurtherLimits.of_points(self.speed_limits)
@@ -250,7 +255,10 @@ class Robot(StandingMechanism):
             f"clearance: {1e3 * self.usual_clearance:.1f} mm where none is given, for {pair} are never "
             f"farther apart than {1e3 * widest:.1f} mm",
         )  # fmt: skip
-        return self.arm.notes + objects_note(self.objects) + process + near + super().notes
+        drives = () if self.drive_profile is None else (
+            f"the base drives: {self.drive_profile}; the arm has its clock, obstacles go along with it",
+        )  # fmt: skip
+        return self.arm.notes + objects_note(self.objects) + process + near + drives + super().notes
 
     @property
     def usual_clearance(self) -> float:
@@ -267,7 +275,7 @@ class Robot(StandingMechanism):
         q: np.ndarray,
         qd: np.ndarray,
         qdd: np.ndarray,
-        process: np.ndarray | None = None,
+        acting: np.ndarray | None = None,
         base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Joint torques (N, n), N m, or forces, N, and the total wrench (N, 6) on the base.
@@ -277,15 +285,12 @@ class Robot(StandingMechanism):
         Raises:
             InputError: the process varies, and its values are not given.
         """
-        return self._loads_of(self.arm, q, qd, qdd, process, base_motion)
+        return self._loads_of(self.arm, q, qd, qdd, acting, base_motion)
 
-    def acting(self, times: np.ndarray) -> np.ndarray:
-        """See `StandingMechanism.acting`."""
-        if self.varying is None:
-            return np.empty((len(times), 0))
-        if self.varying.over != TIME:
-            raise InputError(f"process: varies over {self.varying.over}, which the time alone does not tell")
-        return np.hstack(self.varying.at(times))
+    @property
+    def acts(self) -> Acting:
+        """See `StandingMechanism.acts`."""
+        return Acting(self.varying, self.drive_profile)
 
     def _loads_of(
         self,
@@ -293,11 +298,12 @@ class Robot(StandingMechanism):
         q: np.ndarray,
         qd: np.ndarray,
         qdd: np.ndarray,
-        process: np.ndarray | None,
+        acting: np.ndarray | None,
         base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torques and wrench on the base, see `loads`, with this arm instead."""
-        support = self.support
+        support, (process, driving) = self.support, self.acts.split(acting)
+        base_motion = base_motion or driving
         given = {"gravity": support.gravity, "about": support.center_of_mass, "base_motion": base_motion}
         dynamics = self.pushed(arm, q, qd, qdd, process, **given)
         own = support.weight if base_motion is None else support.weight + base_motion.inertial_wrench(support)
@@ -330,8 +336,14 @@ class Robot(StandingMechanism):
         """The process, if it varies."""
         return self.arm.process if self.arm.process is not None and self.arm.process.varies else None
 
+    def driving(self, profile: DriveProfile | None) -> Self:
+        """The same robot on a base that drives so; None: it rests."""
+        return self._changed(drive_profile=profile)
+
     def resting(self, share: float) -> Self:
         """See `StandingMechanism.resting`."""
+        if self.drive_profile is not None:
+            return self.driving(None).resting(share)
         process = self.varying
         if process is None:
             return self
@@ -358,7 +370,7 @@ class Robot(StandingMechanism):
         if process.over == PATH:
             times = np.linspace(0.0, motion.end, 1 + max(1, int(np.ceil(motion.end / _STEP))))
             values = self._way(motion.states(times)[0])
-        return self._acting(process.over_time(times, values))
+        return self._changed(arm=self.arm.with_process(process.over_time(times, values)))
 
     def along(self, path: JointPath) -> Self:
         """The same robot with a process that varies over the path of the TCP, if it varies.
@@ -367,6 +379,8 @@ class Robot(StandingMechanism):
             InputError: it varies over time, which a path has not yet.
         """
         process = self.arm.process
+        if self.drive_profile is not None:
+            raise InputError("drive_profile: drives over time, which a path does not know before it is timed")
         if process is None or not process.varies:
             return self
         if process.over != PATH:
@@ -378,17 +392,18 @@ class Robot(StandingMechanism):
         first, last = path.breakpoints[[0, -1]]
         places = np.union1d(np.linspace(first, last, _STEPS + 1), path.breakpoints)
         own = process.over_time(places, self._way(path.at(places)[0]))
-        return self._acting(own)
+        return self._changed(arm=self.arm.with_process(own))
 
     def at_pace(self, factor: float) -> Self:
-        """The same with a process whose times are multiplied by a factor > 0, if it varies over time."""
-        return self if self.varying is None else self._acting(self.varying.at_pace(factor))
+        """The same with all times of what acts over time multiplied by a factor > 0."""
+        acts = self.acts.at_pace(factor)
+        arm = self.arm if acts.process is None else self.arm.with_process(acts.process)
+        return self._changed(arm=arm, drive_profile=acts.drive_profile)
 
-    def _acting(self, process: ProcessWrench) -> Self:
-        """The same robot with another process; what was built for the arm without one stays."""
-        arm = self.arm.with_process(process)
+    def _changed(self, **arguments: Any) -> Self:
+        """The same robot with another process, or on a base that drives otherwise; what was built stays."""
         other = object.__new__(type(self))
-        vars(other).update(vars(self) | {"arm": arm, "_arguments": {**self._arguments, "arm": arm}})
+        vars(other).update(vars(self) | arguments | {"_arguments": {**self._arguments, **arguments}})
         return other
 
     def _way(self, q: np.ndarray) -> np.ndarray:
@@ -397,11 +412,10 @@ class Robot(StandingMechanism):
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def pieces(self, motion: Trajectory) -> np.ndarray:
-        """Intervals (S, 2), s, between switching times of the motion and knots of the process."""
-        process = self.arm.process
-        if process is None or process.over != TIME or not len(motion.intervals):
+        """Intervals (S, 2), s, between switching times of the motion and knots of what acts."""
+        knots = self.acts.knots
+        if not len(knots) or not len(motion.intervals):
             return motion.intervals
-        knots = np.asarray(process.knots)
         begins, ends = motion.intervals.T
         inside = [knots[(knots > a + MERGE) & (knots < b - MERGE)] for a, b in motion.intervals]
         begins = [np.concatenate([[a], own]) for a, own in zip(begins, inside, strict=True)]
@@ -409,8 +423,8 @@ class Robot(StandingMechanism):
         return np.column_stack([np.concatenate(begins), np.concatenate(ends)])
 
     def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and weights, s, between switching times of the motion and knots of the process."""
-        return gauss_legendre(self.pieces(motion), order) if self.varying else motion.quadrature(order)
+        """Nodes and weights, s, between switching times of the motion and knots of what acts."""
+        return gauss_legendre(self.pieces(motion), order) if self.acts.size else motion.quadrature(order)
 
     def _small_motions(
         self, arm: ArmModel, springs: tuple[int, ...], q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
@@ -432,13 +446,13 @@ class Robot(StandingMechanism):
         return None if self.arm.gears is None else spring_chain(self.arm)
 
     def swing_loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, acting: np.ndarray | None = None
     ) -> np.ndarray:
         """See `StandingMechanism.swing_loads`."""
         if self.chain is None:
-            return self.loads(q, qd, qdd, process)[1]
+            return self.loads(q, qd, qdd, acting)[1]
         own = [self.chain.spread(values) for values in (q, qd, qdd)]
-        torques, wrenches = self._loads_of(self.chain.arm, own[0], own[1], own[2], process)
+        torques, wrenches = self._loads_of(self.chain.arm, own[0], own[1], own[2], acting)
         return np.hstack([wrenches, -torques[:, self.chain.springs]])
 
     def small_motions(
@@ -478,15 +492,20 @@ class Robot(StandingMechanism):
         return [np.vstack([self.arm.mount_position, link_frames(self.arm, q).origins])]
 
     def load_expressions(
-        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
-        """Torques and wrench as CasADi columns; `process` (6,) is the present value of one that varies."""
+        """Torques and wrench as CasADi columns; `acting` (k,) are present values, see `Acting`."""
         support, arm, force, moment = self.support, self.arm, cs.SX.zeros(3), cs.SX.zeros(3)
+        process, base = self.acts.expressions(acting)
         if process is not None and self.varying:
             arm, turns = self.arm.without_process, self.varying.turns_with_tool
             turn = chain(arm, q)[0][-1] if turns else cs.SX.eye(3)
             force, moment = (turn @ part for part in cs.vertsplit(process, 3))
-        torque, wrench = inverse_dynamics(arm)(
-            q, qd, qdd, support.gravity, force, moment, support.center_of_mass
+        pull, own = cs.SX(support.gravity), cs.SX(support.weight)
+        if base:
+            pull = pull - acceleration_of(base, cs.SX(arm.mount_position))
+            own = own + inertial_wrench_of(base, support)
+        torque, wrench = inverse_dynamics(arm, bool(base))(
+            q, qd, qdd, pull, force, moment, support.center_of_mass, *base[1:]
         )
-        return torque, wrench + support.weight
+        return torque, wrench + own

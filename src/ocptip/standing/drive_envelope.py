@@ -21,7 +21,8 @@ from ocptip.contact.force_programs import LoadRays
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
-from ocptip.standing.within.worst_case import WorstCase, worst_case_of
+from ocptip.standing.within.moving import driving_case_of
+from ocptip.standing.within.worst_case import WorstCase
 
 LARGEST = 100.0
 """Largest parameter that is tried, m/s^2, rad/s or m^2/s^2: no ground vehicle gets there."""
@@ -158,7 +159,7 @@ class _ManoeuvreSearch:
     """
 
     def __init__(self, robot: Robot, q: np.ndarray, manoeuvres: Manoeuvres, tolerance: Uncertainty) -> None:
-        self._cases = worst_case_of(robot, tolerance, True)
+        self._cases = driving_case_of(robot, tolerance)
         self._s = np.concatenate([q, np.zeros(2 * robot.n)])
         self._manoeuvres = manoeuvres
         tip_over = self._cases.footing.tip_over
@@ -167,16 +168,16 @@ class _ManoeuvreSearch:
         curved = np.any(manoeuvres.root) or np.any(manoeuvres.linear[:, 3:6])
         self._shares = np.array(_INSIDE if curved else (0.0, 1.0))
 
-    def _moving(self, which: np.ndarray, x: np.ndarray) -> WorstCase:
-        return self._cases.moving(*self._manoeuvres.at(which, x))
+    def _moving(self, which: np.ndarray, x: np.ndarray) -> tuple[WorstCase, np.ndarray]:
+        """The worst case of families (R,) at parameters (R,), and their states (R, 3 n + 9)."""
+        rows, gravity = self._manoeuvres.at(which, x)
+        s = np.broadcast_to(self._s, (len(which), len(self._s)))
+        return self._cases.on_slopes(gravity), np.hstack([s, rows])
 
     def _wrenches(self, which: np.ndarray, x: np.ndarray, off: np.ndarray) -> np.ndarray:
         """(R, 6): of families (R,) at parameters (R,) with deviations (R, size) from the nominal model."""
-        deviations = self._moving(which, x).deviations
-        return deviations.wrench(self._states(which), off + deviations.nominal(len(which)))[0]
-
-    def _states(self, which: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(self._s, (len(which), len(self._s)))
+        cases, s = self._moving(which, x)
+        return cases.deviations.wrench(s, off + cases.deviations.nominal(len(which)))[0]
 
     def _polynomials(self, which: np.ndarray, off: np.ndarray, scale: np.ndarray) -> np.ndarray:
         """(R, 3, 6): coefficients of the wrenches over x, from values at 0, scale and 2 scale."""
@@ -244,8 +245,8 @@ class _ManoeuvreSearch:
         """Minima (R,) of affine functions of the wrench and their deviations (R, size), up to bounds."""
         shares = self._shares
         many, a, more = (np.repeat(own, len(shares), axis=0) for own in (which, slopes, offsets))
-        cases = self._moving(many, (bounds[:, None] * shares).ravel())
-        worst = cases.least(self._states(many), lambda w: (np.einsum("rw,rw->r", a, w) + more, a))
+        cases, s = self._moving(many, (bounds[:, None] * shares).ravel())
+        worst = cases.least(s, lambda w: (np.einsum("rw,rw->r", a, w) + more, a))
         values = worst.values.reshape(len(which), -1)
         off = (worst.theta - cases.deviations.nominal(len(many))).reshape(*values.shape, -1)
         k, rows = np.argmin(values, axis=1), np.arange(len(which))
@@ -315,7 +316,8 @@ class _ManoeuvreSearch:
 
         With them, (R,) by how much farther than the present ones do, relative to the load.
         """
-        deviations, s = self._moving(which, x).deviations, self._states(which)
+        cases, s = self._moving(which, x)
+        deviations = cases.deviations
         nominal = deviations.nominal(len(which))
         size = np.linalg.norm(self._cases.footing.support.weight)
 

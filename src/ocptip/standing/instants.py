@@ -137,7 +137,9 @@ class Instants(Loaded):
     @cached_property
     def interfaces(self) -> tuple[Loaded, ...]:
         """The base and each object under their wrenches, in the order of the robot's `interfaces`."""
-        wrenches = self.robot.object_wrenches(*self.motion_states, self.base_motion)
+        wrenches = self.robot.object_wrenches(
+            *self.motion_states, self.base_motion or self.robot.acts.split(self.process)[1]
+        )
         return (self, *map(Loaded, self.robot.interfaces[1:], wrenches))
 
     @property

@@ -27,6 +27,7 @@ from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain
+from ocptip.standing.acting import Acting
 from ocptip.standing.footing import Footing, center_by_weights
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
@@ -154,33 +155,38 @@ class StandingMechanism(MadeOf, Footing, ABC):
         q: np.ndarray,
         qd: np.ndarray,
         qdd: np.ndarray,
-        process: np.ndarray | None = None,
+        acting: np.ndarray | None = None,
         base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass.
 
-        A process that varies needs its values, see `acting`. Without a base motion the base rests; with one
-        the inertia of the base is part of the wrench.
+        A process that varies needs its values, see `acting`. Without a base motion, or one in `acting`, the
+        base rests; with one the inertia of the base is part of the wrench.
         """
+
+    @property
+    def acts(self) -> Acting:
+        """What acts on it besides its motion: a process that varies, a base that drives."""
+        return Acting()
 
     def acting(self, times: np.ndarray) -> np.ndarray:
-        """(N, 6): force and moment of a process at instants (N,), s, in its axes; (N, 0) if none varies.
+        """(N, k): what acts at instants (N,), s, see `acts`.
 
-        It has to vary over time, see `during`, or over the place on a path, see `along`.
+        A process has to vary over time, see `during`, or over the place on a path, see `along`.
         """
-        return np.empty((len(times), 0))
+        return self.acts.at(times)
 
     @abstractmethod
     def load_expressions(
-        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
         """Torques and wrench on the base as CasADi columns (n,) and (6,).
 
-        Where there is a `varying` process its present value (6,), in its axes, is asked for.
+        Where something `acts` its present values (k,) are asked for.
         """
 
     def swing_loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, acting: np.ndarray | None = None
     ) -> np.ndarray:
         """(N, d), N, N m: what moves base and springs of gears that stay as they are, where `knows_inertia`.
 

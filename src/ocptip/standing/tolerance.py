@@ -27,7 +27,7 @@ _ALONG = 1e-9  # sine of the angle up to which an axis counts as along gravity
 _STEEPEST = pi / 4  # rad
 _STEPS = 200
 _LATEST = 1.0  # s; above that it is the value that is off: not in ms
-_SHARES = ("arm_mass", "payload_mass", "friction", "speed")
+_SHARES = ("arm_mass", "payload_mass", "friction", "speed", "drive_speed")
 _SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
 BOXES = ("center_of_mass", "payload_center")
 
@@ -39,6 +39,7 @@ IN_FILES = {
     "extra_mass": ("extra_mass", 1.0),
     "delay_ms": ("delay", 1e-3),
     "speed": ("speed", 1.0),
+    "drive_speed": ("drive_speed", 1.0),
     "push": ("push", 1.0),
     "base_push": ("base_push", 1.0),
     "damping": ("damping", 1.0),
@@ -120,6 +121,8 @@ class Uncertainty:
         payload_center: (3,), m: half sides of the box about the payload's centre of mass, gripper axes.
         delay: s: maximum delay of every joint, independently.
         speed: relative: share by which a motion may run faster or slower, below 1.
+        drive_speed: relative: share by which a base drives faster or slower than its profile, on the same
+            clock: velocities by it, accelerations by its square.
         push: N: a force up to this in any direction at the TCP.
         base_push: N: the same at the base's centre of mass, wherever that is in its box.
         damping: damping ratio of feet and structure, below 1, with which acceleration steps overshoot; None:
@@ -136,6 +139,7 @@ class Uncertainty:
     payload_center: Sequence[float] = (0.0, 0.0, 0.0)
     delay: float = 0.0
     speed: float = 0.0
+    drive_speed: float = 0.0
     push: float = 0.0
     base_push: float = 0.0
     damping: float | None = None
@@ -327,6 +331,7 @@ _WORDS = {
     "payload_center": lambda half: _half_sides("payload's centre of mass", half),
     "delay": lambda time: f"joints delayed by up to {1e3 * time:.3g} ms",
     "speed": lambda share: f"{100 * share:.3g} % faster or slower",
+    "drive_speed": lambda share: f"base {100 * share:.3g} % faster or slower",
     "push": lambda force: f"push of {force:.3g} N at the gripper",
     "base_push": lambda force: f"push of {force:.3g} N at the base",
     "damping": lambda zeta: f"acceleration steps overshoot at {100 * zeta:.3g} % damping",

@@ -50,6 +50,7 @@ from ocptip.task_files.task_scene import (
     task_keys,
 )
 from ocptip.task_files.tolerance import tolerance_of
+from ocptip.trajectories.drive_profile import load_drive_profile
 from ocptip.trajectories.velocity_profiles import SHORTEST_RISE, checked_rise_times
 
 _KIND = schema.choice("Stops.", get_args(Kinds))
@@ -193,6 +194,13 @@ DURATION = {
     "duration": schema.number("The motion takes exactly so long.", "s", bound="> 0", otherwise="free"),
     "max_duration": schema.number("The motion takes at most so long.", "s", bound="> 0", otherwise="free"),
 }
+DRIVE = {
+    "drive_profile": schema.file(
+        "Drive profile: CSV with velocities (v, w) or a course (x, y, yaw).",
+        default=None,
+        otherwise="the base rests",
+    )
+}
 _ONE_DURATION = [("duration", "max_duration")]
 
 
@@ -243,7 +251,9 @@ MOTION = task_keys(
         "arm": {
             "object": schema.tables(OBJECT, "Objects that only contacts hold."),
             "motion": schema.table(
-                motion_keys("motion of an arm", {**end_keys("start", "start"), **end_keys("goal", "goal")})
+                motion_keys(
+                    "motion of an arm", {**end_keys("start", "start"), **end_keys("goal", "goal"), **DRIVE}
+                )
             ),
         },
         "robot": {
@@ -335,6 +345,8 @@ def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
         return ramp_task(name, robot, starts[0], goals[0], scene.limits, motion)
     given = [own[0] for own, pose in ends if pose is None]
     robot = _with_finer_solids(robot, np.reshape(given, (-1, robot.n)), scene.limits.clearance)
+    if (profile := motion["drive_profile"]) is not None:
+        robot = robot.driving(load_drive_profile(profile))
     pairs = posture_pairs(robot, scene.limits, starts, goals)
     task = ramp_task(name, robot, *pairs[0], scene.limits, motion)
     targets = ends[0][1], ends[1][1]

@@ -55,6 +55,7 @@ TOLERANCE = Keys(
         ),
         "delay_ms": _size("Largest delay of every joint by itself.", "ms", ">= 0"),
         "speed": _share("the speed of the motion"),
+        "drive_speed": _share("the speed of the base on its drive profile"),
         "push": _size("Largest force in any direction at the TCP.", "N"),
         "base_push": _size("Largest force in any direction at the centre of mass of the base.", "N"),
         "damping": _size("Damping ratio of feet and structure, with which acceleration steps overshoot.", ""),

@@ -26,6 +26,7 @@ TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 FLOAT = "std_msgs/msg/Float64"
+TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry")
 
 MOST_MESSAGES = 2_000_000
 """Messages that are read: 30 minutes at 1 kHz."""
@@ -104,6 +105,21 @@ def recording_in_bag(path: str | os.PathLike[str], topics: Sequence[str] = ()) -
             raise InputError(f"topic: {some(wrenches)} are wrenches; name that of the sensor in the base")
         others = [name for name, kind in bag.topics.items() if kind == WRENCH and name not in chosen]
         return _table(list(bag.messages(chosen)), others)
+
+
+def twists_in_bag(path: str | os.PathLike[str], topic: str | None = None) -> TextTable:
+    """Velocities of a base: commands, or odometry.
+
+    Args:
+        path: of the bag.
+        topic: of one of `TWISTS`; None: the only topic of the first of these types that is there.
+
+    Raises:
+        InputError: see :func:`motion_in_bag`.
+    """
+    with _opened(path) as bag:
+        chosen = bag.named(topic, TWISTS) if topic else bag.only(TWISTS)
+        return _table(list(bag.messages([chosen])))
 
 
 def write_bag(
@@ -248,7 +264,7 @@ class _Bag:
             if number >= MOST_MESSAGES:
                 raise InputError(f"has more than {MOST_MESSAGES:,} messages on {some(topics)}")
             read.append((connection.topic, time, self.decode(raw, connection.msgtype)))
-        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for *_, m in read]
+        stamps = [_stamp_of(message) for *_, message in read]
         if all(stamps):
             read = [(topic, stamp, m) for (topic, _, m), stamp in zip(read, stamps, strict=True)]
         yield from sorted(read, key=lambda one: one[1])
@@ -307,6 +323,13 @@ def _one(messages: Sequence[Any], times: Sequence[int], topic: str, number: str)
     )
 
 
+def _stamp_of(message: Any) -> int:
+    """Time in ns of a message, 0 where it has none."""
+    if message.__msgtype__ == TWISTS[1]:
+        return 0
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
 def _short(kind: str) -> str:
     """A type without its package."""
     return kind.rpartition("/")[2]
@@ -354,6 +377,11 @@ def _cells_of(message: Any, where: str) -> dict[str, str]:
     """Titles and numbers of a message."""
     if message.__msgtype__ == WRENCH:
         return {f"{part}.{axis}": repr(getattr(getattr(message.wrench, part), axis)) for part, axis in _AXES}
+    if message.__msgtype__ in TWISTS:
+        while hasattr(message, "twist"):
+            message = message.twist
+        cells = {f"linear.{axis}": repr(getattr(message.linear, axis)) for axis in "xy"}
+        return {**cells, "angular.z": repr(message.angular.z)}
     cells = {}
     for field in _FIELDS:
         values = getattr(message, field).tolist()

@@ -16,6 +16,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import SITE, Uncertainty
 from ocptip.standing.within.deviations import Deviations, towards
+from ocptip.standing.within.moving import driving_case_of
 from ocptip.standing.within.worst_case import WorstCase
 from studies.tolerance.samples import random_deviations
 from tests.quick import examples
@@ -88,12 +89,15 @@ def test_the_wrench_is_that_of_a_robot_built_anew(robot, cases):
 
 
 def test_the_wrench_on_a_moving_base_is_that_of_a_robot_built_anew(robot):
-    rng, own = np.random.default_rng(3), WorstCase(robot, WIDE, drives=True).deviations
+    rng, tolerance = np.random.default_rng(3), dataclasses.replace(WIDE, drive_speed=0.2)
+    own = driving_case_of(robot, tolerance).deviations
     s, motions = states(rng, 3), rng.normal(size=(3, 9))
     off = random_deviations(own, rng, 3)
-    found = own.wrench(s, off + own.moving(motions).nominal(3))[0]
+    found = own.wrench(np.hstack([s, motions]), off)[0]
     for row in range(3):
-        motion = BaseMotion(*motions[row].reshape(3, 3))
+        a, w, al = motions[row].reshape(3, 3)
+        rush = 1 + float(off[row, own.places["drive_speed"]][0])
+        motion = BaseMotion(rush * a, np.sqrt(rush) * w, rush * al)
         expected = built_anew(robot, own, off[row], s[row], motion)
         assert np.allclose(found[row], expected, rtol=1e-10, atol=1e-10)
 

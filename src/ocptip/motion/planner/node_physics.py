@@ -17,7 +17,7 @@ from ocptip.standing.mechanism import StandingMechanism
 class NodePhysics:
     """Quantities y = (power; torques (n); wrench (6); further (k)) of a robot over s = (q, qd, qdd) (3 n).
 
-    Of a robot with a process that varies s also has the present value of this process: (3 n + 6).
+    Of a robot on which something acts s also has its present values, see `standing.acting`: (3 n + k).
 
     Power is the sum over the joints, W; torques in N m; the wrench acts on the base about its centre of mass,
     its weight included, N and N m; further quantities: see `StandingMechanism`. Where a drive's power has a
@@ -41,7 +41,7 @@ class NodePhysics:
     def __init__(self, robot: StandingMechanism, smooth: bool = False) -> None:
         self.robot, self.smooth = robot, smooth or not robot.direct_drives
         n = self.n = robot.n
-        self._size = 3 * n + 6 * (robot.varying is not None)
+        self._size = 3 * n + robot.acts.size
         self.columns = NodeColumns(n, robot.further_limits.count)
         self._s = cs.SX.sym("s", self._size)
         q, qd, qdd, *process = cs.vertsplit(self._s, sorted({0, n, 2 * n, 3 * n, self._size}))

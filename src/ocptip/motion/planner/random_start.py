@@ -136,7 +136,7 @@ def pace_that_stands(
     times = motion.quadrature(4)[0]
     q, qd, qdd = motion.states(times)
     for pace in paces:
-        acting = robot if robot.varying is None else robot.during(motion.time_scaled(pace))
+        acting = robot if not robot.acts.size else robot.during(motion.time_scaled(pace))
         at = Instants.of_states(acting, q, qd / pace, qdd / pace**2, pace * times)
         if all(limit.kept(at) for limit in limits if limit.of_contacts):
             return pace

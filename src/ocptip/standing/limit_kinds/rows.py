@@ -41,7 +41,7 @@ class RowNodes(ABC):
 
     @property
     def process(self) -> np.ndarray:
-        """(N, 6) of one that varies, else (N, 0)."""
+        """(N, k) of what acts, see `standing.acting`."""
         return self.s[:, 3 * self.columns.n :]
 
     @property

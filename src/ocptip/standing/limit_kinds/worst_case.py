@@ -214,7 +214,12 @@ def as_described(robot: StandingMechanism, asked: Limits, rest: np.ndarray, jump
 
 
 def _at_rest(robot: StandingMechanism, rest: np.ndarray) -> np.ndarray:
-    """States (k, 3 n) of postures (k, n) from start to goal at rest; with what acts there, if that varies."""
+    """States of postures (k, n) from start to goal at rest; with a process there, if it varies.
+
+    A base that drives rests as well.
+    """
     still = np.zeros_like(rest)
     ends = [robot.resting(share).process_at_rest for share in np.linspace(0, 1, len(rest))]
-    return np.hstack([rest, still, still, *([np.array(ends)] if robot.varying is not None else [])])
+    process = [np.array(ends)] if robot.varying is not None else []
+    base = np.zeros((len(rest), robot.acts.size - 6 * len(process)))
+    return np.hstack([rest, still, still, *process, base])

@@ -51,12 +51,14 @@ def require_exportable(robot: StandingMechanism) -> Robot:
     """The robot as an arm that a simulator can have.
 
     Raises:
-        InputError: it is a parallel robot, or a contact has no model.
+        InputError: it is a parallel robot, its base drives, or a contact has no model.
     """
     if not isinstance(robot, Robot):
         raise InputError(
             f"only arms are exported with their base, not a {robot.kind} (see ocptip parallel --mjcf)"
         )
+    if robot.drive_profile is not None:
+        raise InputError("drive_profile: simulations are of a base that rests, not of one that drives")
     for number, contact in enumerate(robot.support.contacts):
         jaws_of(contact, number)
     return robot

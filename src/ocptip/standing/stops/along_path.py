@@ -249,7 +249,7 @@ class StopSlopes:
 
     def __init__(self, robot: StandingMechanism, time: float) -> None:
         n, limits = robot.n, robot.limits
-        size = 3 * n + 6 * (robot.varying is not None)
+        size = 3 * n + robot.acts.size
         s, on_wrench, ratio = cs.SX.sym("s", size), cs.SX.sym("on_wrench", 6), cs.SX.sym("ratio")
         q, qd, qdd, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
         still = cs.SX.zeros(n)

@@ -174,7 +174,7 @@ class CancelSlopes:
 
     def __init__(self, robot: Robot, decelerations: tuple[float, ...]) -> None:
         n = robot.n
-        size = 3 * n + 6 * (robot.varying is not None)
+        size = 3 * n + robot.acts.size
         s, on_wrench, rate = cs.SX.sym("s", size), cs.SX.sym("on_wrench", 6), cs.DM(decelerations)
         sign, moves, weights = (cs.SX.sym(name, n) for name in ("sign", "moves", "weights"))
         q, qd, _, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))

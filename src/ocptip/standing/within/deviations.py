@@ -17,6 +17,7 @@ import numpy as np
 
 from ocptip.basics.text import towards
 from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.base_motion import acceleration_of, inertial_wrench_of
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
 from ocptip.standing.arm import Robot
@@ -31,15 +32,14 @@ class Deviations:
     Args:
         robot: on its base.
         tolerance: of it.
-        drives: whether the base may move, see :meth:`moving`.
 
     Attributes:
         low, high: (size,) ends of those that are intervals; zero for tilts and pushes.
         places: slices of theta by name.
     """
 
-    def __init__(self, robot: Robot, tolerance: Uncertainty, drives: bool = False) -> None:
-        self.robot, self._drives = robot, drives
+    def __init__(self, robot: Robot, tolerance: Uncertainty) -> None:
+        self.robot = robot
         self.places: dict[str, slice] = {}
         for name, (least, _) in self._ends(tolerance).items():
             self.places[name] = slice(self.size, self.size + len(least))
@@ -68,20 +68,12 @@ class Deviations:
         other.low, other.high = ends
         return other
 
-    def moving(self, motions: np.ndarray, gravity: np.ndarray | None = None) -> Deviations:
-        """The same of N states whose base moves as in rows (N, 9) of `BaseMotion`, which is then nominal.
-
-        On slopes gravity, (N, 3), m/s^2, base axes, is another one than that of the support.
-        """
+    def on_slopes(self, gravity: np.ndarray) -> Deviations:
+        """The same of N states of a base that drives, with gravity (N, 3), m/s^2, which is then nominal."""
         _ = self.wrench, self._first  # made once, they serve all copies
         other = copy(self)
-        if gravity is not None:
-            other._gravity = gravity
-        other._nominal = np.zeros((len(motions), self.size))
-        parts = zip(_MOTION, (-1.0, 1.0, 1.0), np.split(motions, 3, axis=1), strict=True)
-        for name, sign, values in parts:  # an accelerated base is one in another gravity
-            other._nominal[:, self.places[name]] = sign * values
-        other._nominal[:, self.places["gravity"]] += other._gravity - self.robot.support.gravity
+        other._gravity, other._nominal = gravity, np.zeros((len(gravity), self.size))
+        other._nominal[:, self.places["gravity"]] = gravity - self.robot.support.gravity
         return other
 
     def some(self, rows: np.ndarray) -> Deviations:
@@ -97,7 +89,7 @@ class Deviations:
         return other
 
     def nominal(self, count: int) -> np.ndarray:
-        """Deviations (count, size) of nominal states: zero but for payloads and motions of the base."""
+        """Deviations (count, size) of nominal states: zero but for payloads and slopes."""
         return np.zeros((count, self.size)) if self._nominal is None else self._nominal.copy()
 
     def _set(self, tolerance: Uncertainty) -> None:
@@ -127,36 +119,32 @@ class Deviations:
             "speed": (pace[:1], pace[1:]),
             "delay": (np.zeros(robot.n), np.full(robot.n, late)),
         }
+        if robot.drive_profile is not None:
+            ends["drive_speed"] = tuple(np.array([(1 + k * own.drive_speed) ** 2 - 1]) for k in (-1, 1))
         found = {
             name: pair for name, pair in ends.items() if np.any(pair) or name == "extra_mass"
         }  # one at least
         sizes = {"gravity": own.tilt, "push": own.push, "base_push": own.base_push}
-        sizes |= dict.fromkeys(_MOTION, 1.0) if self._drives else {}
+        sizes["gravity"] += robot.drive_profile is not None  # see `on_slopes`
         return found | {name: (np.zeros(3), np.zeros(3)) for name, size in sizes.items() if size}
 
     # --- physics ------------------------------------------------------------------------------------------
 
     @cached_property
     def _expressions(self) -> tuple[cs.SX, cs.SX, cs.SX]:
-        """State s (3 n,), with what a process is that varies (3 n + 6,), deviations (size,), wrench (6,)."""
-        robot, n, varying = self.robot, self.robot.n, self.robot.varying
-        size = 3 * n + 6 * (varying is not None)
+        """State s (3 n,), with what acts (3 n + k,), deviations (size,), wrench (6,)."""
+        robot, n = self.robot, self.robot.n
+        size = 3 * n + robot.acts.size
         s, theta = cs.SX.sym("s", size), cs.SX.sym("theta", self.size)
 
         def part(name: str, size: int) -> cs.SX:
             return theta[self.places[name]] if name in self.places else cs.SX.zeros(size)
 
         support, gravity = robot.support, cs.SX(robot.support.gravity) + part("gravity", 3)
-        spin = {name: theta[self.places[name]] for name in ("spin", "spin_change") if name in self.places}
-
-        def pull(place: cs.SX) -> cs.SX:
-            """Gravity less the acceleration of a place of the base."""
-            if not spin:
-                return gravity
-            w, change = spin["spin"], spin["spin_change"]
-            return gravity - cs.cross(change, place) - cs.cross(w, cs.cross(w, place))
-
         q, qd, qdd, *acting = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
+        process, base = robot.acts.expressions(*acting or [None])
+        rush = 1 + part("drive_speed", 1)  # speed of the base squared
+        base = [part * scale for part, scale in zip(base, (rush, cs.sqrt(rush), rush), strict=bool(base))]
         late = part("delay", n)  # exact as long as the acceleration is constant
         q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
         pace = 1 + part("speed", 1)  # speed squared
@@ -170,25 +158,24 @@ class Deviations:
         if "extra_mass" in self.places:
             bodies.append((part("extra_mass", 1), cs.SX(arm.offsets[-1]), np.zeros((3, 3))))
         pressed, twisted = cs.SX.zeros(3), cs.SX.zeros(3)
-        if varying is not None:
-            arm, turn = (
-                arm.without_process,
-                chain(arm, q)[0][-1] if varying.turns_with_tool else cs.SX.eye(3),
-            )
-            pressed, twisted = (turn @ own for own in cs.vertsplit(acting[0], 3))
+        if process is not None and robot.varying is not None:
+            arm, turns = arm.without_process, robot.varying.turns_with_tool
+            turn = chain(arm, q)[0][-1] if turns else cs.SX.eye(3)
+            pressed, twisted = (turn @ own for own in cs.vertsplit(process, 3))
+        pull = gravity - acceleration_of(base, cs.SX(arm.mount_position)) if base else gravity
+        spin = dict(zip(("spin", "spin_change"), base[1:], strict=bool(base)))
         _, wrench = newton_euler(
-            arm, q, qd, qdd, pull(cs.SX(arm.mount_position)), pressed, twisted, cs.SX(support.center_of_mass),
+            arm, q, qd, qdd, pull, pressed, twisted, cs.SX(support.center_of_mass),
             scales=1 + part("arm_mass", len(arm.masses)), carried=bodies, **spin,
         )  # fmt: skip
         share, shift = 1 + part("base_mass", 1), part("center_of_mass", 3)
-        weight = support.mass * share * pull(cs.SX(support.center_of_mass) + shift)
-        force = weight + part("base_push", 3)  # both act at the base's centre of mass, wherever that is
-        moment = cs.cross(shift, force)
-        if spin:
-            inertia, w = cs.SX(support.inertia), spin["spin"]
-            moment = moment - share * (inertia @ spin["spin_change"] + cs.cross(w, inertia @ w))
+        # Both act at the base's centre of mass, wherever that is.
+        force = support.mass * share * gravity + part("base_push", 3)
+        wrench = wrench + cs.vertcat(force, cs.cross(shift, force))
+        if base:
+            wrench = wrench + inertial_wrench_of(base, support, share, shift)
         push, tool = part("push", 3), chain(arm, q)[1][-1] - cs.SX(support.center_of_mass)
-        return s, theta, wrench + cs.vertcat(force + push, moment + cs.cross(tool, push))
+        return s, theta, wrench + cs.vertcat(push, cs.cross(tool, push))
 
     @cached_property
     def wrench(self) -> BatchFunction:
@@ -310,9 +297,10 @@ class Deviations:
             for axis, shift in zip("xyz", parts.get(name, ()), strict=False):
                 if shift:
                     found.append(f"{word} {1e3 * shift:+.3g} mm in {axis}")
-        if np.any(pace := parts.get("speed", np.zeros(1))):
-            change = float(np.sqrt(1 + pace[0]) - 1)
-            found.append(f"{100 * abs(change):.3g} % {'faster' if change > 0 else 'slower'}")
+        for name, who in (("speed", ""), ("drive_speed", "base ")):
+            if np.any(pace := parts.get(name, np.zeros(1))):
+                change = float(np.sqrt(1 + pace[0]) - 1)
+                found.append(f"{who}{100 * abs(change):.3g} % {'faster' if change > 0 else 'slower'}")
         late = np.round(np.minimum(parts.get("delay", np.zeros(0)), self.tolerance.delay), 6)
         for delay in dict.fromkeys(late[late > 0].tolist()):
             joints = ", ".join(f"{j + 1}" for j in np.flatnonzero(late == delay))
@@ -325,8 +313,7 @@ class Deviations:
         return ", ".join(found)
 
 
-_MOTION = ("gravity", "spin", "spin_change")
-_FREE = (*_MOTION, "push", "base_push")
+_FREE = ("gravity", "push", "base_push")
 _MASSES = {"base_mass": "base mass", "arm_mass": "link", "payload_mass": "payload"}
 
 
@@ -348,6 +335,6 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def deviations_of(robot: Robot, tolerance: Uncertainty, drives: bool = False) -> Deviations:
+def deviations_of(robot: Robot, tolerance: Uncertainty) -> Deviations:
     """Those of a robot, made once."""
-    return Deviations(robot, tolerance, drives)
+    return Deviations(robot, tolerance)

@@ -223,8 +223,8 @@ def jump_states(
     n, events = motion.n, Events(motion, tolerance)
     found: list[_Instant] = []
     instants = [events.times, events.times + events.delay]
-    if robot is not None and robot.varying is not None:
-        instants.append(robot.varying.knots)
+    if robot is not None:
+        instants.append(robot.acts.knots)
     instants = np.unique(np.concatenate(instants))
     if events.delay and events.smooth.any():  # accelerations that change in between are late there, too
         instants = _filled(instants)
@@ -251,6 +251,23 @@ def jump_states(
         np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "max_delay")
     )
     return DelayedStates(s, times, max_delay, [word for one in every for word in one.words])
+
+
+def base_steps(motion: Trajectory, tolerance: Uncertainty, robot: Robot) -> DelayedStates:
+    """States at steps of the acceleration of a base that drives, which overshoot as those of joints do.
+
+    Args:
+        motion: of the arm, whose joints are on time.
+        tolerance: its overshoot.
+        robot: `during` the motion.
+    """
+    times = robot.acts.knots if robot.acts.end and tolerance.overshoot else np.empty(0)
+    before, after = (robot.acting(times + side) for side in (-INSIDE, INSIDE))
+    steps = np.abs(after - before).max(axis=1, initial=0.0) > JUMP
+    acting = (after + tolerance.overshoot * (after - before))[steps]
+    states = np.hstack([*motion.states(times[steps] + INSIDE), acting])
+    still = np.zeros((len(acting), motion.n))
+    return DelayedStates(states, times[steps], still, ["base overshooting"] * len(acting))
 
 
 def _filled(instants: np.ndarray) -> np.ndarray:

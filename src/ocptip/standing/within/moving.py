@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.robots.base_motion import BaseMotion
+from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.worst_case import WorstCase
+from ocptip.standing.within.worst_case import WorstCase, worst_case_of
+from ocptip.trajectories.drive_profile import DriveProfile
 
 _STARTS = 13  # of the search for the largest friction utilisation: nominal, and both ends of six axes
+_STILL = DriveProfile.of_velocities(np.array([0.0, 1.0]), np.zeros((2, 3)))
+
+
+@lru_cache(maxsize=8)
+def driving_case_of(robot: Robot, tolerance: Uncertainty) -> WorstCase:
+    """The worst case of a robot at rest whose base may move: its motion is part of the states."""
+    return worst_case_of(robot.driving(_STILL), tolerance)
 
 
 class MovingCase:
     """A posture on a base that moves, within an uncertainty; deviations are those of `Deviations`.
 
     Args:
-        cases: of the robot on its support, as it rests, within at least this uncertainty.
+        cases: see `driving_case_of`, within at least this uncertainty.
         q: (n,), rad (sliding joints: m).
         base_motion: at one instant.
         tolerance: of floor, base, arm and payload.
@@ -25,7 +36,7 @@ class MovingCase:
     def __init__(
         self, cases: WorstCase, q: np.ndarray, base_motion: BaseMotion, tolerance: Uncertainty
     ) -> None:
-        self._s, self._motion = np.concatenate([q, np.zeros(2 * len(q))])[None], base_motion.rows(1)
+        self._s = np.concatenate([q, np.zeros(2 * len(q)), base_motion.rows(1)[0]])[None]
         self._cases = cases.within(tolerance)
 
     def tip(self) -> tuple[float, np.ndarray]:
@@ -34,22 +45,19 @@ class MovingCase:
         if not axes:
             free = self._cases.footing.tip_over.free_rotation
             return (1.0 if free else 0.0), np.zeros(self._cases.deviations.size)
-        cases = self._cases.moving(np.repeat(self._motion, axes, axis=0))
-        worst = cases.moments(np.repeat(self._s, axes, axis=0), np.arange(axes))
+        worst = self._cases.moments(np.repeat(self._s, axes, axis=0), np.arange(axes))
         k = int(np.argmin(worst.values))
-        return float(cases.tip_ratio(worst.values[k])), (worst.theta - cases.deviations.nominal(axes))[k]
+        return float(self._cases.tip_ratio(worst.values[k])), worst.theta[k]
 
     def slip(self) -> tuple[float, np.ndarray]:
         """The maximum GT of the search, and the deviations there."""
-        cases = self._cases.moving(self._motion)
-        worst = cases.slip(self._s, starts=_STARTS)
-        return float(worst.values[0]), (worst.theta - cases.deviations.nominal(1))[0]
+        worst = self._cases.slip(self._s, starts=_STARTS)
+        return float(worst.values[0]), worst.theta[0]
 
     def demand(self, off: np.ndarray) -> FrictionDemand:
         """Of friction, with these deviations."""
-        cases = self._cases.moving(self._motion)
-        wrench = cases.deviations.wrench(self._s, cases.deviations.nominal(1) + off)[0][0]
-        return FrictionDemand.of(cases.footing.support, wrench)
+        wrench = self._cases.deviations.wrench(self._s, off[None])[0][0]
+        return FrictionDemand.of(self._cases.footing.support, wrench)
 
     def words(self, off: np.ndarray) -> str:
         """The deviations in words."""

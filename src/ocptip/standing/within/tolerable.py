@@ -20,7 +20,7 @@ AT_REST = (
     "friction",
 )  # what counts without motion, likely culprits first
 UNDESCRIBED = "it is not stable in the nominal model"
-IN_MOTION = (*AT_REST, "speed", "delay", "damping")
+IN_MOTION = (*AT_REST, "speed", "drive_speed", "delay", "damping")
 
 
 def why_not(

@@ -9,6 +9,7 @@ closed form. Products of deviations are bounded, so that the maximum is an upper
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import product
 
 import casadi as cs
 import numpy as np
@@ -36,20 +37,29 @@ def maximum_torques(
         robot: on its base.
         tolerance: of it.
         q, qd, qdd: (N, n) states.
-        acting: (N, 6) the process if it varies, else (N, 0); see `StandingMechanism.acting`.
+        acting: (N, k) what acts; see `StandingMechanism.acting`.
         payload: factor of the payload's mass, or one per state, (N,).
     """
     own, arm = tolerance.of(robot.payload), robot.arm.without_process
-    parts, still, none = _parts(arm), np.zeros(q.shape), np.zeros(3)
-    pace, push, swing, side, axes = parts(q, qd, qdd, none)
-    pulls = np.stack([parts(q, still, still, axis)[0] for axis in np.eye(3)])  # (3, N, n, bodies)
+    pressed, base = robot.acts.split(acting)
+    parts, still, none = _parts(arm, base is not None), np.zeros(q.shape), np.zeros(3)
+    rests = [none] * (2 * (base is not None))
+    pace, push, swing, side, axes = parts(q, qd, qdd, none, *rests)
+    pulls = np.stack([parts(q, still, still, axis, *rests)[0] for axis in np.eye(3)])  # (3, N, n, bodies)
     about = robot.support.center_of_mass
-    process = robot.pushed(robot.arm, q, still, still, acting, gravity=none, about=about).torque
+    process = robot.pushed(robot.arm, q, still, still, pressed, gravity=none, about=about).torque
     low, high = _weights(arm, own, np.asarray(payload, dtype=float)[..., None])
     # One column, so that weights of single states multiply like those of all.
     mean, half = 0.5 * (low + high)[..., None], 0.5 * (high - low)[..., None]
     gravity = robot.support.gravity
     size, paces = np.linalg.norm(gravity), ((1 - own.speed) ** 2, (1 + own.speed) ** 2)
+    motions = [(factor, factor * pace) for factor in paces]
+    if base is not None:  # the speeds of arm and base meet in Coriolis forces
+        rows, motions = base.rows(len(q)), []
+        for factor, rush in product(paces, {(1 - own.drive_speed) ** 2, (1 + own.drive_speed) ** 2}):
+            pull = -rush * base.acceleration_at(arm.mount_position)
+            spin = np.sqrt(rush) * rows[:, 3:6], rush * rows[:, 6:]
+            motions.append((factor, parts(q, np.sqrt(factor) * qd, factor * qdd, pull, *spin)[0]))
 
     level, pull = np.tensordot(gravity, pulls, axes=1), np.moveaxis((pulls @ mean)[..., 0], 0, -1)
     along, reach = pull @ gravity, size * np.linalg.norm(pull, axis=2)
@@ -57,9 +67,9 @@ def maximum_torques(
     spread = size * own.tilt * (np.linalg.norm(pulls, axis=0) @ half)[..., 0]
     spread += own.push * np.linalg.norm(push, axis=2)
     found = np.zeros(q.shape)
-    for factor in paces:
-        nominal = factor * ((pace @ mean)[..., 0] + arm.armature * qdd) + process
-        more = spread + (np.abs(factor * pace + level) @ half)[..., 0]
+    for factor, moving in motions:
+        nominal = (moving @ mean)[..., 0] + factor * arm.armature * qdd + process
+        more = spread + (np.abs(moving + level) @ half)[..., 0]
         for sign in (1.0, -1.0):
             tilted = np.maximum(np.arctan2(across, sign * along) - own.tilt, 0.0)
             found = np.maximum(found, sign * nominal + reach * np.cos(tilted) + more)
@@ -86,14 +96,15 @@ def _weights(arm: ArmModel, own: Uncertainty, payload: np.ndarray) -> tuple[np.n
 
 
 @lru_cache(maxsize=64)
-def _parts(arm: ArmModel) -> BatchFunction:
+def _parts(arm: ArmModel, turning: bool) -> BatchFunction:
     """A function of the state: torques of the drives per weight of each body, and the payload's factors.
 
     Weights are factors of links and payload, shifts of the payload's centre of mass along gripper axes, m,
     and the mass of a point at the gripper, kg.
 
-    In: `q`, `qd`, `qdd` (n,), `gravity` (3,). Out: torques per weight (n, bodies) and per force at the
-    gripper (n, 3); force that the payload needs per shift (3, 3), and gripper axes (3, 3), both in base axes;
+    In: `q`, `qd`, `qdd` (n,), `gravity` (3,), and, of a base that is `turning`, its spin. Out:
+    torques per weight (n, bodies) and per force at the gripper (n, 3); force that the payload needs per shift
+    (3, 3), and gripper axes (3, 3), both in base axes;
     axes of the links' joints (3, L), zero if they slide.
     """
     q, qd, qdd = (cs.SX.sym(name, arm.n) for name in ("q", "qd", "qdd"))
@@ -106,8 +117,9 @@ def _parts(arm: ArmModel) -> BatchFunction:
         carried.append((factor * mass, cs.SX(centre) + arm.tool_rotation @ shift, factor * cs.SX(inertia)))
         weights, at = [*weights, factor, shift], [*at, np.ones(1), np.zeros(3)]
     carried.append((extra, cs.SX(arm.offsets[-1]), np.zeros((3, 3))))
+    spin = {name: cs.SX.sym(name, 3) for name in ("spin", "spin_change")[: 2 * turning]}
     torque, wrench = newton_euler(
-        arm.with_payload(None), q, qd, qdd, gravity, force, none, none, scales=links, carried=carried
+        arm.with_payload(None), q, qd, qdd, gravity, force, none, none, scales=links, carried=carried, **spin
     )
     every, values = cs.vertcat(*weights, extra, force), np.concatenate([*at, np.zeros(4)])
     slopes = cs.substitute(cs.jacobian(torque, every), every, values)
@@ -115,4 +127,5 @@ def _parts(arm: ArmModel) -> BatchFunction:
     frames = chain(arm, q)[0]
     axes = [none if slides else R[:, 2] for R, slides in zip(frames[:-1], arm.slides, strict=True)]
     outputs = [slopes[:, :-3], slopes[:, -3:], swing, frames[-1], cs.horzcat(*axes)]
-    return BatchFunction(cs.Function("torques_by_body", [q, qd, qdd, gravity], outputs))
+    inputs = [q, qd, qdd, gravity, *spin.values()]
+    return BatchFunction(cs.Function("torques_by_body", inputs, outputs))

@@ -63,7 +63,6 @@ class WorstCase:
     Args:
         robot: on its base.
         tolerance: of it.
-        drives: whether the base may move, see :meth:`moving`.
 
     Attributes:
         footing: the base on contacts with the minimum friction.
@@ -76,10 +75,10 @@ class WorstCase:
         InputError: the tolerance does not fit the robot, or the robot is no arm.
     """
 
-    def __init__(self, robot: StandingMechanism, tolerance: Uncertainty, drives: bool = False) -> None:
+    def __init__(self, robot: StandingMechanism, tolerance: Uncertainty) -> None:
         if not isinstance(robot, Robot):
             raise InputError("tolerance: parallel robots have only damping in [tolerance] (--tolerance none)")
-        self.deviations: Deviations = deviations_of(robot, tolerance, drives)
+        self.deviations: Deviations = deviations_of(robot, tolerance)
         self.footing = robot.weakest(tolerance)
         self.reference = robot.tip_over.reference_moment or 0.0
         self._map = TipMap(self.footing.tip_over)
@@ -105,14 +104,13 @@ class WorstCase:
         other.deviations = self.deviations.loaded(factors)
         return other
 
-    def moving(self, motions: np.ndarray, gravity: np.ndarray | None = None) -> WorstCase:
-        """The worst case of N states whose base moves as in rows (N, 9) of `BaseMotion`.
+    def on_slopes(self, gravity: np.ndarray) -> WorstCase:
+        """The worst case of N states of a base that drives, with gravity (N, 3), m/s^2, base axes.
 
-        On slopes gravity, (N, 3), m/s^2, base axes, is another one than that of the support.
         For `moments`, `least` and `slip` of exactly these states.
         """
         other = copy(self)
-        other.deviations = self.deviations.moving(motions, gravity)
+        other.deviations = self.deviations.on_slopes(gravity)
         return other
 
     def up_to(self, GT: float) -> WorstCase:
@@ -391,6 +389,6 @@ class WorstCase:
 
 
 @lru_cache(maxsize=8)
-def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty, drives: bool = False) -> WorstCase:
+def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty) -> WorstCase:
     """That of a robot, made once."""
-    return WorstCase(robot, tolerance, drives)
+    return WorstCase(robot, tolerance)
