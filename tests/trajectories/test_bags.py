@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rosbags")
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ocptip.basics.errors import InputError
 from ocptip.measured.recording import read_recording
@@ -94,6 +94,38 @@ def bag(path, kind="mcap"):
             yield Bag(writer, False)
 
 
+ROBOT, DISPLAY = "moveit_msgs/msg/RobotTrajectory", "moveit_msgs/msg/DisplayTrajectory"
+DEFINED = {
+    ROBOT: "trajectory_msgs/JointTrajectory joint_trajectory\nstring note\n",
+    DISPLAY: "string model_id\nmoveit_msgs/RobotTrajectory[] trajectory\nfloat64 class\n",
+}
+NEWER = "std_msgs/Header header\nuint8 quality\nstring[] name\n" + "".join(
+    f"float64[] {field}\n" for field in ("position", "velocity", "effort")
+)
+
+
+def defined(own, definitions):
+    """Further types, or others instead of those of the distribution, in the store of a bag."""
+    found = {}
+    for kind, text in definitions.items():
+        found |= get_types_from_msg(text, kind)
+    store = get_typestore(Stores.EMPTY)
+    store.register({name: one for name, one in own.store.fielddefs.items() if name not in found} | found)
+    own.store = store
+
+
+def display(own, logged, parts):
+    """A message with several trajectories inside: times and positions of each."""
+    types, robots = own.store.types, []
+    for times, positions in parts:
+        kept = []
+        own.add, add = (lambda topic, kind, logged, message, kept=kept: kept.append(message)), own.add
+        own.trajectory(logged, times, positions)
+        own.add = add
+        robots.append(types[ROBOT](kept[0], "x"))
+    own.add("/display_planned_path", DISPLAY, logged, types[DISPLAY]("arm", robots, 1.5))
+
+
 def file_of(folder, kind):
     return folder / ("run.bag" if kind == "ros1" else "run")
 
@@ -151,6 +183,49 @@ def test_wrenches_are_read_where_their_topic_is_named(tmp_path):
     assert read_recording(path, ARM).of("sensor") == []
     with pytest.raises(InputError, match="sensor in the base"):
         recording_in_bag(path, ["/sensor/wrench", "/wrist/wrench"])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_types_that_a_bag_defines_are_read_where_they_hold_a_trajectory(tmp_path, kind):
+    path = file_of(tmp_path, kind)
+    with bag(path, kind) as own:
+        defined(own, DEFINED)
+        display(own, 1.0, [([0.0, 0.5, 1.5], POINTS), ([0.0, 0.2, 0.9], 2 * POINTS)])
+    with pytest.raises(InputError, match="topic /display_planned_path: has 2 trajectories"):
+        load_motion(path, NAMES)
+    for number, factor, end in ((1, 1, 1.5), (2, 2, 0.9)):
+        motion = load_motion(path, NAMES, topic=f"/display_planned_path#{number}")
+        np.testing.assert_allclose(motion.goal, factor * POINTS[-1])
+        assert motion.end == pytest.approx(end)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_is_read_by_its_own_definition_of_a_type(tmp_path, kind):
+    path = file_of(tmp_path, kind)
+    with bag(path, kind) as own:
+        defined(own, {**DEFINED, JOINT_STATE: NEWER})
+        display(own, 1.0, [([0.0, 0.5, 1.5], POINTS)])  # joint states go before what only holds a trajectory
+        types = own.store.types
+        for t, q in zip(TIMES, swing(TIMES), strict=True):
+            fields = [np.array(x, dtype=float) for x in (q, [], [])]
+            own.add("/joint_states", JOINT_STATE, t, types[JOINT_STATE](own.header(0.0), 7, NAMES, *fields))
+    motion = load_motion(path, NAMES, ("rad", "m"))
+    np.testing.assert_allclose(motion.states(TIMES)[0], swing(TIMES), atol=3e-6)
+    assert load_motion(path, NAMES, topic="/display_planned_path").end == pytest.approx(1.5)
+
+
+def test_definitions_that_cannot_be_read_matter_only_where_they_are_wanted(tmp_path):
+    path = tmp_path / "run.bag"
+    with bag(path, "ros1") as own:
+        defined(own, {"a/msg/Odd": "string name_of_it\n"})
+        own.add("/odd", "a/msg/Odd", 0.5, own.store.types["a/msg/Odd"]("x"))
+        own.trajectory(5.0, [0.0, 0.5, 1.5], POINTS)
+    data = path.read_bytes()
+    assert data.count(b"string name_of_it") == 2  # at the connection and in the index
+    path.write_bytes(data.replace(b"string name_of_it", b"st(ng) name_of_it"))
+    assert load_motion(path, NAMES).end == pytest.approx(1.5)
+    with pytest.raises(InputError, match="topic /odd: is Odd, expected JointTrajectory or JointState"):
+        load_motion(path, NAMES, topic="/odd")
 
 
 def test_one_of_several_trajectories_is_named(tmp_path):

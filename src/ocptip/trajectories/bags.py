@@ -1,7 +1,7 @@
 """Bags of ROS 1 (`.bag`) and ROS 2 (folders, `.db3`, `.mcap`), read and written through `rosbags`.
 
-The extra `bags` installs it. Messages have the types of the ROS distributions. Definitions that a bag brings
-along are not used, because they would become Python code; topics of other types are therefore not read.
+The extra `bags` installs it. A message of another type that holds a joint trajectory (`DisplayTrajectory`,
+the goal of an action) counts as that.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,21 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.read import NO_SPACE, only_inside, parse_yaml, read_text, require_readable
 from ocptip.basics.text import did_you_mean, some
+from ocptip.trajectories.bag_types import (
+    TRAJECTORY,
+    fields_to_trajectory,
+    messages_inside,
+    rosbags_package,
+    store_of,
+)
 from ocptip.trajectories.csv_text import TextTable
 
-TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 FLOAT = "std_msgs/msg/Float64"
 TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry")
+_HOLDER = "message that holds a JointTrajectory"
+"""Stands for all types that are defined in a bag and have a joint trajectory inside."""
 
 MOST_MESSAGES = 2_000_000
 """Messages that are read: 30 minutes at 1 kHz."""
@@ -61,17 +68,17 @@ def motion_in_bag(
         path: of the bag.
         names: of the robot's joints: of joint states only messages with all of them count.
         topic: to be read, `/NAME` or, of several trajectories, `/NAME#2`. None: the only topic of joint
-            trajectories, or else the only one of joint states.
+            trajectories, or else the only one of joint states, or else of messages that hold a trajectory.
 
     Raises:
         InputError: it cannot be read, or it is unclear which message is meant; names the bag.
     """
     name, _, number = (topic or "").partition("#")
     with _opened(path) as bag:
-        kinds = (TRAJECTORY, JOINT_STATE)
+        kinds = (TRAJECTORY, JOINT_STATE, _HOLDER)
         chosen = bag.named(name, kinds) if name else bag.only(kinds)
         messages = list(bag.messages([chosen]))
-        if bag.topics[chosen] == TRAJECTORY:
+        if bag.kind(chosen) != JOINT_STATE:
             return _plain(_one([m for *_, m in messages], [t for _, t, _ in messages], chosen, number))
         joints = set(names or ())
         kept = [one for one in messages if joints <= set(one[2].name)]
@@ -146,7 +153,7 @@ def write_bag(
     """
     path = Path(path)
     require_new(path)
-    rosbags = _rosbags()
+    rosbags = rosbags_package()
     store, types = rosbags.store, rosbags.store.types
     header_type, stamp_type = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
 
@@ -191,34 +198,7 @@ def require_new(path: str | os.PathLike[str]) -> None:
         raise InputError("exists; bags are not replaced, name a new folder", "", str(path))
     if not path.parent.is_dir():
         raise InputError(f"no such directory: {path.parent}", "", str(path))
-    _rosbags()
-
-
-@dataclass(frozen=True)
-class _Rosbags:
-    """The parts of the package rosbags that are used."""
-
-    reader: Any
-    reader1: Any
-    writer: Any
-    mcap: Any
-    store: Any
-    store1: Callable[[], Any]
-
-
-@cache
-def _rosbags() -> _Rosbags:
-    """The package, loaded once: making its classes of messages takes half a second."""
-    try:
-        from rosbags.rosbag1 import Reader as Reader1
-        from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise InputError("bags need the package rosbags: pip install 'ocptip[bags]'", "") from None
-
-    store1 = cache(partial(get_typestore, Stores.ROS1_NOETIC))  # made only where a bag of ROS 1 is read
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    return _Rosbags(Reader, Reader1, Writer, StoragePlugin.MCAP, store, store1)
+    rosbags_package()
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,20 +207,26 @@ class _Bag:
 
     Attributes:
         reader: of `rosbags`.
-        decode: a message out of its bytes and type.
+        decode: by id of a connection, a message out of its bytes and type.
         topics: types by name, of topics that have messages of one type.
+        inner_fields: fields to the joint trajectory inside the messages of a topic, by its name.
     """
 
     reader: Any
-    decode: Callable[[bytes, str], Any]
+    decode: dict[int, Callable[[bytes, str], Any]]
     topics: dict[str, str]
+    inner_fields: dict[str, tuple[str, ...]]
+
+    def kind(self, name: str) -> str:
+        """What the messages of a topic are read as."""
+        return _HOLDER if name in self.inner_fields else self.topics[name]
 
     def named(self, name: str, kinds: Sequence[str]) -> str:
         """A topic that is named; InputError if it is not there or has another type."""
         if name not in self.topics:
             known = did_you_mean(name, self.topics) or f"; topics: {self._list()}"
             raise InputError(f"topic: no {name!r}{known}")
-        if self.topics[name] not in kinds:
+        if self.kind(name) not in kinds:
             wanted = " or ".join(map(_short, kinds))
             raise InputError(f"topic {name}: is {_short(self.topics[name])}, expected {wanted}")
         return name
@@ -248,7 +234,7 @@ class _Bag:
     def only(self, kinds: Sequence[str]) -> str:
         """The only topic of the first of these types that any topic has."""
         for kind in kinds:
-            there = [name for name, its_kind in self.topics.items() if its_kind == kind]
+            there = [name for name in self.topics if self.kind(name) == kind]
             if len(there) > 1:
                 raise InputError(f"topic: {some(there)} are of type {_short(kind)}; name one by --topic")
             if there:
@@ -263,7 +249,9 @@ class _Bag:
         for number, (connection, time, raw) in enumerate(self.reader.messages(connections)):
             if number >= MOST_MESSAGES:
                 raise InputError(f"has more than {MOST_MESSAGES:,} messages on {some(topics)}")
-            read.append((connection.topic, time, self.decode(raw, connection.msgtype)))
+            message = self.decode[connection.id](raw, connection.msgtype)
+            own = messages_inside(message, self.inner_fields.get(connection.topic, ()))
+            read += [(connection.topic, time, one) for one in own]
         stamps = [_stamp_of(message) for *_, message in read]
         if all(stamps):
             read = [(topic, stamp, m) for (topic, _, m), stamp in zip(read, stamps, strict=True)]
@@ -279,15 +267,22 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[_Bag]:
     path = Path(path)
     try:
         _require_regular(path)
-        rosbags = _rosbags()
+        rosbags = rosbags_package()
         old = path.suffix.lower() == ".bag"
         with (rosbags.reader1 if old else rosbags.reader)(path) as reader:
-            decode = rosbags.store1().deserialize_ros1 if old else rosbags.store.deserialize_cdr
+            usual = rosbags.store1() if old else rosbags.store
             kinds: dict[str, set[str]] = {}
+            decode, inner_fields = {}, {}
             for one in reader.connections:
                 if one.msgcount:
                     kinds.setdefault(one.topic, set()).add(one.msgtype)
-            yield _Bag(reader, decode, {name: min(types) for name, types in kinds.items() if len(types) == 1})
+                    store = store_of(one, usual)
+                    decode[one.id] = store.deserialize_ros1 if old else store.deserialize_cdr
+                    known = one.msgtype in store.fielddefs
+                    if known and (found := fields_to_trajectory(store.fielddefs, one.msgtype, set())):
+                        inner_fields[one.topic] = found
+            topics = {name: min(types) for name, types in kinds.items() if len(types) == 1}
+            yield _Bag(reader, decode, topics, inner_fields)
     except InputError as error:
         raise error if error.file else InputError(error.text, error.path, path.name) from None
     except MemoryError:
