@@ -161,6 +161,23 @@ def test_missing_meshes_are_said(tmp_path, monkeypatch, capsys, meshes, mark, ke
             load_task("ur5_with_collision.toml")
 
 
+def test_meshes_are_found_by_the_end_of_their_path(tmp_path, monkeypatch, capsys):
+    """The package has another name here; its folder is beside the URDF, or given."""
+    monkeypatch.chdir(tmp_path)
+    urdf = with_collision(tmp_path, meshes="package://elsewhere/arm_meshes/links")
+    (tmp_path / "given").mkdir()
+    (tmp_path / "arm_meshes").rename(tmp_path / "given/arm_meshes")
+    assert main(["init", urdf.name, "--out", "a.toml"]) == 0
+    assert "2 mesh files missing" in capsys.readouterr().out
+    assert main(["init", urdf.name, "--out", "b.toml", "--package-dirs", "given"]) == 0
+    assert "missing" not in capsys.readouterr().out
+    assert 'package_dirs = ["given"]' in Path("b.toml").read_text()
+    (tmp_path / "given/arm_meshes").rename(tmp_path / "arm_meshes")
+    assert main(["init", urdf.name, "--out", "c.toml"]) == 0
+    assert "missing" not in capsys.readouterr().out
+    assert "package_dirs" not in Path("c.toml").read_text()
+
+
 def test_without_geometry_it_says_that_nothing_is_checked(here, capsys):
     assert main(["init", "robots/lift.urdf"]) == 0
     assert "collision  not checked, for the URDF has no collision geometry" in capsys.readouterr().out

@@ -218,6 +218,7 @@ def test_a_base_lighter_than_the_links_that_are_part_of_it_is_refused(tmp_path, 
     with pytest.raises(InputError, match=r"base\.mass: 35 kg is less than the 95 kg of those links") as error:
         load(path)
     assert "accept_mass = true" in str(error.value)
+    assert "these links alone have mass = 95, center_of_mass = [" in str(error.value)
     text = path.read_text()
     path.write_text(re.sub(r"mass = 35\.0", "mass = 94.5", text, count=1))  # two digits
     load(path)

@@ -1,6 +1,7 @@
 """The base and the motion that `ocptip init` writes: those of the URDF where it has them, else examples."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -338,7 +339,7 @@ def test_examples_beside_a_limit_are_inside_of_it_in_the_file(tmp_path):
     assert not [reason for reason in refusals(task) if "outside its limits" in reason]
 
 
-def test_links_that_are_always_near_get_a_smaller_clearance(tmp_path):
+def test_links_that_are_always_near_need_no_clearance_in_the_file(tmp_path):
     """The third link turns about an axis along itself, 4 mm beside a fin of the first."""
     fin = box("0.02 0.02 0.1", "0.3 0.054 0") + box("0.2 0.04 0.04", "0.1 0 0")
     arm = [
@@ -353,10 +354,13 @@ def test_links_that_are_always_near_get_a_smaller_clearance(tmp_path):
         JOINT.format("joint_3", "revolute", "link_2", "link_3", "0 0 0", "1 0 0"),
     ]
     template, task = unmarked(tmp_path, written(tmp_path, link("base"), *arm))
-    assert "clearance" in template.to_fill
-    assert "3.8 mm apart in the example" in template.text  # 0.2 mm go to the solid around the cylinder
-    assert task.limits.clearance == pytest.approx(0.003)
+    assert "clearance" not in template.to_fill
+    assert "# clearance = 0.01  # without this line 2.0 mm" in template.text
+    assert "brings link_1 and link_3 farther apart than 4.0 mm" in template.text
+    assert task.limits.clearance == pytest.approx(0.002, abs=1e-4)
     assert refusals(task) == ()
+    task = replace(task, limits=replace(task.limits, clearance=0.01))
+    assert "leave clearance in [limits] out: then 2.0 mm count" in refusals(task)[0]
 
 
 def test_a_base_that_would_fall_over_by_itself_is_no_base(tmp_path):

@@ -59,6 +59,7 @@ COMMANDS = (
             argument("--xacro", "NAME:=VALUE", "arguments of a xacro file", nargs="+", default=[]),
             argument("--joint-limits", "YAML", "joint_limits.yaml of MoveIt"),
             argument("--srdf", "SRDF", "SRDF of MoveIt: pairs that may touch, named states"),
+            argument("--package-dirs", "DIR", "folders with ROS packages, for meshes", nargs="+", default=[]),
             argument("--out", "FILE", "the task file (default: ROBOT.toml)"),
         ),
     ),

@@ -105,7 +105,7 @@ def run(options: Namespace) -> InitReport:
         raise InputError(f"{path}: exists; give another file by --out")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
-    given = ("base_link", "tool_frame", "joint_limits", "srdf")
+    given = ("base_link", "tool_frame", "joint_limits", "srdf", "package_dirs")
     with naming_options(*given):
         named = {key: getattr(options, key) for key in given}
         found = converted(Path(options.robot), path.parent, options.xacro) or Converted({})

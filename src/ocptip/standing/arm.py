@@ -23,7 +23,7 @@ from ocptip.reserves.slip import Redistribution
 from ocptip.robots.arm_source import arm_from, resting_base
 from ocptip.robots.base_motion import BaseMotion, acceleration_of, inertial_wrench_of
 from ocptip.robots.braking import gravity_torques
-from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, GapLabel, random_postures
+from ocptip.robots.collision.gaps import GapLabel, usual_clearance
 from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
@@ -250,10 +250,10 @@ class Robot(StandingMechanism):
     def notes(self) -> tuple[str, ...]:
         """The assumptions about the arm, one sentence each, for reports."""
         process = () if self.arm.process is None else (f"process: {self.arm.process}",)
-        widest, pair = self._attainable
+        usual, pair = self._usual_clearance
         near = () if pair is None else (
-            f"clearance: {1e3 * self.usual_clearance:.1f} mm where none is given, for {pair} are never "
-            f"farther apart than {1e3 * widest:.1f} mm",
+            f"clearance: {1e3 * usual:.1f} mm where none is given, for {pair} are never "
+            f"farther apart than {2e3 * usual:.1f} mm",
         )  # fmt: skip
         drives = () if self.drive_profile is None else (
             f"the base drives: {self.drive_profile}; the arm has its clock, obstacles go along with it",
@@ -263,12 +263,11 @@ class Robot(StandingMechanism):
     @property
     def usual_clearance(self) -> float:
         """The default, or half the distance of a pair that is nearer in all random postures."""
-        widest, pair = self._attainable
-        return CLEARANCE if pair is None else 0.5 * widest
+        return self._usual_clearance[0]
 
     @cached_property
-    def _attainable(self) -> tuple[float, GapLabel | None]:
-        return self.collision.attainable(random_postures(self.arm, POSTURES), CLEARANCE)
+    def _usual_clearance(self) -> tuple[float, GapLabel | None]:
+        return usual_clearance(self.arm, self.collision)
 
     def loads(
         self,

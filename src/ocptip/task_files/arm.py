@@ -12,6 +12,7 @@ from typing import get_args
 import numpy as np
 
 from ocptip.basics import schema
+from ocptip.basics.doubts import too_light
 from ocptip.basics.schema import ANY_FILE, REQUIRED, Keys
 from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import Table
@@ -21,6 +22,7 @@ from ocptip.robots.collision.urdf import collision_meshes, geometry_from_urdf
 from ocptip.robots.dh import Convention, DHRow, arm_from_dh
 from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
+from ocptip.robots.resting import resting_body
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
 from ocptip.task_files.joints import FOLLOWS, LOCKED, LOCKED_KEYS, followers_of, joint_values, ranges_of
@@ -243,6 +245,29 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
     arm = _with_springs(_with_links(arm, table.table("links")), table.table("springs"))
     with table.at():
         return _with_limits(arm, table.table("limits")).mounted(position, rotation)
+
+
+def require_base_mass(data: Table, arm: ArmModel, mass: float, *, accepted: bool) -> None:
+    """Refuse a base that is lighter than those links of the arm's file that are part of it.
+
+    Args:
+        data: the file.
+        arm: its arm.
+        mass: kg, of the base.
+        accepted: `accept_mass` of `[base]` says that this is meant.
+
+    Raises:
+        InputError: it is lighter, and that is not accepted.
+    """
+    if not accepted and (reason := too_light(mass, arm.base_mass)):
+        table = data.table("arm")  # of a URDF: no other kind has such links
+        links, centre, inertia = resting_body(table["urdf"], arm)
+        turn = table.rotation("mount_", np.eye(3))
+        centre, inertia = table["mount_position"] + turn @ centre, turn @ inertia @ turn.T
+        lists = (centre, inertia[np.triu_indices(3)])
+        middle, moments = (f"[{', '.join(f'{value:.5g}' for value in own)}]" for own in lists)
+        alone = f"mass = {links:.6g}, center_of_mass = {middle}, inertia = {moments}"
+        raise data.error(f"{reason}, or accept_mass = true; these links alone have {alone}", "base.mass")
 
 
 def _joint(table: Table, name: str, names: Sequence[str], key: str = "") -> int:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres, too_light
+from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres
 from ocptip.basics.errors import LARGEST
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.unilateral import UnilateralContact
 
 if TYPE_CHECKING:
-    from ocptip.robots.model import ArmModel
     from ocptip.standing.mechanism import StandingMechanism
 
 _ANGLES = (  # judged together; inclinations and mounts may well be small
@@ -54,22 +53,6 @@ def _numbers(value: Any) -> Iterator[float]:
             yield from _numbers(item)
     elif isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST:
         yield float(value)
-
-
-def require_base_mass(data: Table, arm: ArmModel, mass: float, *, accepted: bool) -> None:
-    """Refuse a base that is lighter than those links of the arm's file that are part of it.
-
-    Args:
-        data: the file.
-        arm: its arm.
-        mass: kg, of the base.
-        accepted: `accept_mass` of `[base]` says that this is meant.
-
-    Raises:
-        InputError: it is lighter, and that is not accepted.
-    """
-    if not accepted and (reason := too_light(mass, arm.base_mass)):
-        raise data.error(f"{reason}, or accept_mass = true", "base.mass")
 
 
 def doubt_masses(data: Table, robot: StandingMechanism) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import ROUNDED, why_impossible
-from ocptip.robots.collision.gaps import Collisions, random_postures
+from ocptip.robots.collision.gaps import CLEARANCE, Collisions, random_postures, usual_clearance
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.dynamics import STANDARD_GRAVITY, evaluate_dynamics
@@ -166,11 +166,15 @@ class ExampleMotion:
         start, goal: (n,), rad or m.
         clear: m, by how much the straight motion is known to be clear of all; None: it was not checked;
             negative: the search has no clear motion.
+        usual: m, the clearance that counts where none is given.
+        nearest: the pair of links because of which it is below the default; empty: it is not.
     """
 
     start: np.ndarray
     goal: np.ndarray
     clear: float | None
+    usual: float = CLEARANCE
+    nearest: str = ""
 
     @property
     def source(self) -> str:
@@ -204,7 +208,9 @@ def example_motion(arm: ArmModel, geometry: ArmGeometry | None, base: ExampleBas
                 line = start + np.linspace(0.0, 1.0, 21)[:, None] * (goal - start)
                 gap = float(collisions.least(line).min())
                 if gap >= clearance and not (must_hold and not _held(mounted, base, line).all()):
-                    return ExampleMotion(start, goal, None if geometry is None else gap)
+                    usual, pair = usual_clearance(mounted, collisions)
+                    near = "" if pair is None else str(pair)
+                    return ExampleMotion(start, goal, None if geometry is None else gap, usual, near)
     return ExampleMotion(zero, next(_goals(arm, zero, _SHARES[0])), -1.0)
 
 

@@ -34,8 +34,8 @@ from ocptip.placement.within import searched
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
-from ocptip.task_files.arm import ARM
-from ocptip.task_files.doubts import doubt_masses, doubt_units, require_base_mass, require_kind
+from ocptip.task_files.arm import ARM, require_base_mass
+from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
 from ocptip.task_files.motors import MOTORS, arm_and_motors
 from ocptip.task_files.payload import PAYLOAD
 from ocptip.task_files.scene import SCENE, read_support

@@ -19,8 +19,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
-from ocptip.task_files.arm import ARM, MOUNT, read_arm
-from ocptip.task_files.doubts import require_base_mass
+from ocptip.task_files.arm import ARM, MOUNT, read_arm, require_base_mass
 from ocptip.task_files.joints import LOCKED
 from ocptip.task_files.motors import MOTORS, PLATFORM_MOTORS, arm_and_motors, dc_motors, gear_damping_ratio
 from ocptip.task_files.payload import (

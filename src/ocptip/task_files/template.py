@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -69,6 +69,7 @@ def task_template(
     tool_frame: str | None = None,
     joint_limits: str | os.PathLike[str] | None = None,
     srdf: str | os.PathLike[str] | None = None,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
     armature: Mapping[str, float] | None = None,
     notes: Sequence[str] = (),
 ) -> TaskTemplate:
@@ -80,6 +81,7 @@ def task_template(
         base_link, tool_frame: see `arm_from_urdf`.
         joint_limits: `joint_limits.yaml` of MoveIt.
         srdf: of MoveIt, with pairs that may touch and named states.
+        package_dirs: folders with packages, for names of meshes.
         armature: inertias of rotors, kg m^2 (sliding joints: kg), by joint, which the URDF lacks.
         notes: what else it lacks, one sentence each.
 
@@ -99,10 +101,11 @@ def task_template(
     arm = replace(arm, states={} if srdf is None else named_states(srdf)).with_notes(*notes)
     rotors = np.array([(armature or {}).get(name, 0.0) for name in arm.joint_names])
     arm = replace(arm, armature=np.where(rotors > 0, rotors, arm.armature))
-    missing = missing_meshes(urdf)
+    missing = missing_meshes(urdf, package_dirs)
     geometry, broken = None, ""
     try:
-        geometry = None if missing is None or missing else geometry_from_urdf(urdf, arm, srdf=srdf)
+        if missing is not None and not missing:
+            geometry = geometry_from_urdf(urdf, arm, srdf=srdf, package_dirs=package_dirs)
     except InputError as error:
         broken = str(error)
     foot = example_base(file, arm)
@@ -110,7 +113,7 @@ def task_template(
     of_arm = (
         *_arm(file, arm, base, tool, folder, foot, {"joint_limits": joint_limits, "srdf": srdf}),
         *_inertia(doubtful),
-        *_geometry(missing, broken),
+        *_geometry(missing, broken, [_relative(one, folder) for one in package_dirs]),
     )
     of_base = (_base(foot), *map(_contact, _rolling(foot)))
     sections = (*of_base, of_arm, _limits(arm), _payload(), _motion(arm, example), _near(example))
@@ -206,8 +209,7 @@ def _arm(
     yield f"[arm]  # {arm.n} joints, {arm.masses.sum():.4g} kg, reach from joint 1 below {arm.reach:.3g} m"
     for key, named in {"urdf": file.path, **further}.items():
         if named is not None:
-            path = Path(os.path.relpath(Path(named).resolve(), folder.resolve())).as_posix()
-            yield f"{key} = {toml_value(path)}"
+            yield f"{key} = {toml_value(_relative(named, folder))}"
     yield _line(_OF_URDF, "base_link", toml_value(base))
     others = [link for link in file.ends(base) if link != tool]
     yield _line(_OF_URDF, "tool_frame", toml_value(tool), f"others: {some(others)}" if others else "")
@@ -218,14 +220,23 @@ def _arm(
     yield from (f"# {note}" for note in arm.notes)
 
 
-def _geometry(missing: list[str] | None, broken: str) -> Iterator[str]:
+def _relative(path: str | os.PathLike[str], folder: Path) -> str:
+    """A path as a task file in a folder names it."""
+    return Path(os.path.relpath(Path(path).resolve(), folder.resolve())).as_posix()
+
+
+def _geometry(missing: list[str] | None, broken: str, package_dirs: Sequence[str]) -> Iterator[str]:
     """What collisions need that the URDF does not give."""
+    lacking = bool(missing) and any(name.startswith(PACKAGE) for name in missing)
+    if package_dirs and not lacking:
+        yield _line(_OF_URDF, "package_dirs", _texts(package_dirs))
     if broken:
         yield _line(_OF_URDF, "collision", "false", f"or mend {broken}", mark=True)
     elif missing is None:
         yield "# sphere_radius = 0.06  # m; no collision geometry in the URDF: else nothing is checked"
-    elif any(name.startswith(PACKAGE) for name in missing):
-        yield _line(_OF_URDF, "package_dirs", '["."]', f"missing: {some(missing, 2)}", mark=True)
+    elif lacking:
+        dirs = _texts(package_dirs or ["."])
+        yield _line(_OF_URDF, "package_dirs", dirs, f"missing: {some(missing, 2)}", mark=True)
     elif missing:
         yield _line(
             _OF_URDF, "collision", "false", f"or add the missing files: {some(missing, 2)}", mark=True
@@ -268,8 +279,7 @@ def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
     """Moving links whose inertia no body has."""
     if doubtful:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in doubtful.items())
-        names = ", ".join(map(toml_value, doubtful))
-        yield _line(_OF_URDF, "accept_inertia", f"[{names}]", f"if that is meant: {reasons}", mark=True)
+        yield _line(_OF_URDF, "accept_inertia", _texts(doubtful), f"if that is meant: {reasons}", mark=True)
 
 
 def _payload() -> Iterator[str]:
@@ -298,9 +308,17 @@ def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
     yield f"# optimised = [{first}]  # only these; the others move in one trapezoidal profile each"
 
 
+def _texts(texts: Iterable[str]) -> str:
+    return f"[{', '.join(map(toml_value, texts))}]"
+
+
 def _near(example: ExampleMotion) -> Iterator[str]:
-    """A smaller clearance for an arm whose links are nearer to each other than the default."""
-    if example.clear is not None and 0 <= example.clear < CLEARANCE:
+    """A smaller clearance for an arm whose links are nearer to each other in the example than the default."""
+    if example.clear is not None and example.usual <= example.clear < CLEARANCE:
+        yield "[limits]"
+        yield f"# clearance = {CLEARANCE}  # without this line {1e3 * example.usual:.1f} mm, for no posture"
+        yield f"#   brings {example.nearest} farther apart than {2e3 * example.usual:.1f} mm"
+    elif example.clear is not None and 0 <= example.clear < CLEARANCE:
         yield "[limits]"
         about = f"invented; links are {1e3 * example.clear:.2g} mm apart in the example; default {CLEARANCE}"
         value = f"{np.floor(8e3 * example.clear) / 1e4:g}"

@@ -201,6 +201,15 @@ class Collisions:
         return data
 
 
+def usual_clearance(arm: ArmModel, collision: Collisions) -> tuple[float, GapLabel | None]:
+    """Smallest distance, m, that counts where none is given, and the pair because of which it is no default.
+
+    It is half the distance of a pair that is nearer than the default in all random postures.
+    """
+    widest, pair = collision.attainable(random_postures(arm, POSTURES), CLEARANCE)
+    return (CLEARANCE, None) if pair is None else (0.5 * widest, pair)
+
+
 def random_postures(arm: ArmModel, count: int) -> np.ndarray:
     """(count, n) joint angles, rad: the neutral ones first, then seeded random ones within the limits."""
     low, high = arm.limits.angle_min, arm.limits.angle_max

@@ -72,7 +72,7 @@ def geometry_from_urdf(
     if meshes is None:
         return None
     if missing := [name for name, found in meshes.items() if found is None]:
-        hint = "give their packages' folder as package_dirs"
+        hint = f"package_dirs has to name a folder that contains {_package(missing)}"
         if not any(name.startswith(PACKAGE) for name in missing):
             hint = f"names are relative to {file.name}"
         names = some([repr(name) for name in missing], 2)
@@ -186,19 +186,33 @@ def collision_meshes(
     return {name: find_mesh(name, file, folders) for name in names}
 
 
-def missing_meshes(path: str | os.PathLike[str]) -> list[str] | None:
+def _package(names: Iterable[str]) -> str:
+    """The folder of the package of the first of some names of meshes that has one."""
+    packages = (name.removeprefix(PACKAGE).lstrip("/").split("/")[0] for name in names if PACKAGE in name)
+    return f"{next(packages, '')}/"
+
+
+def missing_meshes(
+    path: str | os.PathLike[str], package_dirs: Sequence[str | os.PathLike[str]] = ()
+) -> list[str] | None:
     """Names of :func:`collision_meshes` whose files are missing; None: there is no collision geometry."""
-    meshes = collision_meshes(path)
+    meshes = collision_meshes(path, package_dirs)
     return None if meshes is None else [name for name, found in meshes.items() if found is None]
 
 
 def find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:
-    """The file of a mesh as a URDF names it."""
+    """The file of a mesh as a URDF names it.
+
+    A package may have another name here. Then the end of the path counts, with at least one folder.
+    """
     if name.startswith(PACKAGE):
+        folders = list(folders)
         rest = Path(name.removeprefix(PACKAGE).lstrip("/"))  # some files write package:///
         own = rest.parts[0] if rest.parts else ""
         candidates = [folder / rest for folder in folders]
         candidates += [folder / Path(*rest.parts[1:]) for folder in folders if folder.name == own]
+        ends = [Path(*rest.parts[k:]) for k in range(1, len(rest.parts) - 1)]
+        candidates += [folder / end for end in ends for folder in folders]
     else:
         candidates = [urdf.parent / name.removeprefix(_FILE)]
     return next((candidate.resolve() for candidate in candidates if candidate.is_file()), None)

@@ -65,10 +65,11 @@ class ClearanceLimit(AskedLimit):
             texts = [f"{name} overlap by {-1e3 * own:.1f} mm{seen[name]}" for name, (_, own) in near.items()]
             return [f"collision: {', '.join(texts)} (where that is meant: excluded_links{hint})"]
         least = f"must be >= {1e3 * self.number:.1f} mm"
-        return [
-            f"{pair} are {1e3 * gap:.1f} mm apart{seen[f'{pair}']}, {least}; for less give clearance in "
-            f"[limits]{hint}"
-        ]
+        usual = self.robot.usual_clearance
+        less = "for less give clearance in [limits]"
+        if usual <= gap:
+            less = f"leave clearance in [limits] out: then {1e3 * usual:.1f} mm count"
+        return [f"{pair} are {1e3 * gap:.1f} mm apart{seen[f'{pair}']}, {least}; {less}{hint}"]
 
     def _overlaps(self, q: np.ndarray) -> dict[str, tuple[GapLabel, float]]:
         """All pairs that overlap at q (n,), by their names, with the distance (m), the deepest first."""
