@@ -86,7 +86,7 @@ class Terms:
         return replace(groups[0], parts=parts, process=process, **by_row)
 
     def in_box(self, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
-        """As `Within.least`, of any wrench of the boxes: quicker, and less."""
+        """As `Within.least`, of any wrench of the boxes: quicker, and as a rule less."""
         half = self.half * (1 + U) + 8 * U * np.abs(self.centre)
         inside = np.einsum("air,ir->ar", h, self.centre) - np.einsum("air,ir->ar", np.abs(h), half)
         return np.min(constant, axis=0) + inside - 8 * U * np.max(np.abs(constant), axis=0)
