@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.parallel.analysis.assembly_modes import assembly_modes
-from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import make_robot
 from ocptip.parallel.robot import ParallelRobot
 

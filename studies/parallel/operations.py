@@ -3,7 +3,7 @@
     python -m studies.parallel.operations --out DIR [--repeats 5]
 
 Five robots with symbolic geometry, base angles and gravity; inputs are Euler rates and accelerations.
-Weighted operations by the rule of `ocptip.parallel.code.counting` (sums and products 1, divisions 4, sines
+Weighted operations by the rule of `ocptip.parallel.code.leg_plans` (sums and products 1, divisions 4, sines
 and cosines 10, assignments 1). Times are those of compiled C (fastest of chunks of 1000 calls, data in
 the cache), of CasADi's virtual machine through a buffer, and of generating the code.
 Writes parallel_operations.json, .md and .png.

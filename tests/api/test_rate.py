@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.arms.values import rate_arm
 from ocptip.indices.platforms.parallel_robots import platform_of_robot
 from ocptip.indices.workspace_maps import index_maps
 from ocptip.parallel import ParallelRobot, delta

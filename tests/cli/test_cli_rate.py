@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.cli.main import main
-from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.arms.values import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import arm_by_name
 from ocptip.robots.payload import Payload
@@ -135,7 +135,7 @@ def test_platform_file(capsys, tmp_path):
     path = tmp_path / "platform.toml"
     path.write_text(PLATFORM)
     code, result = rate_json(capsys, path)
-    from ocptip.indices.platforms.rate import rate_platform
+    from ocptip.indices.platforms.reviewed import rate_platform
     from ocptip.task_files.platform_points import read_platform
 
     file = read_platform(path)

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from ocptip.basics import errors
-from ocptip.basics.doubts import doubt
+from ocptip.basics.errors import doubt
 from ocptip.cli.command import Report
 from ocptip.cli.commands import COMMANDS
 from ocptip.cli.layout import summary

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.moving import what_moves
+from ocptip.contact.resting import what_moves
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.indices.arms.axes import arm_from_spears
-from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.arms.values import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot
 from ocptip.indices.platforms.workspace import control_numbers

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ocptip.measured.causes import Swinging
 from ocptip.measured.prediction import Elasticity, _integrated
 from ocptip.measured.recording import ANGLE
-from ocptip.measured.springs import Swinging
 from tests.measured.machines import predictor, recorded
 
 

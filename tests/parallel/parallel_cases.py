@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation, product_of, value_of
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import KINDS, make_robot
 from ocptip.parallel.description.robot_description import PRISMATIC, RobotDescription
 from ocptip.parallel.description.rotations import PlatformCoordinates

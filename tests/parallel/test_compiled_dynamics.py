@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, SolverError
-from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import CompiledDynamics, simulate

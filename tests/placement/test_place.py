@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.contact.support import Support
-from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.arms.values import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.limit import smallest_margin

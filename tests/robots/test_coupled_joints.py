@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.arms.values import rate_arm
 from ocptip.robots.collision.urdf import geometry_from_urdf
 from ocptip.robots.coupling import Coupling
 from ocptip.robots.dynamics import evaluate_dynamics

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.arms.symbolic import index_function
+from ocptip.indices.arms.values import rate_arm
 from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
 from ocptip.robots.inverse.closed_form import closed_form_family
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics

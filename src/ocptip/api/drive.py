@@ -18,7 +18,7 @@ from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
 from ocptip.motion.cycles.task import Task
-from ocptip.pictures.drive_envelope import envelope_picture
+from ocptip.pictures.load_chart import envelope_picture
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.drive_envelope import (

@@ -11,8 +11,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt
-from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.errors import InputError, doubt, naming, positive_number
 from ocptip.basics.read import read_text
 from ocptip.basics.text import some
 from ocptip.basics.toml_text import toml_text

@@ -22,13 +22,12 @@ from ocptip.basics.read import read_text
 from ocptip.basics.schema import ANY_FILE
 from ocptip.basics.toml import Table
 from ocptip.basics.write import plain, versions, write_json
-from ocptip.indices.arms.rate import rate_arm
-from ocptip.indices.arms.values import ARM_INDICES, index_values
+from ocptip.indices.arms.values import ARM_INDICES, index_values, rate_arm
 from ocptip.indices.meanings import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot, rate_parallel
 from ocptip.indices.platforms.platform import PlatformFile
-from ocptip.indices.platforms.rate import RatedPose, rate_platform
+from ocptip.indices.platforms.reviewed import RatedPose, rate_platform
 from ocptip.indices.platforms.singular_motion import singular_motion
 from ocptip.indices.workspace_maps import (
     USUAL_OF_ARMS,

@@ -14,7 +14,7 @@ from ocptip.motion.source import source_of
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
-from ocptip.robots.point_speeds import TCP
+from ocptip.robots.kinematics import TCP
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.task_files.cycle import read_task

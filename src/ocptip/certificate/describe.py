@@ -19,8 +19,7 @@ from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import HalfSpace, Shape
 from ocptip.robots.dynamics import process_parts
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
-from ocptip.robots.kinematics import link_frames
-from ocptip.robots.point_speeds import TCP, joint_names
+from ocptip.robots.kinematics import TCP, joint_names, link_frames
 from ocptip.standing.arm import Robot
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty

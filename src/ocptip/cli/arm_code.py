@@ -17,8 +17,8 @@ from ocptip.basics.toml import Table
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.parallel.code.codegen import write_c
-from ocptip.parallel.code.counting import OperationCount, count_operations
 from ocptip.parallel.code.lean_arm import lean_arm
+from ocptip.parallel.code.leg_plans import OperationCount, count_operations
 from ocptip.published.arms import arm_by_name, known_arms
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf

@@ -17,10 +17,9 @@ from ocptip.api.given import task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import quantity, ratio, table
-from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import check_rows, gear_rows, masses
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows, wrapped
-from ocptip.cli.options import given_limits, naming_options, with_cancel
+from ocptip.cli.options import GatedReport, gate_of, given_limits, naming_options, read_gate, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import RESULT_TITLES, motion_line, result_title

@@ -1,21 +1,25 @@
-"""Options that several commands have: checked, and put to use."""
+"""Options of several commands, checked and put to use; and reports with requirements, for pipelines."""
 
 from __future__ import annotations
 
 import re
 import tempfile
+from abc import abstractmethod
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from ocptip.api.requirements import Outcome, junit, outcomes_to_dict, read_requirements
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
 from ocptip.motion.stop_rules import STOPJ
+from ocptip.basics.write import write_text
+from ocptip.cli.command import Report
 from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from ocptip.motion.source import TaskSource
     from ocptip.motion.task import MotionTask
     from ocptip.standing.tolerance import Uncertainty
+
 
 _LIMITS = (
     *(("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2),
@@ -154,3 +159,69 @@ def output_directory(options: Namespace, name: str, source: TaskSource | None = 
 def in_folder(options: Namespace, task: str) -> Namespace:
     """The options of one of many tasks: --out names the folder of its folder."""
     return Namespace(**{**vars(options), "task": task, "many": True})
+
+
+class _Requirable(Protocol):
+    def require(self, text: str) -> tuple[Outcome, ...]: ...
+
+
+def read_gate(options: Namespace) -> None:
+    """Refuse requirements that cannot be understood, before anything is computed."""
+    if options.require is not None:
+        read_requirements(options.require)
+
+
+def gate_of(options: Namespace, found: _Requirable) -> dict[str, Any]:
+    """The fields of a `GatedReport` from the options and the answer."""
+    outcomes = () if options.require is None else found.require(options.require)
+    return {"outcomes": outcomes, "junit": options.junit}
+
+
+@dataclass
+class GatedReport(Report):
+    """An answer with requirements.
+
+    Attributes:
+        outcomes: of the requirements.
+        junit: file of the report for pipelines; None: not asked for.
+    """
+
+    outcomes: tuple[Outcome, ...] = field(default=(), kw_only=True)
+    junit: str | None = field(default=None, kw_only=True)
+
+    @property
+    @abstractmethod
+    def kept(self) -> bool:
+        """Whether the answer is yes, apart from requirements."""
+
+    @property
+    @abstractmethod
+    def headline(self) -> str:
+        """The first line: a name, three spaces, and the verdict."""
+
+    @property
+    def broken(self) -> Sequence[str]:
+        """The broken limits, one sentence each."""
+        return ()
+
+    @property
+    def good(self) -> bool:
+        """Whether the answer is yes, and all requirements are met."""
+        return self.kept and all(one.met for one in self.outcomes)
+
+    @property
+    def unmet(self) -> list[str]:
+        """Requirements that are not met."""
+        return [f"{one}" for one in self.outcomes if not one.met]
+
+    def gate_to_dict(self) -> dict[str, Any]:
+        """The entry of the requirements for JSON."""
+        return outcomes_to_dict(self.outcomes)
+
+    def write(self) -> Iterator[Path]:
+        """Write the report for pipelines, if one is wanted."""
+        if self.junit is not None:
+            name, _, verdict = self.headline.partition("   ")
+            text = "; ".join([verdict, *self.broken])
+            write_text(self.junit, junit(name, text, self.kept, self.outcomes))
+            yield Path(self.junit)

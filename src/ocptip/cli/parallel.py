@@ -24,9 +24,8 @@ from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
 from ocptip.parallel.analysis.workspace import LENGTHS, Workspace, workspace
-from ocptip.parallel.code.codegen import write_c
+from ocptip.parallel.code.codegen import matlab_text, write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
-from ocptip.parallel.code.matlab import matlab_text
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf

@@ -11,13 +11,14 @@ from ocptip.api.plan import plan as plan_task
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.gate import gate_of, read_gate
 from ocptip.cli.layout import masses, summary
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
 from ocptip.cli.options import (
+    gate_of,
     given_limits,
     naming_options,
     output_directory,
+    read_gate,
     require_least,
     step_of,
     typed,

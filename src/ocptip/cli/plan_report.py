@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from ocptip.api.plan import Plan
-from ocptip.cli.gate import GatedReport
 from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, under
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
+from ocptip.cli.options import GatedReport
 from ocptip.motion.cycles.task import CycleTask, freed_offset
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import LEFT_OUT

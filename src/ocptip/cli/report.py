@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterable, Iterator
+from base64 import b64encode
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ocptip.api.report import Stability, Stage, report
-from ocptip.basics.errors import naming
+from ocptip.basics.errors import InputError, naming
 from ocptip.basics.outputs import SUMS, read_sums, require_replaceable_file
 from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.text import percent, quantity, ratio
-from ocptip.basics.write import file_target, versions, write_bytes
-from ocptip.cli import report_page as html
+from ocptip.basics.write import MARK, file_target, versions, write_bytes
 from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
 from ocptip.cli.layout import (
@@ -30,10 +32,7 @@ from ocptip.cli.layout import (
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.load_cases import (
-    MOST_TILT,
-    LoadCase,
-)
+from ocptip.motion.load_cases import MOST_TILT, LoadCase
 from ocptip.motion.summary import margin_rows, margin_table, motion_line
 from ocptip.reserves.equal_compliance import equal_normal_map
 
@@ -93,11 +92,11 @@ class Document:
 
     def parts(self) -> Iterator[str]:
         """All sections."""
-        yield html.heading(f"Stability of {self.about.task.name}", 1)
-        yield html.paragraph(f"{self.about.headline}.")
+        yield heading(f"Stability of {self.about.task.name}", 1)
+        yield paragraph(f"{self.about.headline}.")
         if self.about.checked is not None:
             yield from self._margins(self.about.checked)
-        yield html.paragraph(_NOT)
+        yield paragraph(_NOT)
         yield from self._machine()
         yield from self._assumed()
         if self.about.checked is not None:
@@ -108,14 +107,14 @@ class Document:
 
     def _margins(self, checked: MotionCheck) -> Iterator[str]:
         """The summary that commands print first: duration and energy, margins, notes."""
-        yield html.paragraph(f"{motion_line(checked)}.")
+        yield paragraph(f"{motion_line(checked)}.")
         titles, *rows = margin_rows(self.about.task.robot, checked)
-        yield html.grid(titles, rows)
-        yield html.items([*checked.violations, *notes(checked)])
+        yield grid(titles, rows)
+        yield items([*checked.violations, *notes(checked)])
 
     def _machine(self) -> Iterator[str]:
         robot, support = self.about.task.robot, self.about.task.robot.support
-        yield html.heading("Machine")
+        yield heading("Machine")
         held = [
             (f"masses, {s.name}" if s.name else "masses", masses(s.task.robot)) for s in self.about.stages
         ]
@@ -124,17 +123,17 @@ class Document:
             ("centre of mass of the base", f"{_vector(support.center_of_mass)} m"),
             ("joints", ", ".join(robot.names)),
         ]
-        yield html.grid(("", ""), rows)
+        yield grid(("", ""), rows)
         feet = [
             (k, c.kind, _vector(c.position), _vector(c.normal), f"{getattr(c, 'friction', '-')}",
              getattr(c, "stiffness", None) or "rigid")
             for k, c in enumerate(support.contacts, 1)
         ]  # fmt: skip
         titles = ("contact", "kind", "position [m]", "normal", "friction", "stiffness [N/m]")
-        yield html.grid(titles, feet)
+        yield grid(titles, feet)
 
     def _assumed(self) -> Iterator[str]:
-        yield html.heading("Assumed, and not checked")
+        yield heading("Assumed, and not checked")
         texts = [
             "Base and links are rigid; contacts obey Coulomb's law with the friction given above.",
             "The ground bears every foot; it is level unless a tilt is named.",
@@ -144,41 +143,41 @@ class Document:
             texts += [f"Collision: {self.about.checked.collision_text}."]
             texts += [*self.about.checked.feet_lines, *self.about.checked.drive_lines]
             texts += dict.fromkeys(text for s in self.about.stages if s.stops for text in s.stops.assumed)
-        yield html.items(texts)
+        yield items(texts)
 
     def _motion(self, checked: MotionCheck) -> Iterator[str]:
-        yield html.heading("Motion")
+        yield heading("Motion")
         if self.about.segments is not None and self.about.task.is_cycle:
             titles, *rows = segment_rows(self.about.task, self.about.segments)
-            yield html.grid(titles, rows)
-        yield html.items(map(_labelled, certificate_rows(checked)))
+            yield grid(titles, rows)
+        yield items(map(_labelled, certificate_rows(checked)))
         for stage in self.about.stages:
-            yield html.items(_with_names(stage, map(_labelled, within_rows(stage.checked or checked))))
-        yield html.items(checked.contacts.lines())
-        yield html.paragraph("All limits, with the published indices GN of tip-over and GT of friction:")
+            yield items(_with_names(stage, map(_labelled, within_rows(stage.checked or checked))))
+        yield items(checked.contacts.lines())
+        yield paragraph("All limits, with the published indices GN of tip-over and GT of friction:")
         titles, *rows = worst_rows(checked)
-        yield html.grid(titles, rows)
+        yield grid(titles, rows)
         folder = self.about.folder
         for name, caption in _OVERVIEWS.items() if folder is not None else ():
-            if folder is not None and (image := folder.path / name).is_file():
+            if folder is not None and (path := folder.path / name).is_file():
                 with only_inside(folder.path):
-                    yield html.image(read_bytes(image), caption)
-        yield html.heading("Robustness, one at a time")
-        yield html.paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")
-        yield html.items(tolerated_lines(self.about.tolerated))
+                    yield image(read_bytes(path), caption)
+        yield heading("Robustness, one at a time")
+        yield paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")
+        yield items(tolerated_lines(self.about.tolerated))
         if any(stage.stops for stage in self.about.stages):
-            yield html.heading("Stops")
+            yield heading("Stops")
             if self.about.task.is_cycle:
-                yield html.paragraph("Times are those of the segment.")
+                yield paragraph("Times are those of the segment.")
             for stage in self.about.stages:
                 if stops := stage.stops:
-                    yield html.items(_with_names(stage, stops.found))
+                    yield items(_with_names(stage, stops.found))
 
     def _rest(self) -> Iterator[str]:
-        from ocptip.pictures.load_cases import payload_figure, tilt_figure
+        from ocptip.pictures.load_chart import payload_figure, tilt_figure
 
-        yield html.heading("Load cases")
-        yield html.paragraph(
+        yield heading("Load cases")
+        yield paragraph(
             "At rest in each pose, with more payload at the gripper, the floor tilted and the gripper pushed "
             "in the worst directions together. Directions in degrees from the base's x axis towards y. GN, "
             "GT: published indices; 1: a contact is lost."
@@ -186,51 +185,51 @@ class Document:
         support = self.about.task.robot.support
         equal = equal_normal_map(support) is not None
         if equal:
-            yield html.paragraph(
+            yield paragraph(
                 "Minimum forces are those of equally compliant feet: rigid ground leaves open how these "
                 "contacts share a load. GN and GT do not depend on it."
             )
         shared = self.about.task.robot.slip.redistribution == "full" and not equal
         if shared:
-            yield html.paragraph(
+            yield paragraph(
                 "Minimum forces are left out: rigid ground leaves open how these contacts share a load. GN "
                 "and GT do not depend on it."
             )
         rows = [_TITLES, *map(_case_row, self.about.cases)]
         titles, *rows = ([*row[:_FORCE], *row[_FORCE + 1 :]] for row in rows) if shared else rows
-        yield html.grid(titles, rows)
-        yield html.heading("Tilt by direction")
+        yield grid(titles, rows)
+        yield heading("Tilt by direction")
         for stage in self.about.stages:
             least = ", ".join(f"{name} {_tilt(tilts)}" for name, (_, tilts) in stage.tilts.items())
-            yield html.paragraph(f"At rest, all else nominal; minimum: {least}.")
+            yield paragraph(f"At rest, all else nominal; minimum: {least}.")
             caption = "Largest tilt of the floor by direction, seen from above."
-            yield html.picture(tilt_figure(stage.tilts), caption)
+            yield picture(tilt_figure(stage.tilts), caption)
         if payloads := [stage.payloads for stage in self.about.stages if stage.payloads is not None]:
             times, held = map(np.concatenate, zip(*payloads, strict=True))
-            yield html.heading("Largest payload")
+            yield heading("Largest payload")
             least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
-            yield html.paragraph(
+            yield paragraph(
                 f"At rest in the postures of the motion, up to the mass of the robot; minimum: {least}. "
                 "Drives not checked."
             )
-            yield html.picture(payload_figure(times, held), "What the gripper may hold, at rest.")
+            yield picture(payload_figure(times, held), "What the gripper may hold, at rest.")
 
     def _tests(self) -> Iterator[str]:
-        yield html.heading("Which table answers which test")
-        yield html.grid(("common test", "see"), _TESTS)
+        yield heading("Which table answers which test")
+        yield grid(("common test", "see"), _TESTS)
 
     def _again(self) -> Iterator[str]:
-        yield html.heading("To compute this again")
+        yield heading("To compute this again")
         name, cases = self.about.name, f" --cases {self.cases_file}" if self.cases_file else ""
-        yield html.paragraph(f"In the folder that holds {name}: `ocptip report {name}{cases}` (all of it)")
+        yield paragraph(f"In the folder that holds {name}: `ocptip report {name}{cases}` (all of it)")
         if self.about.folder is not None:
             seed = f"planned with seed {self.about.folder.data.get('seed')}"
-            yield html.paragraph(f"`ocptip check {self.about.name}` (the motion; {seed})")
+            yield paragraph(f"`ocptip check {self.about.name}` (the motion; {seed})")
             alone = " --tolerance none" if self.about.task.limits.tolerance.given else ""
-            yield html.paragraph(f"`ocptip check {self.about.name} --stops path{alone}` (stops)")
+            yield paragraph(f"`ocptip check {self.about.name} --stops path{alone}` (stops)")
             sums = read_sums(self.about.folder.path)
-            yield html.grid((f"file ({SUMS})", "SHA-256"), sums.items())
-        yield html.grid(("program", "version"), versions().items())
+            yield grid((f"file ({SUMS})", "SHA-256"), sums.items())
+        yield grid(("program", "version"), versions().items())
 
 
 @dataclass
@@ -264,7 +263,7 @@ class DocumentReport(Report):
 
     def write(self) -> Iterator[Path]:
         """The page."""
-        make = html.pdf if self.out.suffix == ".pdf" else html.page
+        make = pdf if self.out.suffix == ".pdf" else page
         write_bytes(self.out, make(self.document.about.headline, self.document.parts()))
         yield self.out
 
@@ -307,3 +306,106 @@ def _direction(side: np.ndarray) -> str:
 def _tilt(tilts: np.ndarray) -> str:
     more = " and more" if tilts.min() >= MOST_TILT else ""
     return f"{np.degrees(tilts.min()):.2f} deg{more}"
+
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
+h1, h2 { line-height: 1.2 } h2 { margin-top: 2em; border-bottom: 1px solid #d0d0d0 }
+table { border-collapse: collapse; font-size: 13px; margin: 1em 0 }
+td, th { padding: 2px 10px; text-align: left; vertical-align: top }
+th { border-bottom: 1px solid #808080 } tr:nth-child(even) td { background: #f5f5f5 }
+img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
+@media print { h2 { break-after: avoid } table, img { break-inside: avoid } }
+"""
+
+
+_SHARE = "data-width"
+_LONG = 60  # characters: texts that are longer are broken
+
+
+def page(title: str, parts: Iterable[str]) -> bytes:
+    """A whole page of parts made by the functions below."""
+    about = f"<meta charset='utf-8'><meta name='generator' content='{MARK}'><title>{escape(title)}</title>"
+    head = f"<!doctype html><html lang='en'><head>{about}"
+    return f"{head}<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n".encode()
+
+
+def heading(text: str, level: int = 2) -> str:
+    """A heading."""
+    return f"<h{level}>{escape(text)}</h{level}>"
+
+
+def paragraph(text: str) -> str:
+    """A paragraph; `words` in backquotes are code."""
+    pieces = escape(text).split("`")
+    pieces[1::2] = [f"<code>{piece}</code>" for piece in pieces[1::2]]
+    return f"<p>{''.join(pieces)}</p>"
+
+
+def items(texts: Iterable[object]) -> str:
+    """A list."""
+    return f"<ul>{''.join(f'<li>{escape(str(text))}</li>' for text in texts)}</ul>"
+
+
+def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table with a line of titles, unless these are empty."""
+    texts = [[str(cell) for cell in row] for row in rows]
+    widths = _widths([titles, *texts])
+    names = "".join(f"<th{wide}>{escape(title)}</th>" for wide, title in zip(widths, titles, strict=True))
+    head = f"<thead><tr>{names}</tr></thead>" if any(titles) else ""
+    lines = []
+    for number, row in enumerate(texts):
+        first = widths if not head and not number else ("",) * len(row)
+        cells = "".join(f"<td{wide}>{_cell(cell)}</td>" for wide, cell in zip(first, row, strict=True))
+        lines.append(f"<tr>{cells}</tr>")
+    return f"<table>{head}<tbody>{''.join(lines)}</tbody></table>"
+
+
+def _widths(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """The attribute of each column for a PDF: its share of the width, by its longest text."""
+    longest = [min(max(len(text) for text in column) + 2, _LONG) for column in zip(*rows, strict=True)]
+    return tuple(f" {_SHARE}='{100 * length / sum(longest):.1f}%'" for length in longest)
+
+
+def _cell(value: str) -> str:
+    """Numbers stay on a line with their units."""
+    text = escape(value)
+    return text.replace(" ", "&nbsp;") if len(text) < 24 else text
+
+
+def picture(figure: Any, caption: str) -> str:
+    """A matplotlib figure inside the page."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return image(stream.getvalue(), caption)
+
+
+def image(content: bytes, caption: str) -> str:
+    """A PNG inside the page."""
+    data = b64encode(content).decode("ascii")
+    return f"<p><img src='data:image/png;base64,{data}' alt='{escape(caption)}'></p><p>{escape(caption)}</p>"
+
+
+def pdf(title: str, parts: Iterable[str]) -> bytes:
+    """A document with this title and these parts, as PDF.
+
+    Raises:
+        InputError: fpdf2, which makes it, is not there.
+    """
+    try:
+        from fpdf import FPDF, TextStyle
+    except ImportError:
+        raise InputError("--out: a .pdf needs fpdf2 (pip install 'ocptip[report]'); .html does not") from None
+    document = FPDF(format="A4")
+    document.set_title(title)
+    document.set_keywords(MARK)
+    document.add_page()
+    document.set_font("helvetica", size=9)
+    text = "".join(parts).replace("&nbsp;", " ")
+    for tag, wanted in (("<img ", "<img width='380' "), ("<td", "<td align='left'"), (_SHARE, "width")):
+        text = text.replace(tag, wanted)
+    styles = {f"h{k}": TextStyle(font_size_pt=size, t_margin=6, b_margin=2) for k, size in ((1, 18), (2, 13))}
+    document.write_html(
+        text.encode("latin-1", "replace").decode("latin-1"), table_line_separators=True, tag_styles=styles
+    )
+    return bytes(document.output())

@@ -13,8 +13,7 @@ from ocptip.api.retime import RetimedPlan, Timing, retime
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity
 from ocptip.cli.command import Report
-from ocptip.cli.gate import gate_of, read_gate
-from ocptip.cli.options import given_limits, naming_options, output_directory, typed
+from ocptip.cli.options import gate_of, given_limits, naming_options, output_directory, read_gate, typed
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.summary import violation_words

@@ -24,12 +24,11 @@ from ocptip.basics.text import (
     towards,
     without_noise,
 )
-from ocptip.cli.gate import GatedReport, gate_of, read_gate
 from ocptip.cli.layout import changes_table, named, under
-from ocptip.cli.options import given_tolerance
+from ocptip.cli.options import GatedReport, gate_of, given_tolerance, read_gate
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
-from ocptip.contact.moving import what_moves
+from ocptip.contact.resting import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
 from ocptip.numerics.jit.compiled import interpreted
 from ocptip.standing.slope import FloorSlope

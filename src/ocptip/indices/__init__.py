@@ -9,7 +9,6 @@ Equation numbers such as (4.14), and [Naw07], are those of G. Nawratil's thesis,
 
 from ocptip.indices.arms.distance import singularity_distance
 from ocptip.indices.arms.operation import operation_indices
-from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.arms.symbolic import (
     dm_2_constraint,
     dm_inf_constraint,
@@ -18,12 +17,12 @@ from ocptip.indices.arms.symbolic import (
     manipulability_constraint,
     pi_oe_constraint,
 )
-from ocptip.indices.arms.values import index_values
+from ocptip.indices.arms.values import index_values, rate_arm
 from ocptip.indices.encodings import ConstraintBlock, psd_constraint, ratio_constraint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.platform import StewartPlatform
-from ocptip.indices.platforms.rate import rate_platform
+from ocptip.indices.platforms.reviewed import rate_platform
 
 __all__ = [
     "ConstraintBlock",

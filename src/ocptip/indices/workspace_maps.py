@@ -21,7 +21,7 @@ from ocptip.indices.meanings import ARM, PARALLEL, PLATFORM, Meaning
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.parallel_robots import ParallelIndices
 from ocptip.indices.platforms.platform import LEG_TOLERANCE, MINIMUM_LEGS, PlatformFile, StewartPlatform
-from ocptip.indices.platforms.rate import RatedPose
+from ocptip.indices.platforms.reviewed import RatedPose
 from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.numerics.threads import one_thread
 from ocptip.parallel.analysis.workspace import Watcher, grid_of_poses, workspace

@@ -17,7 +17,7 @@ from scipy import stats
 from ocptip.basics.errors import InputError, share_of_one
 from ocptip.measured import causes
 from ocptip.measured.base_motion import base_motion
-from ocptip.measured.causes import CLOCK, Possible
+from ocptip.measured.causes import BEND, CLOCK, DAMP, DELAY, Loose, Possible, Swinging, loosened
 from ocptip.measured.clocks import AROUND, FOLLOWING, distance, find_clock
 from ocptip.measured.comparison import Comparison, beside, energies, foot_forces, gripper_deviation
 from ocptip.measured.prediction import DAMPING, Elasticity, KnownRobot, Predictor, State
@@ -33,7 +33,6 @@ from ocptip.measured.signals import (
     resolution,
     uncovered,
 )
-from ocptip.measured.springs import BEND, DAMP, DELAY, Loose, Swinging, loosened
 from ocptip.numerics.threads import one_thread
 
 LEVEL = 1e-3

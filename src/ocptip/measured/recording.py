@@ -31,8 +31,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt
-from ocptip.basics.errors import InputError, refuse_huge
+from ocptip.basics.errors import InputError, doubt, refuse_huge
 from ocptip.basics.read import read_text
 from ocptip.measured.contact_losses import ContactLoss, contact_loss
 from ocptip.measured.time_bases import on_one_clock

@@ -11,7 +11,7 @@ from typing import Any
 from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
 from ocptip.motion.stop_rules import kinds_of
-from ocptip.robots.point_speeds import TCP
+from ocptip.robots.kinematics import TCP
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism

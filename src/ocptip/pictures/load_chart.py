@@ -1,15 +1,17 @@
-"""Figure of load charts: reach by azimuth from above, payload over reach and height from the side."""
+"""Figures of what a robot at rest on its base holds: load charts, drive envelopes, tilts and payloads."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, png
+from ocptip.standing.drive_envelope import LARGEST, LargestManoeuvres
 from ocptip.standing.largest_payload import ChartCell, ReachBySector
 
 _EMPTY, _COLORS = "#e8e8e8", "YlGnBu"
@@ -115,3 +117,99 @@ def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: floa
     ax.set_aspect("equal")
     ax.set_xlabel("reach from the centre of the contacts [m]")
     ax.set_ylabel("height above the lowest contact [m]")
+
+
+_WHEELS = {"color": "black", "ms": 4, "label": "wheels"}
+_WIDEST = 1.6  # times the median limit: what lies farther out is not drawn
+
+
+def envelope_picture(
+    name: str,
+    scope: str,
+    angles: np.ndarray,
+    nominal: LargestManoeuvres,
+    within: LargestManoeuvres | None,
+    feet: np.ndarray,
+) -> bytes:
+    """Draw a PNG with the tip and the slip limit around the base, nominal and in the worst case.
+
+    Args:
+        name, scope: for the title.
+        angles: (D,) rad, directions of the first D results.
+        nominal, within: results.
+        feet: (n, 3), m: the contacts.
+    """
+    figure = new_figure(6.6, 6.2)
+    ax: Any = figure.add_subplot(projection="polar")
+    ax.set_theta_zero_location("N")  # forward is up, as from above
+    count, around = len(angles), np.append(angles, angles[0])
+    known = [own.largest[:count] for own in (nominal, within) if own is not None]
+    top = _WIDEST * float(np.median(np.minimum(known[0], LARGEST))) or 1.0
+    cases = [("nominal", nominal, style.NOMINAL)]
+    if within is not None:
+        cases.append(("worst case", within, style.WORST_CASE))
+    for title, own, line in cases:
+        slips = np.where(own.slip < own.tip, own.slip, np.nan)[:count]
+        for word, values, color in (
+            ("the base tips", own.tip[:count], style.TIPPING.color),
+            ("wheels slide", slips, style.FRICTION.color),
+        ):
+            drawn = np.where(values < LARGEST, values, np.nan)
+            if np.isfinite(drawn).any():
+                label = f"{word}, {title}"
+                ax.plot(around, np.append(drawn, drawn[0]), color=color, label=label, **line)
+    least = known[-1]
+    ax.fill(around, np.append(least, least[0]), color=style.SHADE, zorder=0, gid="envelope")
+    places = feet[:, :2] - feet[:, :2].mean(axis=0)
+    shown = 0.25 * top * places / max(float(np.hypot(*places.T).max()), 1e-9)
+    ax.plot(np.arctan2(shown[:, 1], shown[:, 0]), np.hypot(*shown.T), "s", **_WHEELS)
+    ax.set_ylim(0.0, top)
+    ax.tick_params(labelsize=8, labelcolor=style.NOTE)
+    ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(-0.18, 0.06), **style.TEXT)
+    style.head(figure, f"{name}: drive envelope", scope)
+    style.note(figure, "largest acceleration of the base [m/s^2] by direction; up: forward (x axis)")
+    return png(figure)
+
+
+def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
+    """Largest tilts over the direction downhill, seen from above.
+
+    Args:
+        found: by pose: directions (k, 3), base axes, and tilts (k,), rad.
+    """
+    figure = new_figure(6.0, 5.6)
+    ax = figure.add_subplot(projection="polar")
+    widths = np.linspace(6.0, 1.5, max(len(found), 2))  # curves often lie on each other
+    for number, ((name, (sides, tilts)), width) in enumerate(zip(found.items(), widths, strict=False)):
+        turns = np.arctan2(sides[:, 1], sides[:, 0])
+        order = np.argsort(turns)
+        order = np.append(order, order[0])
+        ax.plot(
+            turns[order],
+            np.degrees(tilts)[order],
+            **style.member(number),
+            lw=width,
+            label=name,
+            gid=f"tilt-{name}",
+        )
+    ax.set_ylim(bottom=0.0)
+    ax.tick_params(axis="y", labelcolor="#606060", labelsize=8, zorder=3)
+    for label in ax.get_yticklabels():
+        label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8})
+    ax.set_title("Largest tilt of the floor at rest [deg], by direction downhill (0: x, 90: y)", fontsize=9.5)
+    figure.legend(frameon=False, loc="outside lower center", ncols=2, **style.TEXT)
+    return figure
+
+
+def payload_figure(times: np.ndarray, masses: np.ndarray) -> Figure:
+    """Largest further payload (N,), kg, in the postures at times (N,), s, of a motion, at rest there."""
+    figure = new_figure(8.0, 3.2)
+    ax = figure.subplots()
+    line_style = {"color": style.PAYLOAD.color, **style.NOMINAL}
+    ax.plot(times, masses, **line_style, gid="payload")
+    least = f"at least {float(np.min(masses)):.3g} kg more"
+    style.finish(
+        ax, f"Largest payload at rest: {least}", style.PAYLOAD.label, "posture at time [s] of the motion"
+    )
+    ax.set_ylim(0.0, 1.06 * max(float(np.max(masses)), 1e-9))
+    return figure

@@ -21,9 +21,8 @@ from ocptip.contact.bindings.pyramid import radius_error
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
-from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
+from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, FreeForces, force_scale, force_units
 from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
-from ocptip.reserves.free_forces import FreeForces, force_units
 from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
 from ocptip.reserves.optimality import ForceRange
 from ocptip.reserves.planar import usage_map

@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt
-from ocptip.basics.errors import InputError, number_from
+from ocptip.basics.errors import InputError, doubt, number_from
 from ocptip.basics.read import parse_xml, parse_yaml, read_text, read_xml_text
 from ocptip.basics.text import some
 from ocptip.robots.model import ArmModel

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ocptip.basics.doubts import FARTHEST, doubt, doubt_metres
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import FARTHEST, InputError, doubt, doubt_metres
 from ocptip.basics.text import did_you_mean
 from ocptip.numerics.inertia import ROUNDED, why_impossible
 from ocptip.robots.model import ArmModel

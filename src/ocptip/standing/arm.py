@@ -12,8 +12,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.doubts import too_light
-from ocptip.basics.errors import InputError, rotation_matrix
+from ocptip.basics.errors import InputError, rotation_matrix, too_light
 from ocptip.basics.values import rotations
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
@@ -28,12 +27,11 @@ from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import Floor, Obstacle
-from ocptip.robots.kinematics import chain, gripper_batch, link_frames
+from ocptip.robots.kinematics import PointSpeeds, chain, checked_points, gripper_batch, link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.pinocchio import PinocchioModel
-from ocptip.robots.point_speeds import PointSpeeds, checked_points
 from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.standing.acting import Acting

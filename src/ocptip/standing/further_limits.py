@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ocptip.robots.point_speeds import TCP
+from ocptip.robots.kinematics import TCP
 
 TCP_SPEED, POINT_SPEED = "tcp_speed_m_s", "point_speed_m_s"
 """Speeds of an arm's TCP and of origins of its joints' frames, in results."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.contact.moving import what_moves
+from ocptip.contact.resting import what_moves
 from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limits import Limits

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics import schema
-from ocptip.basics.doubts import doubt
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, doubt
 from ocptip.basics.read import read_text
 from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import MARK, Table

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres
-from ocptip.basics.errors import LARGEST
+from ocptip.basics.errors import LARGEST, doubt, doubt_degrees, doubt_metres
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.unilateral import UnilateralContact
 

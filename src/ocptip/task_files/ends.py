@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 
 from ocptip.basics import schema
-from ocptip.basics.doubts import doubt
+from ocptip.basics.errors import doubt
 from ocptip.basics.schema import REQUIRED, Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.postures import postures_of

@@ -21,11 +21,10 @@ from ocptip.basics.schema import REQUIRED, Key, Keys
 from ocptip.basics.text import of_known
 from ocptip.basics.toml import Source, Table
 from ocptip.basics.values import number_of
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of, value_of
 from ocptip.parallel.description.mdh import modified_rows, moved_inertia, standard_frame
-from ocptip.parallel.description.platform import COORDINATES, Platform
+from ocptip.parallel.description.platform import COORDINATES, BodyInertia, Platform
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import (
     FIXED,

@@ -13,8 +13,8 @@ from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
 from ocptip.motion.source import LIMITS
+from ocptip.robots.kinematics import TCP, checked_points
 from ocptip.robots.model import ArmModel
-from ocptip.robots.point_speeds import TCP, checked_points
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism

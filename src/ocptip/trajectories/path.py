@@ -1,24 +1,23 @@
-"""A path of joints: which postures follow each other, not when.
-
-Polynomials in s, from s = 0 at the start to s = 1 at the goal. Positions are continuous everywhere. Where the
-direction turns at once there is a corner, at which a motion has to stop; elsewhere the first derivative is
-continuous, and the second one may have steps at breakpoints only.
-"""
+"""A path of joints, which postures follow each other; and its timing."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from math import factorial
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.errors import InputError, finite_array, naming, positive_number
 from ocptip.basics.frozen import settle
+from ocptip.trajectories.pieces import Pieces
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
+
 
 GAP = 1e-9  # rad or m: jumps of positions at breakpoints that are rounding
 CORNER = 1e-6
@@ -150,3 +149,139 @@ def derivatives(coefficients: np.ndarray, places: np.ndarray, order: int) -> np.
     for row in coefficients:
         result = row + places * result
     return result
+
+
+BACK = 1e-7  # of the greatest ds/dt: so far below 0 is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class PathTiming:
+    """When a motion is where on its path.
+
+    Attributes:
+        path: whose breakpoints are among the nodes.
+        s: (N + 1,), increasing from 0 to 1: the nodes.
+        x: (N + 1,), 1/s^2, >= 0: squares of ds/dt at the nodes; never 0 at two neighbours.
+        times: (N + 1,), s, increasing from 0: when it passes the nodes; None: d2s/dt2 is constant between
+            them, which says when.
+    """
+
+    path: JointPath
+    s: np.ndarray
+    x: np.ndarray
+    times: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError if shapes do not fit, nodes do not increase or miss breakpoints, or it stops."""
+        s = finite_array("s", self.s, (None,))
+        x = finite_array("x", self.x, s.shape)
+        if len(s) < 2 or s[0] != 0 or s[-1] != 1 or np.any(np.diff(s) <= 0):
+            raise InputError("s: expected at least two nodes, increasing from 0 to 1")
+        if missed := np.setdiff1d(self.path.breakpoints, s).tolist():
+            raise InputError(f"s: the path's breakpoint {missed[0]:.9g} is no node")
+        if np.any(x < 0):
+            raise InputError(f"x: must be >= 0, got {x.min():.6g}")
+        if (stuck := np.flatnonzero(np.maximum(x[:-1], x[1:]) == 0)).size:
+            raise InputError(f"x: is 0 from s = {s[stuck[0]]:.6g} to {s[stuck[0] + 1]:.6g}: it never goes on")
+        settle(self, s=s, x=x)
+        if self.times is not None:
+            times = finite_array("times", self.times, s.shape)
+            if times[0] != 0 or np.any(np.diff(times) <= 0):
+                raise InputError("times: expected increasing ones from 0")
+            settle(self, times=times)
+            if (least := self._least_speed) < -BACK * np.sqrt(x.max()):
+                raise InputError(f"times: between nodes it goes backwards, ds/dt is {least:.3g}")
+
+    @cached_property
+    def node_times(self) -> np.ndarray:
+        """When the nodes are passed, (N + 1,), s."""
+        if self.times is not None:
+            return self.times
+        speeds = np.sqrt(self.x)
+        return np.append(0.0, np.cumsum(2 * np.diff(self.s) / (speeds[:-1] + speeds[1:])))
+
+    @property
+    def u(self) -> np.ndarray:
+        """d2s/dt2 after the nodes, (N,), 1/s^2; without given times it is constant between nodes."""
+        if self.times is None:
+            return 0.5 * np.diff(self.x) / np.diff(self.s)
+        h, speeds = np.diff(self.times), np.sqrt(self.x)
+        return 2 * (3 * np.diff(self.s) / h - 2 * speeds[:-1] - speeds[1:]) / h
+
+    @property
+    def third(self) -> np.ndarray:
+        """d3s/dt3 between the nodes, (N,), 1/s^3."""
+        if self.times is None:
+            return np.zeros(len(self.s) - 1)
+        h, speeds = np.diff(self.times), np.sqrt(self.x)
+        return 6 * (speeds[:-1] + speeds[1:] - 2 * np.diff(self.s) / h) / h**2
+
+    @cached_property
+    def pieces(self) -> tuple[Pieces, ...]:
+        """Polynomials of time between nodes: those of s of the path, of which s is one of time."""
+        h = np.diff(self.node_times)
+        middle = 0.5 * (self.s[:-1] + self.s[1:])
+        piece = np.searchsorted(self.path.breakpoints, middle) - 1
+        beyond = (self.s[:-1] - self.path.breakpoints[piece])[:, None]
+        of_place = self.path.coefficients[:, piece]
+        degree = len(of_place) - 1
+        law = np.stack([np.sqrt(self.x[:-1]), 0.5 * self.u, self.third / 6])  # of t, t^2, t^3
+        law = law[: 2 if self.times is None else 3]
+        power = np.ones((1, len(h)))  # coefficients of the powers of the way since the node
+        orders = degree * len(law)
+        found = np.zeros((orders + 1, len(h), self.path.joints))
+        for k in range(degree + 1):
+            found[: len(power)] += power[:, :, None] * (derivatives(of_place, beyond, k) / factorial(k))
+            longer = np.zeros((len(power) + len(law), len(h)))
+            for shift, row in enumerate(law, 1):
+                longer[shift : shift + len(power)] += row * power
+            power = longer
+        found *= np.array([float(factorial(k)) for k in range(orders + 1)])[:, None, None]
+        return (Pieces(self.node_times, found, self.path.goal),)
+
+    def time_scaled(self, factor: float) -> PathTiming:
+        """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
+        factor = positive_number("factor", factor)
+        times = None if self.times is None else factor * self.times
+        return PathTiming(self.path, self.s, self.x / factor**2, times)
+
+    @property
+    def _least_speed(self) -> float:
+        """Minimum ds/dt between nodes, before it is taken as 0."""
+        u, third, h = self.u, self.third, np.diff(self.node_times)
+        t = np.clip(np.divide(-u, third, out=np.zeros_like(u), where=third != 0), 0.0, h)
+        return float(np.min(np.sqrt(self.x[:-1]) + t * (u + 0.5 * t * third)))
+
+    def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
+        """Return `start` (degrees; m where `units` says so) and `path`, pieces and timing, rad and s."""
+        turning = np.array(units or ["rad"] * self.path.joints) == "rad"
+        named = {} if turning.all() else {"units": ["deg" if turns else "m" for turns in turning]}
+        path = {
+            "breakpoints": self.path.breakpoints.tolist(),
+            "coefficients_rad": self.path.coefficients.tolist(),
+            "s": self.s.tolist(),
+            "x_1_s2": self.x.tolist(),
+            **({} if self.times is None else {"times_s": self.times.tolist()}),
+        }
+        return {
+            **named,
+            "start": np.where(turning, np.rad2deg(self.path.start), self.path.start).tolist(),
+            "path": path,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> PathTiming:
+        """Return the timing written by :meth:`to_dict`, to the last bit.
+
+        Raises:
+            InputError: a key is missing, or its value cannot be used; names it.
+        """
+        own = data.get("path")
+        keys = ("breakpoints", "coefficients_rad", "s", "x_1_s2")
+        if not isinstance(own, Mapping) or any(key not in own for key in keys):
+            raise InputError(f"path: expected a table with {', '.join(keys)}")
+        with naming("path"):
+            shapes = (None,), (None, None, None), (None,), (None,)
+            values = [finite_array(key, own[key], shape) for key, shape in zip(keys, shapes, strict=True)]
+            times = finite_array("times_s", own["times_s"], (None,)) if "times_s" in own else None
+            return cls(JointPath(*values[:2]), values[2], values[3], times)

@@ -9,8 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt, doubt_degrees
-from ocptip.basics.errors import InputError, finite_array, naming, positive_number, refuse_huge
+from ocptip.basics.errors import (
+    InputError,
+    doubt,
+    doubt_degrees,
+    finite_array,
+    naming,
+    positive_number,
+    refuse_huge,
+)
 from ocptip.basics.read import parse_json, parse_yaml, read_text
 from ocptip.basics.text import some
 from ocptip.trajectories.bags import is_bag, motion_in_bag, refuse_of_other_files

@@ -9,8 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from ocptip.basics.doubts import doubt_degrees
-from ocptip.basics.errors import LARGEST, InputError, refuse_huge
+from ocptip.basics.errors import LARGEST, InputError, doubt_degrees, refuse_huge
 from ocptip.basics.text import some
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
 from ocptip.trajectories.csv_time import times_of

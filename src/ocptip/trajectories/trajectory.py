@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.numerics.quadrature import gauss_legendre
-from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.path_timing import PathTiming
+from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.pieces import MERGE, Pieces, Side, following
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit, Points
 from ocptip.trajectories.ramps import JointRamps, RampCommand

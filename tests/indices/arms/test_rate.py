@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from ocptip.basics.errors import InputError
 from ocptip.indices.arms.axes import arm_from_spears, arm_pose
 from ocptip.indices.arms.distance import stationary_curvatures
-from ocptip.indices.arms.rate import rate_arm
-from ocptip.indices.arms.values import ARM_INDICES, index_values
+from ocptip.indices.arms.values import ARM_INDICES, index_values, rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import inv_cdn, inv_cdn_cl, inv_cdn_points
 from ocptip.published.arms import arm_by_name, irb_2000, known_arms

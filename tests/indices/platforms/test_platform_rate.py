@@ -6,7 +6,7 @@ import pytest
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import platform_conditioning
 from ocptip.indices.platforms.platform import StewartPlatform
-from ocptip.indices.platforms.rate import rate_platform
+from ocptip.indices.platforms.reviewed import rate_platform
 from studies.indices.designs.flight_simulator import FlightSimulator
 from tests.indices.sample_platforms import flat_pose, random_pose
 

@@ -26,13 +26,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import Frame, compose, inverse, rotation_angles
-from ocptip.parallel.description.platform import COORDINATES, Platform
+from ocptip.parallel.description.platform import COORDINATES, BodyInertia, Platform
 from ocptip.parallel.description.robot_description import RobotDescription, SerialLeg
 from ocptip.parallel.description.rotations import rotation_vector
-from ocptip.parallel.formats.skeleton import Skeleton, joint_name, link_name
+from ocptip.parallel.formats.export import Skeleton, joint_name, link_name
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.robot import ParallelRobot
 from tests.oracles.parallel_urdf.assembly import closed_home, free_coordinates, platform_frame

@@ -10,8 +10,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.numerics.quadrics import Deformation, distinct, follow, polished, total_degree
 from ocptip.parallel.analysis.leg_surfaces import held_leg
-from ocptip.parallel.description.body_inertia import BodyInertia
-from ocptip.parallel.description.platform import Platform
+from ocptip.parallel.description.platform import BodyInertia, Platform
 from ocptip.parallel.description.ready_made import READY_MADE, delta, make_robot, rpr3, rrr3, ups6
 from ocptip.parallel.description.robot_description import MDHRow, RobotDescription, SerialLeg
 from ocptip.parallel.kinematics.leg_solver import LegSolver

@@ -10,10 +10,9 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.complete import complete_function, complete_joints, newton_function
-from ocptip.parallel.code.counting import count_operations
 from ocptip.parallel.code.lean_arm import lean_arm
-from ocptip.parallel.description.body_inertia import BodyInertia
-from ocptip.parallel.description.platform import Platform
+from ocptip.parallel.code.leg_plans import count_operations
+from ocptip.parallel.description.platform import BodyInertia, Platform
 from ocptip.parallel.description.ready_made import READY_MADE, ups6
 from ocptip.parallel.description.robot_description import MDHRow, RobotDescription, SerialLeg
 from ocptip.parallel.robot import ParallelRobot

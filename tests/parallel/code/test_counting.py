@@ -5,8 +5,8 @@ from __future__ import annotations
 import casadi as cs
 import pytest
 
-from ocptip.parallel.code.counting import OperationCount, count_operations
 from ocptip.parallel.code.lean import lean_function
+from ocptip.parallel.code.leg_plans import OperationCount, count_operations
 from tests.parallel.parallel_cases import golden
 
 x, y, z = (cs.SX.sym(name) for name in "xyz")

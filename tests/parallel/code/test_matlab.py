@@ -13,8 +13,8 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
+from ocptip.parallel.code.codegen import matlab_text
 from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.code.matlab import matlab_text
 from tests.parallel.parallel_cases import golden
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.code.counting import count_operations
+from ocptip.parallel.code.leg_plans import count_operations
 from ocptip.parallel.code.tidy import tidy
 
 X = [cs.SX.sym(name) for name in "abcd"]

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import (
     Parameter,
@@ -19,7 +18,7 @@ from ocptip.parallel.description.entries import (
     right_angles,
     value_of,
 )
-from ocptip.parallel.description.platform import Platform
+from ocptip.parallel.description.platform import BodyInertia, Platform
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
 from ocptip.parallel.description.robot_description import DYNPAR2, FIXED, PRISMATIC, MDHRow, SerialLeg
 from ocptip.parallel.robot import ParallelRobot

@@ -9,7 +9,7 @@ import pytest
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import DYNPAR2, MDHRow
 from ocptip.parallel.dynamics.base_parameters import (

@@ -16,8 +16,8 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.write import file_target
 from ocptip.cli import parallel as command
 from ocptip.cli.main import main
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import delta, prrr4, rpr3, rrr3, ups6
 from ocptip.parallel.dynamics.base_wrench import moving_mass
 from ocptip.parallel.formats.export import to_urdf

@@ -15,7 +15,7 @@ from ocptip.indices.meanings import PARALLEL, PLATFORM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformFile, StewartPlatform
-from ocptip.indices.platforms.rate import RatedPose, rate_platform
+from ocptip.indices.platforms.reviewed import RatedPose, rate_platform
 from ocptip.parallel.analysis.workspace import motor_volume
 from ocptip.parallel.description.entries import value_of
 from ocptip.parallel.description.robot_description import PRISMATIC, RobotDescription, SerialLeg

@@ -1,21 +1,23 @@
-"""Indices of Stewart-Gough platforms from the literature: what they measure and where they mislead.
-
-None of them sees where on its line an anchor sits (except the rigidity rate, which sees the platform anchors
-only). Source: [Naw07] 5.1 and 6.1, (5.1), (6.2). The quality index (6.1)
-is a search and lives in :mod:`studies.indices.designs.platform_search`.
-"""
+"""Indices of a platform pose that need no search, and those of the literature: what they measure."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.basics.write import Record
-from ocptip.indices.metric import velocity_map
-from ocptip.indices.platforms.platform import MINIMUM_LEGS, PlatformPose
+from ocptip.indices.meanings import PLATFORM, IndexEntry
+from ocptip.indices.metric import OperationEllipsoid, velocity_map
+from ocptip.indices.platforms.controllability import control_number, platform_conditioning
+from ocptip.indices.platforms.platform import MINIMUM_LEGS, PlatformPose, StewartPlatform
 from ocptip.indices.reviewed import RANK_TOLERANCE
+from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import cross
 
 
@@ -167,3 +169,104 @@ def rigidity_rate(pose: PlatformPose) -> RigidityRate:
 
 def _ratio(pose: PlatformPose, values: np.ndarray) -> float:
     return 0.0 if pose.singular else float(values[-1] / values[0])
+
+
+@one_thread
+def rate_platform(
+    platform: StewartPlatform,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+    rotation: ArrayLike | None = None,
+    ellipsoid: OperationEllipsoid | None = None,
+) -> list[IndexEntry]:
+    """All indices of a platform pose, the trustworthy ones first.
+
+    Args:
+        platform: anchors; n >= 6 legs.
+        position: (3,) origin of the platform frame in the base frame, m.
+        rotation: (3, 3) platform frame to base frame; default: none.
+        ellipsoid: operation ellipsoid in the platform frame; without it the indices of a tool are NaN.
+
+    Returns:
+        Entries ctn, inv_cdn_oe, inv_cdn_cl, inv_cdn_points, inv_cdn, manipulability, sigma_r, sigma_s,
+        rigidity_rate.
+
+    Raises:
+        InputError: no rotation matrix, or a leg of length zero.
+    """
+    rated = RatedPose(platform, position, rotation, ellipsoid)
+    values, pose, spread = rated.values(PLATFORM), rated.pose, rated.spread
+    special = {}
+    if ellipsoid is None:
+        special |= dict.fromkeys(("inv_cdn_oe", "inv_cdn_cl"), "not rated: needs an operation ellipsoid")
+    if not spread:
+        special["inv_cdn_points"] = "not rated: platform anchors on one line"
+    if platform.n_legs != MINIMUM_LEGS:
+        special["rigidity_rate"] = "not rated: defined for six legs"
+    usual = "singular pose" if pose.singular else "ok"
+    upper = {"sigma_s": math.sqrt(platform.n_legs / 3.0)}
+    return [
+        PLATFORM[name].entry(name, value, special.get(name, usual), upper.get(name))
+        for name, value in values.items()
+    ]
+
+
+class RatedPose:
+    """A platform in a pose, whose indices are computed when they are asked for.
+
+    Arguments as for :func:`rate_platform`; InputError likewise.
+    """
+
+    def __init__(
+        self,
+        platform: StewartPlatform,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rotation: ArrayLike | None = None,
+        ellipsoid: OperationEllipsoid | None = None,
+    ) -> None:
+        self.position = finite_array("position", position, (3,))
+        self.rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
+        self.pose, self.ellipsoid = platform.at(self.position, self.rotation), ellipsoid
+
+    def values(self, names: Iterable[str]) -> dict[str, float]:
+        """Indices by names of `PLATFORM`; NaN where one is not rated, see :func:`rate_platform`."""
+        return {name: float(_VALUES[name](self)) for name in names}
+
+    @cached_property
+    def spread(self) -> bool:
+        """Whether the platform anchors span a plane at least."""
+        return spans_a_plane(self.pose.platform)
+
+    @cached_property
+    def _complexes(self) -> BestComplex:
+        return best_complex(self.pose)
+
+    def _inv_cdn_oe(self) -> float:
+        if self.ellipsoid is None:
+            return math.nan
+        return platform_conditioning(self.pose, self.ellipsoid.W(self.rotation, self.position)).value
+
+    def _inv_cdn_cl(self) -> float:
+        if self.ellipsoid is None:
+            return math.nan
+        point = self.rotation @ self.ellipsoid.center + self.position
+        return inverse_condition_number_cl(self.pose, point, self.ellipsoid.characteristic_length)
+
+    def _inv_cdn_points(self) -> float:
+        return inverse_condition_number_points(self.pose, self.pose.platform) if self.spread else math.nan
+
+    def _rigidity_rate(self) -> float:
+        return rigidity_rate(self.pose).angle if self.pose.n_legs == MINIMUM_LEGS else math.nan
+
+
+_VALUES: dict[str, Callable[[RatedPose], float]] = {
+    "ctn": lambda rated: control_number(rated.pose).value,
+    "inv_cdn_oe": RatedPose._inv_cdn_oe,
+    "inv_cdn_cl": RatedPose._inv_cdn_cl,
+    "inv_cdn_points": RatedPose._inv_cdn_points,
+    "inv_cdn": lambda rated: inverse_condition_number(rated.pose),
+    "manipulability": lambda rated: manipulability(rated.pose),
+    "sigma_r": lambda rated: rated._complexes.sigma_r,
+    "sigma_s": lambda rated: rated._complexes.sigma_s,
+    "rigidity_rate": RatedPose._rigidity_rate,
+}
+"""The functions that compute the indices, by name."""

@@ -16,7 +16,7 @@ import tempfile
 from functools import lru_cache
 from pathlib import Path
 
-from ocptip.basics.doubts import doubt
+from ocptip.basics.errors import doubt
 
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 

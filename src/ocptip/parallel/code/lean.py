@@ -27,8 +27,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.analysis.singularity import elimination_order
-from ocptip.parallel.code.counting import OperationCount, count_operations
-from ocptip.parallel.code.leg_plans import choose_plans
+from ocptip.parallel.code.leg_plans import OperationCount, choose_plans, count_operations
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.terms import FORMS
@@ -75,7 +74,7 @@ class LeanFunction:
 
     @property
     def count(self) -> OperationCount:
-        """Operations by the rule of :mod:`ocptip.parallel.code.counting`."""
+        """Operations by the rule of :mod:`ocptip.parallel.code.leg_plans`."""
         return count_operations(self.function)
 
     def __call__(

@@ -14,8 +14,8 @@ from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import parallel_axis
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.code.tidy import tidy
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import moved_inertia, rotation_angles
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.symbolic.leg_dynamics import chain_motion, efforts_and_base
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, plus, turn, vector

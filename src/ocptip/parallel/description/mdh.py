@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from ocptip.numerics.vectors import skew
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, elementary_rotation, value_of
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, MDHRow
 
 Frame = tuple[np.ndarray, np.ndarray]

@@ -1,15 +1,112 @@
-"""The platform of a parallel robot: which of its coordinates are free, its inertia, what it carries."""
+"""The platform of a parallel robot, and the inertia of a body."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.basics.frozen import settle
-from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.numerics.inertia import parallel_axis, symmetric_matrix, why_impossible
 from ocptip.robots.payload import Payload
+
+_PHYSICAL = 1e-6
+"""Excess over the limits of a body's inertia, relative, that counts as rounding of the file's numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyInertia:
+    """Mass, first moment and inertia about the frame's origin (DynPar 2), body axes.
+
+    Attributes:
+        mass: kg.
+        first_moment: (3,), kg m: mass times centre of mass.
+        inertia: (3, 3), kg m^2, about the origin of the body's frame.
+        grouped: identified or grouped parameters, which may belong to no real body: no physical limits are
+            checked.
+
+    Raises:
+        InputError: not finite, not symmetric; or, unless grouped, an inertia about the centre of mass that
+            no body has: a negative principal moment, or one larger than the sum of the other two. A single
+            moment about one coordinate axis is accepted, planar robots need no more.
+    """
+
+    mass: float = 0.0
+    first_moment: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    grouped: bool = False
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            mass=number_from("mass", self.mass),
+            first_moment=finite_array("first_moment", self.first_moment, (3,)),
+            inertia=finite_array("inertia", symmetric_matrix(self.inertia), (3, 3)),
+        )
+        if not self.grouped:
+            self._refuse_impossible()
+
+    def _refuse_impossible(self) -> None:
+        """Raise InputError if no distribution of mass, and no planar body, has these numbers."""
+        if self.mass < 0:
+            raise InputError(f"mass: must be >= 0, got {self.mass}")
+        if self.mass == 0 and self.first_moment.any():
+            raise InputError(f"first_moment: must be zero without mass, got {self.first_moment.tolist()}")
+        about = self.central
+        rounding = _PHYSICAL * max(float(np.abs(self.inertia).max()), 1e-300)
+        if np.count_nonzero(np.abs(about) > rounding) == 1 and np.trace(about) > 0:
+            return
+        if reason := why_impossible(about, rounding):
+            raise InputError(f"inertia: {reason}")
+
+    @property
+    def central(self) -> np.ndarray:
+        """(3, 3), kg m^2: inertia about the centre of mass, body axes; about the origin without mass."""
+        center = self.first_moment / self.mass if self.mass else np.zeros(3)
+        return self.inertia - parallel_axis(self.mass, center)
+
+    @classmethod
+    def about_center(
+        cls,
+        mass: float,
+        center: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+        inertia: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        grouped: bool = False,
+    ) -> BodyInertia:
+        """From DynPar 1.
+
+        Args:
+            mass: kg, >= 0.
+            center: (3,), m, centre of mass in the body frame.
+            inertia: about the centre of mass, body axes, kg m^2: (3, 3), or (6,) as xx, xy, xz, yy, yz, zz,
+                or three principal values.
+            grouped: see the class.
+        """
+        mass = positive_number("mass", mass, zero_allowed=True)
+        c = finite_array("center", center, (3,))
+        about_origin = symmetric_matrix(inertia) + parallel_axis(mass, c)
+        return cls(mass, mass * c, about_origin, grouped=grouped)
+
+    @classmethod
+    def from_vector(cls, parameters: Sequence[float] | np.ndarray) -> BodyInertia:
+        """From (10,) XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M, also grouped ones."""
+        p = finite_array("parameters", parameters, (10,))
+        return cls(p[9], p[6:9], p[:6], grouped=True)
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(10,) DynPar 2: XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M."""
+        return np.concatenate([self.inertia[np.triu_indices(3)], self.first_moment, [self.mass]])
+
+    @property
+    def massless(self) -> bool:
+        """True if all ten parameters are zero."""
+        return not self.vector.any()
+
 
 COORDINATES = ("x", "y", "z", "phi1", "phi2", "phi3")
 CONVENTIONS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz")

@@ -17,7 +17,6 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.basics.frozen import settle
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import (
     Entry,
     Parameter,
@@ -27,7 +26,7 @@ from ocptip.parallel.description.entries import (
     product_of,
     value_of,
 )
-from ocptip.parallel.description.platform import Platform
+from ocptip.parallel.description.platform import BodyInertia, Platform
 from ocptip.robots.payload import Payload
 
 REVOLUTE, PRISMATIC, FIXED = 0, 1, 2

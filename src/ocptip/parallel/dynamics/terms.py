@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import Record
 from ocptip.numerics.vectors import cross, skew
-from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
 FORMS = ("S", "X", "Z", "A", "AA")

@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import MARK
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import Frame, central_inertia, compose, inverse, moved_inertia, row_frame
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
-from ocptip.parallel.formats.skeleton import (
+from ocptip.parallel.formats.export import (
     BASE,
     PLATFORM,
     SKETCH_RADIUS,

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import moved_inertia, row_frame
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, MDHRow, RobotDescription
 from ocptip.parallel.symbolic.leg_jacobian import LegPlan
 from ocptip.parallel.symbolic.projection import Arguments, Projection

@@ -23,7 +23,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.steps import Modes
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
-from ocptip.standing.simulation.jaws import jaws_of, pressed
+from ocptip.standing.simulation.world import jaws_of, pressed
 from ocptip.trajectories.trajectory import Trajectory
 
 BASE, PAYLOAD, PROCESS = "base", "payload", "process"
