@@ -17,9 +17,9 @@ import numpy as np
 from ocptip.api.requirements import Outcome, junit, outcomes_to_dict, read_requirements
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
-from ocptip.motion.stop_rules import STOPJ
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
+from ocptip.motion.stop_rules import STOPJ
 from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
