@@ -19,7 +19,6 @@ from ocptip.basics.errors import InputError, naming, positive_number, share_of_o
 from ocptip.basics.outputs import require_replaceable
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
-from ocptip.motion.stop_rules import STOPJ
 from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def with_cancel(task: Task, options: Namespace) -> Task:
         if text is not None:
             law = re.fullmatch(r"(?P<share>[^,]+)%|stopj(?:\((?P<stopj>[^,]+)\))?|(?P<rates>.+)", text)
             kind = law.lastgroup if law else ""
-            words = law[kind].split(",") if law and kind else [str(STOPJ)]
+            words = law[kind].split(",") if law and kind else [str(own.stops.STOPJ)]
             try:
                 numbers = [positive_number("--deceleration", float(word)) for word in words]
             except ValueError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -46,9 +46,6 @@ HOLDING = 1.3
 """A brake that is not given holds at least this share of what gravity asks in any posture: makers of drives
 ask for it in tests of holding brakes (docs/stops.md)."""
 
-STOPJ = 4.0
-"""rad/s^2 of `stopj` as the driver of Universal Robots calls it, see `ocptip.standing.stops.by_cancel`."""
-
 NO_DATA = "category 0 not checked: no brake data"
 
 
@@ -70,8 +67,11 @@ class StopRules:
         share: of `deceleration` or `stopj` that it uses.
         reaction: s, at most from a cancel until the joints decelerate.
         longest: s, at most from a cancel until everything rests.
+        STOPJ: rad/s^2 of `stopj` as the driver of Universal Robots calls it, see
+            `ocptip.standing.stops.by_cancel`.
     """
 
+    STOPJ: ClassVar[float] = 4.0
     GN: float | None = None
     GT: float | None = None
     time: float = 0.0
