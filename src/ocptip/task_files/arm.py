@@ -12,7 +12,7 @@ from typing import get_args
 import numpy as np
 
 from ocptip.basics import schema
-from ocptip.basics.doubts import too_light
+from ocptip.basics.errors import too_light
 from ocptip.basics.schema import ANY_FILE, REQUIRED, Keys
 from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import Table
