@@ -17,6 +17,7 @@ import numpy as np
 from ocptip.certificate.trusted.arm import Arm, crossed, times_rows, turned
 from ocptip.certificate.trusted.bodies import bodies
 from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, linear, stack
+from ocptip.certificate.trusted.plain import SPRING_SHARE
 
 
 class Drives:
@@ -61,8 +62,9 @@ class Drives:
         own = [self._coordinates(form) for form in (pace, *pulls, *pushes, process)]
         own.append(qdd * arm.armature[:, None])
         weights = np.array([(body.low, body.high) for body in found]).T[:, :, None]
-        steady = own[7] + arm.against_springs(q)
-        found = self._greatest(weights, own[0], own[1:4], own[4:7], steady, own[8])
+        springs = arm.against_springs(q)
+        off = springs * np.full((len(arm.armature), 1), float(self._own.get(SPRING_SHARE, 0.0)))
+        found = self._greatest(weights, own[0], own[1:4], own[4:7], own[7] + springs, own[8], off)
         return found + self._paces[1] * (np.abs(arm.ratios.T) @ np.broadcast_to(loose, pace.r[:, 0].shape))
 
     def _coordinates(self, form: Form) -> Form:
@@ -89,6 +91,7 @@ class Drives:
         pushes: list[Form],
         process: Form,
         rotor: Form,
+        springs: Form,
     ) -> np.ndarray:
         """The closed form.
 
@@ -99,15 +102,17 @@ class Drives:
             pushes: three (n, N), by those of a push at the gripper.
             process, rotor: (n, N), constant, springs included, and proportional to the square of the speed
                 factor for rotors.
+            springs: (n, N), by which these may be off, of either sign.
         """
         g, tilt, push = self._gravity, float(self._own["tilt"]), float(self._own["push"])
         mean, half = 0.5 * (weights[0] + weights[1]), 0.5 * (weights[1] - weights[0])
         off = float(np.linalg.norm(g)) * tilt * (1 + U)  # by so much gravity changes at most
-        at = [np.tensordot(BERNSTEIN, form.c, axes=1) for form in (pace, *pulls, *pushes, process, rotor)]
+        forms = (pace, *pulls, *pushes, process, rotor, springs)
+        at = [np.tensordot(BERNSTEIN, form.c, axes=1) for form in forms]
         pulled, level = np.stack(at[1:4]), sum(g[axis] * at[1 + axis] for axis in range(3))
         y = np.sum(mean * pulled, axis=3)  # (3, nodes, n, N)
         along, across = np.tensordot(g, y, axes=1), np.linalg.norm(np.cross(y, g, axis=0), axis=0)
-        pushed = push * np.linalg.norm(np.stack(at[4:7]), axis=0)
+        pushed = push * np.linalg.norm(np.stack(at[4:7]), axis=0) + np.abs(at[9])
         turned_by = np.sum(half * off * np.linalg.norm(pulled, axis=0), axis=2)
         best = np.full(along.shape, -np.inf)
         for p in self._paces:
@@ -120,7 +125,7 @@ class Drives:
 
         def whole(of: Callable[[Form], np.ndarray]) -> np.ndarray:
             bodies = fast * of(pace) + sum(f * of(own) for f, own in zip(far, pulls, strict=True))
-            rest = of(process) + fast * of(rotor) + push * sum(map(of, pushes))
+            rest = of(process) + fast * of(rotor) + push * sum(map(of, pushes)) + of(springs)
             return np.sum(most * bodies, axis=1) + rest
 
         error, size = whole(lambda form: form.r), whole(lambda form: form.size)

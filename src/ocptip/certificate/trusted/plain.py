@@ -22,6 +22,8 @@ POINTS = "points"
 """Key of points of an arm whose speeds are limited."""
 DECELERATIONS = "decelerations_on_cancel"
 """Key of what joints decelerate by when a motion is cancelled, (m,), rad/s^2 or m/s^2."""
+SPRING_SHARE = "springs"
+"""Key of a tolerance: share of itself by which the torque of a spring may be off; 0 where it is missing."""
 _SHARE = 0.999  # relative, at most
 _BOXES = ("center_of_mass", "payload_center")
 _MOST = {
@@ -151,7 +153,10 @@ def require_process(arm: Mapping[str, Any] | None, motion: Mapping[str, Any]) ->
 
 def require_tolerance(tolerance: Mapping[str, Any]) -> None:
     """Raise MalformedError unless this says of every quantity how far it may be off."""
-    require(set(tolerance) == {*_MOST, *_BOXES, "base_mass"}, "tolerance: other quantities are expected")
+    known = set(tolerance) - {SPRING_SHARE}
+    require(known == {*_MOST, *_BOXES, "base_mass"}, "tolerance: other quantities are expected")
+    springs = numbers(SPRING_SHARE, tolerance.get(SPRING_SHARE, 0.0), (), 0.0)
+    require(springs <= _SHARE, f"{SPRING_SHARE}: more than {_SHARE:g}")
     for key, most in _MOST.items():
         require(numbers(key, tolerance[key], (), 0.0) <= most, f"{key}: more than {most:g}")
     for key in _BOXES:
