@@ -7,12 +7,17 @@ import pinocchio as pin
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.certificate.checks import certified
+from ocptip.certificate.describe import tolerance_data, tolerance_words
+from ocptip.certificate.trusted.described import TORQUES
+from ocptip.cli.motion_summary import notes
+from ocptip.motion.check import check_motion
 from ocptip.parallel.code.lean_arm import lean_arm
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.mjcf import to_mjcf
-from ocptip.standing.tolerance import WORKSHOP
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.task_files.arm import arm_of_file
 from tests.robots.pinocchio_twin import twin
@@ -84,6 +89,47 @@ def test_the_largest_torques_within_an_uncertainty_have_the_springs():
     spring = one.spring_torque - one.spring_stiffness * q
     assert np.all(np.abs(bound - before) <= np.abs(spring) + 1e-9)
     assert np.max(np.abs(bound - before)) > 1.0
+
+
+def test_uncertain_springs_ask_more_of_the_drives_and_nothing_of_the_contacts():
+    """By hand: the bound grows by the share of the spring's torque; no draw of springs exceeds it."""
+    task = experiment_task("A")
+    arm = task.robot.arm
+    own = {"spring_torque": np.arange(6.0), "spring_stiffness": np.full(6, 3.0)}
+    robot = task.robot.varied(arm=dataclasses.replace(arm, **own))
+    rng = np.random.default_rng(2)
+    states, none = rng.uniform(-1, 1, (3, 40, 6)), np.empty((40, 0))
+    loose = dataclasses.replace(WORKSHOP, springs=0.2)
+    exact, bound = (maximum_torques(robot, one, *states, none) for one in (WORKSHOP, loose))
+    np.testing.assert_allclose(bound - exact, 0.2 * np.abs(own["spring_torque"] - 3.0 * states[0]), atol=1e-9)
+    for _ in range(20):
+        factors = rng.uniform(0.8, 1.2, 6)
+        drawn = dataclasses.replace(arm, **{name: factors * value for name, value in own.items()})
+        torques = evaluate_dynamics(drawn, *states, gravity=task.robot.support.gravity).torque
+        assert np.all(np.abs(torques) <= bound + 1e-9)
+    data = tolerance_data(loose, robot.support)
+    assert data["springs"] == 0.2
+    assert "springs +-20 %" in tolerance_words(data)
+    assert "springs" not in tolerance_data(WORKSHOP, robot.support)
+
+
+@pytest.mark.parametrize("springs", [0.0, 0.1])
+def test_a_motion_is_checked_and_proved_with_uncertain_springs(springs):
+    task = experiment_task("A", "effective")
+    arm = task.robot.arm
+    torque, stiffness = 8.0 * (np.arange(6) == 1), 3.0 * (np.arange(6) == 1)
+    robot = task.robot.varied(arm=dataclasses.replace(arm, spring_torque=torque, spring_stiffness=stiffness))
+    limits = dataclasses.replace(task.limits, tolerance=Uncertainty(tilt=1e-3, springs=springs))
+    checked = check_motion(robot, task.reference, limits)
+    assert checked.within.exact_springs == (springs == 0)
+    assert ("counterbalance springs count as exact" in " ".join(notes(checked))) == (springs == 0)
+    worst = checked.worst["torque_ratio_worst_case"].value
+    proved = certified(robot, task.reference, checked, limits).certificate
+    assert proved.holds
+    assert worst <= proved.verdict.bounds[TORQUES] <= 1
+    if springs:
+        exact = dataclasses.replace(limits, tolerance=Uncertainty(tilt=1e-3))
+        assert worst > check_motion(robot, task.reference, exact).worst["torque_ratio_worst_case"].value
 
 
 def test_mujoco_has_the_same_springs():

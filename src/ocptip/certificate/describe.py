@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from ocptip.certificate.trusted.arm import PROCESS, SPRINGS, TIMES
-from ocptip.certificate.trusted.plain import DECELERATIONS, POINTS
+from ocptip.certificate.trusted.plain import DECELERATIONS, POINTS, SPRING_SHARE
 from ocptip.contact.support import Support
 from ocptip.numerics.jit.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
@@ -239,6 +239,7 @@ def tolerance_data(tolerance: Uncertainty, support: Support) -> dict[str, Any]:
         "center_of_mass": list(map(float, tolerance.center_of_mass)),
         "payload_center": list(map(float, tolerance.payload_center)),
         **{name: float(getattr(tolerance, name)) for name in _SHARES_AND_SIZES},
+        **({SPRING_SHARE: float(tolerance.springs)} if tolerance.springs else {}),
     }
 
 
@@ -252,6 +253,7 @@ def tolerance_words(data: Mapping[str, Any]) -> str:
         center_of_mass=data["center_of_mass"],
         payload_center=data["payload_center"],
         damping=None if swing is None else float(-swing / np.hypot(np.pi, swing)),
+        springs=data.get(SPRING_SHARE, 0.0),
         **{name: data[name] for name in _SHARES_AND_SIZES if name != "overshoot"},
     )
     uneven = [] if even else [f"base mass {100 * low:+.3g} to {100 * high:+.3g} %"]

@@ -51,6 +51,8 @@ def notes(checked: MotionCheck) -> list[str]:
         found.append("collisions are not checked: no collision geometry")
     elif unseen := [" and ".join(pair) for pair in collision["unseen"]]:
         found.append(f"collisions are not checked for {some(unseen, 3)}, whose solids mostly overlap")
+    if checked.within and checked.within.exact_springs:
+        found.append("counterbalance springs count as exact: `springs` in [tolerance] is their share")
     if checked.within and "foot_force_N" in checked.worst:
         found.append("compliant feet are checked in the nominal model only")
     if checked.within and "GN_gears" in checked.worst:

@@ -27,7 +27,7 @@ _ALONG = 1e-9  # sine of the angle up to which an axis counts as along gravity
 _STEEPEST = pi / 4  # rad
 _STEPS = 200
 _LATEST = 1.0  # s; above that it is the value that is off: not in ms
-_SHARES = ("arm_mass", "payload_mass", "friction", "speed", "drive_speed")
+_SHARES = ("arm_mass", "payload_mass", "springs", "friction", "speed", "drive_speed")
 _SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
 BOXES = ("center_of_mass", "payload_center")
 
@@ -36,6 +36,7 @@ IN_FILES = {
     "tilt_deg": ("tilt", pi / 180),
     "arm_mass": ("arm_mass", 1.0),
     "payload_mass": ("payload_mass", 1.0),
+    "springs": ("springs", 1.0),
     "extra_mass": ("extra_mass", 1.0),
     "delay_ms": ("delay", 1e-3),
     "speed": ("speed", 1.0),
@@ -117,6 +118,8 @@ class Uncertainty:
         tilt: of the floor, and of base and robot with it, in any direction, rad.
         arm_mass: relative half width of the mass of each moving link, below 1; inertias in proportion.
         payload_mass: the same of the payload.
+        springs: relative half width of the torque of each counterbalance spring, below 1; it changes the
+            torques of drives and no contact.
         extra_mass: kg: a point mass at the TCP may be there, up to this.
         payload_center: (3,), m: half sides of the box about the payload's centre of mass, gripper axes.
         delay: s: maximum delay of every joint, independently.
@@ -135,6 +138,7 @@ class Uncertainty:
     tilt: float = 0.0
     arm_mass: float = 0.0
     payload_mass: float = 0.0
+    springs: float = 0.0
     extra_mass: float = 0.0
     payload_center: Sequence[float] = (0.0, 0.0, 0.0)
     delay: float = 0.0
@@ -327,6 +331,7 @@ _WORDS = {
     "tilt": lambda angle: f"floor tilt {np.degrees(angle):.3g} deg",
     "arm_mass": lambda share: f"arm masses +-{100 * share:.3g} %",
     "payload_mass": lambda share: f"payload +-{100 * share:.3g} %",
+    "springs": lambda share: f"springs +-{100 * share:.3g} %",
     "extra_mass": lambda mass: f"{mass:.3g} kg more at the gripper",
     "payload_center": lambda half: _half_sides("payload's centre of mass", half),
     "delay": lambda time: f"joints delayed by up to {1e3 * time:.3g} ms",

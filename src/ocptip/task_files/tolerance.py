@@ -38,6 +38,7 @@ TOLERANCE = Keys(
         ),
         "arm_mass": _share("the masses of links"),
         "payload_mass": _share("the mass of the payload"),
+        "springs": _share("the torques of counterbalance springs"),
         "extra_mass": _size("Largest point mass beside the payload, at the TCP.", "kg"),
         "center_of_mass": schema.vector(
             "Half sides of the box about the centre of mass of the base, base axes.", "m", 3, default=None

@@ -274,6 +274,7 @@ def _within(
         min(gaps, key=lambda at: at.value, default=None),
         sum(own.states for own in found),
         *forces,
+        exact_springs=any(own.exact_springs for own in found),
         course=(np.concatenate([t for t, _ in courses]), np.concatenate([m for _, m in courses])),
     )
 

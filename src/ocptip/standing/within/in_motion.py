@@ -118,6 +118,7 @@ class WithinTolerance:
         gap: the smallest distance; None without delays, or where nothing may collide.
         states: number of evaluated states.
         alike: see `ContactMargins.alike`, up to products of deviations.
+        exact_springs: the arm has counterbalance springs, and nothing about them is uncertain.
         foot_force: minimum distance of a normal force from where its contact lets go, N, where equilibrium
             alone decides it: on three contacts.
         course: instants (K,), s, and the minimum moment about a tipping axis there, N m, up to products of
@@ -132,6 +133,7 @@ class WithinTolerance:
     states: int
     alike: Margin | None = None
     foot_force: Margin | None = None
+    exact_springs: bool = False
     course: tuple[np.ndarray, np.ndarray] = field(default=(np.empty(0), np.empty(0)), compare=False)
 
     def to_dict(self) -> dict[str, Any]:
@@ -142,7 +144,8 @@ class WithinTolerance:
         parts = {"tip": tip, "slip": slip, "torque": torque, "clearance": gap}
         forces = {"least_force_if_feet_give_alike_N": self.alike, "least_normal_force_N": self.foot_force}
         named = {name: force and force.to_dict() for name, force in forces.items()}
-        return {"tolerance": given, **parts, "states": self.states, **named}
+        exact = {"exact_springs": True} if self.exact_springs else {}
+        return {"tolerance": given, **parts, "states": self.states, **named, **exact}
 
 
 def worst_within(
@@ -175,9 +178,8 @@ def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> W
     acting = cases.deviations.robot.during(motion)
     torque = _worst_torque(acting, motion, tolerance, times)
     gap = _smallest_gap(acting, motion, tolerance, times)
-    return WithinTolerance(
-        tolerance=tolerance, torque=torque, gap=gap, **worst_contacts(cases, motion, times)
-    )
+    exact, found = acting.arm.has_springs and not tolerance.springs, worst_contacts(cases, motion, times)
+    return WithinTolerance(tolerance=tolerance, torque=torque, gap=gap, exact_springs=exact, **found)
 
 
 def worst_contacts(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> dict[str, Any]:

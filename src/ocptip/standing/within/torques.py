@@ -1,9 +1,10 @@
 """Maximum torques of the drives of an arm within an uncertainty, all joints on time (sliding joints: forces).
 
 A torque is a sum over bodies: the weight of a body times what it asks of the joint, which is linear in
-gravity and in the square of the speed factor. CasADi's derivatives of the arm's equations of motion give
-these parts. Their maximum over weights, speed factors, tilts of gravity and pushes at the gripper has a
-closed form. Products of deviations are bounded, so that the maximum is an upper bound.
+gravity and in the square of the speed factor, and of springs beside the drive. CasADi's derivatives of the
+arm's equations of motion give these parts. Their maximum over weights, speed factors, tilts of gravity,
+pushes at the gripper and springs has a closed form. Products of deviations are bounded, so that the maximum
+is an upper bound.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ def maximum_torques(
     pulls = np.stack([parts(q, still, still, axis, *rests)[0] for axis in np.eye(3)])  # (3, N, n, bodies)
     about = robot.support.center_of_mass
     process = robot.pushed(robot.arm, q, still, still, pressed, gravity=none, about=about).torque
+    loose = own.springs * np.abs(arm.spring_torque - arm.spring_stiffness * q)
     low, high = _weights(arm, own, np.asarray(payload, dtype=float)[..., None])
     # One column, so that weights of single states multiply like those of all.
     mean, half = 0.5 * (low + high)[..., None], 0.5 * (high - low)[..., None]
@@ -65,7 +67,7 @@ def maximum_torques(
     along, reach = pull @ gravity, size * np.linalg.norm(pull, axis=2)
     across = np.linalg.norm(np.cross(pull, gravity), axis=2)
     spread = size * own.tilt * (np.linalg.norm(pulls, axis=0) @ half)[..., 0]
-    spread += own.push * np.linalg.norm(push, axis=2)
+    spread += own.push * np.linalg.norm(push, axis=2) + loose
     found = np.zeros(q.shape)
     for factor, moving in motions:
         nominal = (moving @ mean)[..., 0] + factor * arm.armature * qdd + process
@@ -77,9 +79,9 @@ def maximum_torques(
         box = np.asarray(own.payload_center)
         most = (1 + own.payload_mass) * np.outer(box, box)  # products of two shifts
         moments = np.abs(np.cross(side[:, :, :, None], swing[:, :, None, :], axis=1))  # (N, 3, 3, 3)
-        loose = np.einsum("nwl,nwij,ij->nl", np.abs(axes), moments, most)
+        turning = np.einsum("nwl,nwij,ij->nl", np.abs(axes), moments, most)
         ratios = np.eye(arm.n) if arm.coupling is None else arm.coupling.matrix
-        found += paces[1] * np.asarray(payload)[..., None] * (loose @ np.abs(ratios))
+        found += paces[1] * np.asarray(payload)[..., None] * (turning @ np.abs(ratios))
     return found
 
 
