@@ -58,7 +58,9 @@ def test_rows_are_those_of_the_course_in_base_axes(profile):
     np.testing.assert_allclose(slower * [4, 4, 4, 2, 2, 2, 4, 4, 4], rows, atol=1e-12)
     h = 1e-6
     differences = (profile.rows(t + h) - profile.rows(t - h)) / (2 * h)
-    np.testing.assert_allclose(profile.slopes(t), differences, atol=1e-6)
+    np.testing.assert_allclose(profile.rows(t, 1), differences, atol=1e-6)
+    differences = (profile.rows(t + h, 1) - profile.rows(t - h, 1)) / (2 * h)
+    np.testing.assert_allclose(profile.rows(t, 2), differences, atol=1e-6)
 
 
 def test_velocities_go_straight_between_samples_and_stay_at_the_ends():
@@ -232,6 +234,21 @@ def test_check_takes_a_posture_and_the_key_of_the_task(tmp_path, capsys):
     own = tmp_path / "task.toml"
     own.write_text(text)
     (tmp_path / "drive.csv").write_text("t,v\n0,0\n1,0.5\n")
-    task = ocptip.load_task(own)
-    assert task.robot.acts.end == 1.0
-    assert "drive_profile" in ocptip.motion.task.refusals(task)[0]
+    assert ocptip.load_task(own).robot.acts.end == 1.0
+
+
+@pytest.mark.slow
+def test_a_motion_planned_while_the_base_brakes_stands_where_others_tip(task):
+    speeds = np.array([[0.6, 0, 0.3], [0.6, 0, 0.3], [0, 0, 0], [0, 0, 0]])
+    profile = DriveProfile.of_velocities(np.array([0, 0.2, 0.45, 0.7]), speeds)
+    fast = ocptip.load_task(task, objective="time")
+    driven = fast.each(lambda own: dataclasses.replace(own, robot=own.robot.driving(profile)))
+    found = ocptip.plan(driven, starts=1, jobs=1)
+    assert found.check.verified
+    assert "a base that drives" in found.check.unproved
+    # The same path in the same time, from rest to rest without a look at the base.
+    plain = Trajectory.ending_together(
+        task.start, task.goal, [None] * 6, task.robot.limits.speed, task.robot.limits.acceleration
+    )
+    quick = plain.time_scaled(found.motion.end / plain.end)
+    assert not ocptip.check(task, quick, drive_profile=profile).check.stands

@@ -182,8 +182,6 @@ def refusals(task: MotionTask, *, at_rest: bool = True) -> tuple[str, ...]:
             "process: varies over path, which is not known before there is a motion; plans follow it over "
             "time_s or share, ocptip retime over path_m"
         )
-    if task.robot.acts.end:
-        found.append("drive_profile: plans are for a base that rests; ocptip check takes one that drives")
     for name, values in (("speed", limits.speed), ("acceleration", limits.acceleration)):
         if numbers := [str(j + 1) for j in np.flatnonzero(~np.isfinite(values))]:
             found.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")

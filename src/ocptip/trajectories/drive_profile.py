@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import comb
 from pathlib import Path
 
 import numpy as np
@@ -79,15 +80,15 @@ class DriveProfile:
         """(K,) s, at which accelerations may step."""
         return self.velocities.switching_times
 
-    def rows(self, times: np.ndarray, side: Side = "right") -> np.ndarray:
-        """(N, 9) rows of `BaseMotion` at times (N,), s."""
-        v, dv = self.velocities.at(times, range(2), side)
-        return _base_rows(v, dv, _crossed(v, v))
-
-    def slopes(self, times: np.ndarray) -> np.ndarray:
-        """(N, 9) derivatives of the rows over time, inside the pieces."""
-        v, dv, ddv = self.velocities.at(times, range(3))
-        return _base_rows(dv, ddv, _crossed(dv, v) + _crossed(v, dv))
+    def rows(self, times: np.ndarray, order: int = 0, *, side: Side = "right") -> np.ndarray:
+        """(N, 9) rows of `BaseMotion` at times (N,), s, or their derivative of an order inside the pieces."""
+        v = self.velocities.at(times, range(order + 2), side)
+        rows = np.zeros((len(times), 9))
+        rows[:, :2] = v[order + 1][:, :2]
+        for k in range(order + 1):
+            rows[:, :2] += comb(order, k) * _crossed(v[k], v[order - k])
+        rows[:, 5], rows[:, 8] = v[order][:, 2], v[order + 1][:, 2]
+        return rows
 
     def at_pace(self, factor: float) -> DriveProfile:
         """The same course with all times multiplied by a factor > 0."""
@@ -98,7 +99,7 @@ class DriveProfile:
 
     def __str__(self) -> str:
         speeds, breaks = self.velocities.peaks(0), self.velocities.breaks
-        ends = np.vstack([self.rows(breaks, side) for side in ("left", "right")])
+        ends = np.vstack([self.rows(breaks, side=side) for side in ("left", "right")])
         most = float(np.max(np.linalg.norm(ends[:, :2], axis=1)))
         return (
             f"{self.end:.4g} s, up to {np.max(speeds[:2]):.3g} m/s, {speeds[2]:.3g} rad/s "
@@ -198,13 +199,6 @@ def _of_table(table: TextTable, unit: str | None) -> DriveProfile:
 def _crossed(turning: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(N, 2) acceleration in base axes of velocities (N, 3) that turn with those of others."""
     return turning[:, 2:] * np.column_stack([-v[:, 1], v[:, 0]])
-
-
-def _base_rows(v: np.ndarray, dv: np.ndarray, crossed: np.ndarray) -> np.ndarray:
-    """(N, 9) rows of `BaseMotion`, or their slopes."""
-    rows = np.zeros((len(v), 9))
-    rows[:, :2], rows[:, 5], rows[:, 8] = dv[:, :2] + crossed, v[:, 2], dv[:, 2]
-    return rows
 
 
 def _in_base(course: Trajectory, times: np.ndarray, side: Side) -> tuple[np.ndarray, np.ndarray]:

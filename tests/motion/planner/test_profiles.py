@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.motion.planner.profile_kernels import joint_states
-from ocptip.motion.planner.profiles import Layout, Nodes, ProcessCourse, Profiles
+from ocptip.motion.planner.profiles import ActingCourse, Layout, Nodes, Profiles
 from ocptip.robots.process import SHARE, TIME, ProcessWrench
+from ocptip.standing.acting import Acting
+from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.ramps import JointRamps, phases_to_commands
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import earliest_end, passive_command
@@ -246,7 +248,9 @@ def test_derivatives_with_free_ends_late_joints_and_a_process_that_varies(form, 
         process = ProcessWrench(force, moment, over=over, knots=[0.05, 0.3, 0.7, 1.2])
         end = np.zeros(layout.size)
         end[layout.end], end[layout.one] = 1.0, 0.3
-        how["course"] = ProcessCourse.of(process, end)
+        speeds = rng.normal(size=(3, 3))
+        profile = DriveProfile.of_velocities(np.array([0.0, 0.9, 1.9]), speeds) if over == SHARE else None
+        how["course"] = ActingCourse.of(Acting(process, profile), end)
     if sharp:
         since = (spread @ x)[:, None, None] - behind[:, :, None] - profiles(x).times
         how |= {"masks": since >= 0, "late": since - profiles.rise_times[:, None] >= 0}
@@ -254,7 +258,7 @@ def test_derivatives_with_free_ends_late_joints_and_a_process_that_varies(form, 
     else:
         how["half_width"] = 0.1
     nodes = Nodes(profiles, spread, **how)
-    first, size = slopes(nodes.states(x)), 9 + 6 * bool(over)
+    first, size = slopes(nodes.states(x)), 9 + 6 * bool(over) + 9 * (over == SHARE)
     assert first.shape == (20, size, layout.size)
     reference = differences(lambda z: nodes.values(z).T, x)
     assert np.max(np.abs(first - reference)) < 1e-7 * np.max(np.abs(reference))

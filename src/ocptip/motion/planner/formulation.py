@@ -18,7 +18,7 @@ from ocptip.motion.planner.deviating import MEET, Deviating, Place, masks_of, ti
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import NodePhysics
-from ocptip.motion.planner.profiles import Layout, Nodes, ProcessCourse, Profiles
+from ocptip.motion.planner.profiles import ActingCourse, Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
 from ocptip.motion.task import LONGEST
 from ocptip.numerics.quadrature import unit_gauss_legendre
@@ -395,8 +395,8 @@ class Formulation:
         rows.at_least(cs.mtimes(cs.DM(order.steps), x))
         return rows.structure(x, lower, upper)
 
-    def _course(self, layout: Layout) -> ProcessCourse | None:
-        return ProcessCourse.of(self.robot.varying, self._last(layout))
+    def _course(self, layout: Layout) -> ActingCourse | None:
+        return ActingCourse.of(self.robot.acts, self._last(layout))
 
     def _last(self, layout: Layout) -> np.ndarray:
         """The row of the end of the motion, that of its trapezoidal profiles and the rise."""

@@ -30,7 +30,8 @@ from ocptip.motion.planner.profile_kernels import (
     put_passive_corners,
     slopes_at_all_nodes,
 )
-from ocptip.robots.process import PATH, TIME, ProcessWrench
+from ocptip.robots.process import PATH, TIME
+from ocptip.standing.acting import BASE, Acting
 
 
 class Layout:
@@ -201,45 +202,62 @@ class Profiles:
 
 
 @dataclass(frozen=True, eq=False)
-class ProcessCourse:
-    """A process that varies over time, or over the share of the motion's duration, at nodes.
+class ActingCourse:
+    """What acts on a robot at nodes.
+
+    That is a process that varies over time, or over the share of the motion's duration, and a base that
+    drives.
 
     Attributes:
-        process: whose.
+        acts: of the robot.
         end: (nx,), the duration is end @ x, s.
     """
 
-    process: ProcessWrench
+    acts: Acting
     end: np.ndarray
 
     @classmethod
-    def of(cls, process: ProcessWrench | None, end: np.ndarray) -> ProcessCourse | None:
-        """None if nothing varies; tasks with a process over the path of the TCP are refused."""
-        assert process is None or process.over != PATH
-        return None if process is None else cls(process, end)
+    def of(cls, acts: Acting, end: np.ndarray) -> ActingCourse | None:
+        """None if nothing acts; tasks with a process over the path of the TCP are refused."""
+        assert acts.process is None or acts.process.over != PATH
+        return cls(acts, end) if acts.size else None
 
-    def put(self, x: np.ndarray, times: np.ndarray, states: NodeStates, columns: list[int]) -> None:
-        """Put force and moment at times @ x, times (N, nx), and their slopes, into the last six states.
+    @property
+    def of_duration(self) -> list[int]:
+        """Variables on which the duration depends, of a process that varies with a share of it."""
+        over_share = self.acts.process is not None and self.acts.process.over != TIME
+        return np.flatnonzero(self.end).tolist() if over_share else []
 
-        Its variables (columns) are those of the duration; none of a process that varies over time.
+    def put(self, x: np.ndarray, times: np.ndarray, states: NodeStates, derivatives: bool) -> None:
+        """Put what acts at times @ x, times (N, nx), and its slopes, into the last states.
+
+        The variables of the process are those of the duration; what varies over time has none.
         """
-        at, length = times @ x, 1.0
-        if self.process.over != TIME:
+        at, length, first = times @ x, 1.0, len(states.values) - self.acts.size
+        if (profile := self.acts.drive_profile) is not None:
+            states.values[-BASE:], states.rates[-BASE:] = profile.rows(at).T, profile.rows(at, 1).T
+        if (process := self.acts.process) is None:
+            return
+        if process.over != TIME:
             length = self.end @ x
             at = at / length
-        slopes = self.process.slopes(at).T / length
-        states.values[-6:] = np.hstack(self.process.at(at)).T
-        states.rates[-6:] = slopes
-        for p, column in enumerate(columns):
-            states.own[-2:, p] = (-self.end[column] * at * slopes).reshape(2, 3, -1)
+        slopes, own = process.slopes(at).T / length, slice(first, first + 6)
+        states.values[own], states.rates[own] = np.hstack(process.at(at)).T, slopes
+        for p, column in enumerate(self.of_duration if derivatives else []):
+            change = -self.end[column] * at * slopes
+            states.own[first // 3 : first // 3 + 2, p] = change.reshape(2, 3, -1)
 
     def add_second(self, hessian: np.ndarray, x: np.ndarray, times: np.ndarray, weights: np.ndarray) -> None:
-        """Add the sum of weights (6, N) times the second derivatives."""
-        if self.process.over == TIME:
+        """Add the sum of weights (k, N) times the second derivatives."""
+        process, profile = self.acts.process, self.acts.drive_profile
+        if profile is not None:
+            bends = np.sum(weights[-BASE:].T * profile.rows(times @ x, 2), axis=1)
+            hessian += times.T @ (bends[:, None] * times)
+        if process is None or process.over == TIME:
             return
         length = self.end @ x
         at = times @ x / length
-        weight = np.sum(weights * self.process.slopes(at).T, axis=0)
+        weight = np.sum(weights[:6] * process.slopes(at).T, axis=0)
         mixed = np.outer(weight @ times, self.end)
         hessian += (2 * (weight @ at) * np.outer(self.end, self.end) - mixed - mixed.T) / length**2
 
@@ -249,7 +267,7 @@ class NodeStates:
     """Joint states at N nodes and their derivatives over x, see `profile_kernels`.
 
     Attributes:
-        values: (S, N): angles, speeds, accelerations, n each; force and moment of a process that varies.
+        values: (S, N): angles, speeds, accelerations, n each; what acts, see `standing.acting`.
         rates: (S, N), their derivatives over the nodes' times.
         own: (groups, variables, 3, N), over the variables of each group of three states.
         nodes: whose.
@@ -305,7 +323,7 @@ class NodeStates:
         mixed = mixed @ T + other
         hessian += mixed + mixed.T
         if of.course is not None:
-            of.course.add_second(hessian, x, T, weights[-6:])
+            of.course.add_second(hessian, x, T, weights[3 * n :])
 
 
 class Nodes:
@@ -321,7 +339,7 @@ class Nodes:
         behind: (N, n), s, delay of joints at nodes, with masks of then; default: none.
         kinds: (N,) of the nodes, see `standing.limit_kinds.limit`; at acceleration steps masks are 1 + kappa
             at the corners of the switching time; default all ordinary.
-        course: of a process that varies.
+        course: of what acts.
 
     Attributes:
         groups: rows (G, 3) of the states that depend on the same variables, columns (G, most) of these in x,
@@ -339,7 +357,7 @@ class Nodes:
         regime: dict[int, bool] | None = None,
         behind: np.ndarray | None = None,
         kinds: np.ndarray | None = None,
-        course: ProcessCourse | None = None,
+        course: ActingCourse | None = None,
     ) -> None:
         self.course, self.regime = course, regime
         self.profiles, self.times = profiles, np.ascontiguousarray(times)
@@ -363,18 +381,14 @@ class Nodes:
             columns[joints, -1] = np.arange(layout.start.start, layout.start.stop)
             counts[joints] += 1
         if self.course is not None:
-            own = self._of_duration
-            rows = np.vstack([rows, 3 * n + np.arange(6).reshape(2, 3)])
-            more = np.zeros((2, columns.shape[1]), dtype=columns.dtype)
-            more[:, : len(own)] = own
-            columns, counts = np.vstack([columns, more]), np.append(counts, [len(own)] * 2)
+            own, size = self.course.of_duration, self.course.acts.size
+            rows = np.vstack([rows, 3 * n + np.arange(size).reshape(-1, 3)])
+            more = np.zeros((size // 3, columns.shape[1]), dtype=columns.dtype)
+            more[:2, : len(own)] = own
+            numbers = [len(own)] * 2 if self.course.acts.process else []
+            numbers += [0] * (size // 3 - len(numbers))
+            columns, counts = np.vstack([columns, more]), np.append(counts, numbers)
         return np.ascontiguousarray(rows), columns, counts
-
-    @property
-    def _of_duration(self) -> list[int]:
-        """Variables on which the duration depends, of a process that varies with a share of it."""
-        assert self.course is not None
-        return [] if self.course.process.over == TIME else np.flatnonzero(self.course.end).tolist()
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """States (S, N) of all joints at all nodes."""
@@ -402,5 +416,5 @@ class Nodes:
             own[list(layout.joints), -1, 0] = 1.0
         states = NodeStates(values, rates, own, self, steps, corners)
         if self.course is not None:
-            self.course.put(x, self.times, states, self._of_duration if own_size else [])
+            self.course.put(x, self.times, states, bool(own_size))
         return states
