@@ -2,24 +2,30 @@
 
 import dataclasses
 
+import casadi as cs
 import clarabel
 import numpy as np
 import pytest
 
+import ocptip
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.motion.margins import motion_margins
+from ocptip.motion.objective import TIME
+from ocptip.motion.task import MotionTask
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
+from ocptip.retiming.retime import retime
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
-from ocptip.standing.objects import Object
+from ocptip.standing.objects import Object, carrier_expressions, carrier_motions
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
@@ -31,6 +37,8 @@ BOX = Object.box("box", 2.0, (0.1, 0.1, 0.3), friction=0.6)
 GLASS = Object.cylinder("glass", 0.4, (0.035, 0.14), friction=0.35)
 PLATE = Object.box("plate", 0.5, (0.16, 0.12, 0.03), friction=0.4, position=(0.1, 0.02, 0.01))
 CUP = Object.box("cup", 0.2, (0.06, 0.05, 0.1), friction=0.3, on="plate", position=(0.02, 0.0, 0.0))
+SLIPPERY = Object.box("low", 1.0, (0.1, 0.1, 0.02), friction=0.2)
+TIPS = G * 0.05 * (1 - 0.1 * (1 / 0.9 - 1)) / 0.15  # m/s^2 at which GN of the box is 0.9
 CRATE = Object.box("crate", 3.0, (0.2, 0.2, 0.6), friction=0.5, on="base", position=(-0.1, 0.0, 0.5))
 
 
@@ -38,7 +46,9 @@ def robot_of(arm, objects) -> Robot:
     corners = [(x, y, 0.0) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     feet = [UnilateralContact(position=corner, friction=0.9) for corner in corners]
     support = Support(feet, mass=200.0, center_of_mass=(0, 0, 0.2))
-    arm = arm.with_limits(torque=np.full(arm.n, 1e3), speed=np.full(arm.n, 2.0))
+    arm = arm.with_limits(
+        torque=np.full(arm.n, 1e3), speed=np.full(arm.n, 2.0), acceleration=np.full(arm.n, 20.0)
+    )
     return Robot(arm, support, DCMotors.estimated(arm), floor=False).carrying(objects)
 
 
@@ -80,6 +90,18 @@ def test_the_wrench_on_an_object_is_what_it_adds_to_the_load_of_the_arm(seed):
         force = turn @ found[k, :3]
         moment = turn @ found[k, 3:] + np.cross(centre, force)
         np.testing.assert_allclose(np.r_[force, moment], (with_it - without)[k], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("drives", [True, False])
+def test_expressions_of_the_motion_of_gripper_and_base_are_those_of_numbers(drives):
+    rng, arm = np.random.default_rng(4), random_arm(4, 3)
+    q, qd, qdd, gravity, *base = rng.normal(size=(7, 3))
+    known = carrier_motions(arm, gravity, q[None], qd[None], qdd[None], BaseMotion(*base) if drives else None)
+    found = carrier_expressions(
+        arm, gravity, *map(cs.SX, (q, qd, qdd)), [cs.SX(own) for own in base] * drives
+    )
+    for name, motion in known.items():
+        np.testing.assert_allclose(cs.DM(cs.vertcat(*found[name])).full().T, motion.rows(1), atol=1e-12)
 
 
 def test_a_box_on_a_slide_tips_at_half_its_length_over_the_height_of_its_centre_and_slides_at_its_friction():
@@ -167,13 +189,37 @@ def test_a_motion_that_is_too_fast_for_an_object_breaks_its_limits_and_names_it(
         assert checked.verified == checked.stands == (not broken)
         assert checked.objects["box"].moment.value == pytest.approx(2.0 * (G * 0.05 - a * 0.15), rel=1e-6)
         glass = checked.objects["glass"]
-        moment = 0.4 * (G * 0.035 - a * 0.07) * np.cos(np.pi / 12)  # about an edge of the polygon in its foot
+        moment = 0.4 * (G * 0.035 - a * 0.07) * np.cos(np.pi / 8)  # about an edge of the polygon in its foot
         assert glass.moment.value == pytest.approx(moment, rel=1e-6)
         assert glass.friction.value == pytest.approx(a / (0.6 * G), rel=1e-5)
         rows = {(row.object, row.name): row for row in motion_margins(robot, checked)}
         assert rows["glass", "tipping_margin_Nm"].nominal.value == glass.moment.value
         assert rows["glass", "friction_used"].used == pytest.approx(a / (0.6 * G) / 0.9, rel=1e-5)
     assert any("of box slips or lifts off" in text for text in checked.violations)
+
+
+@pytest.mark.slow
+def test_a_plan_is_as_fast_as_the_object_allows_and_says_that_it_is_checked_at_samples():
+    robot = on_a_slide([SLIPPERY])
+    task = MotionTask("slide", robot, np.zeros(1), np.array([0.5]), objective=TIME, rise_times=0.0)
+    found = ocptip.plan(task, starts=1, jobs=1)
+    assert found.verified
+    shortest = 2 * np.sqrt(0.5 / (0.9 * 0.2 * G))
+    assert shortest < found.duration < 1.02 * shortest
+    assert found.headline.startswith("CHECKED at samples for the nominal model")
+    assert "GN[low]" in found.certificate.sampled
+    assert found.check.worst["GT[low]"].value == pytest.approx(0.9, abs=0.02)
+
+
+@pytest.mark.parametrize(("one", "most"), [(BOX, TIPS), (SLIPPERY, 0.9 * 0.2 * G)])
+def test_the_fastest_timing_of_a_path_is_that_at_which_the_object_reaches_its_limit(one, most):
+    path = JointPath(np.array([0.0, 1.0]), np.array([[[0.5]], [[0.0]]]))
+    found = retime(on_a_slide([one]), path)
+    assert found.check.verified, found.check.violations
+    shortest = 2 * np.sqrt(0.5 / most)
+    # Half spaces of friction leave up to 1.9 % of it unused.
+    assert shortest * (1 - 1e-6) < found.motion.end < shortest * 1.015
+    assert set(found.active) <= {f"tip-over of {one.name}", f"slip of {one.name}"}
 
 
 @pytest.mark.parametrize(

@@ -236,10 +236,8 @@ def check(
         stops = None  # the arm's, see `NO_STOPS`
         if sensitivities:
             raise InputError("sensitivities: not for a base that drives")
-    stopped = stops is not None or any(segment.task.limits.stoppable for segment in task.segments)
-    asked = {"a cycle": task.is_cycle, "stops": stopped, "sensitivities": sensitivities, "design": design}
-    for what in (name for name, wanted in asked.items() if wanted):
-        refuse_objects(task, what)
+    asked = {"a check of stops": stops, "sensitivities": sensitivities, "design": design}
+    refuse_objects(task, *(name for name, wanted in asked.items() if wanted))
     if stops is not None and "path" in SCENARIOS[stops]:
         task = task.each(lambda own: replace(own, limits=own.stops.asked(own.limits)))
     how = {"step": step, "progress": progress}

@@ -318,7 +318,7 @@ def plan(
         for number in numbers:
             positive_number(name, number)
     task = _prepared(load_task(task), controller, rise_time, stops)
-    refuse_objects(task, "plan")
+    refuse_objects(task, *["sensitivities"] * sensitivities)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}

@@ -217,7 +217,7 @@ def retime(
         task, file = task_of_motion(path, task, base)
         reading = {"columns": columns, "unit": unit, "rate": rate, "topic": topic}
         name, given = file.name, load_path(file, task, tolerance=path_tolerance, **reading)
-    refuse_objects(task, "retime")
+    refuse_objects(task)
     motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
     goal = (
         TIME if objective is None and price_per_second is None else objective_of(objective, price_per_second)

@@ -183,14 +183,15 @@ def stops_by_segment(
 
 
 def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelerations]:
-    """Safe decelerations of a cancelled controller, by the names of segments; none of parallel robots.
+    """Safe decelerations of a cancelled controller, by the names of segments.
 
-    Coarse: at `SHARES` only, so that it takes little beside a plan. `check_stops` determines the ends.
+    None of parallel robots, and of robots with objects. Coarse: at `SHARES` only, so that it takes little
+    beside a plan. `check_stops` determines the ends.
     """
     found = {}
     for segment, own in zip(task.segments, motion.segments, strict=False):
         robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
-        if isinstance(robot, Robot) and np.isfinite(robot.limits.acceleration).all():
+        if isinstance(robot, Robot) and not robot.objects and np.isfinite(robot.limits.acceleration).all():
             how = {"of_limits": rules.of_limits, "close": 1.0}
             full = rules.cancel(robot, limits, 1.0)
             found[segment.name] = safe_decelerations(robot, own, limits, full, **how)

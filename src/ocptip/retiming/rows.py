@@ -19,7 +19,7 @@ from ocptip.standing.limit_kinds.limit import ORDINARY, Limit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.stops.along_path import Affine, affine_loads
+from ocptip.standing.stops.along_path import Affine, affine_loads, affine_objects
 from ocptip.trajectories.path import JointPath
 
 FASTEST = 1e6  # 1/s^2: x is never greater: a path takes at least a millisecond
@@ -63,6 +63,11 @@ class Places:
         return affine_loads(self.robot, self.q, self.dq, self.ddq, self.process)
 
     @cached_property
+    def objects(self) -> tuple[Affine, ...]:
+        """Wrenches on the objects."""
+        return affine_objects(self.robot, self.q, self.dq, self.ddq, self.process)
+
+    @cached_property
     def caps(self) -> np.ndarray:
         """(P,), 1/s^2: maximum x that limits of speeds allow."""
         robot, own = self.robot, self.robot.further_limits
@@ -94,9 +99,13 @@ class Places:
         of_u = np.hstack([np.zeros((count, 2 * n)), self.dq, still])
         of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(own)), self.ddq, still])
         power, none = np.zeros((count, 1)), np.zeros_like(at.further)
-        y = np.hstack([power, at.torques, at.wrenches, at.further])
-        parts = [np.hstack([power, *(load[k] for load in self.loads), none]) for k in range(2)]
-        columns = NodeColumns(at.torques.shape[1], at.further.shape[1])
+        carried = [own.wrenches for own in at.interfaces[1:]]
+        y = np.hstack([power, at.torques, at.wrenches, at.further, *carried])
+        parts = [
+            np.hstack([power, *(load[k] for load in self.loads), none, *(own[k] for own in self.objects)])
+            for k in range(2)
+        ]
+        columns = NodeColumns(at.torques.shape[1], at.further.shape[1], len(at.interfaces))
         return NodeSlopes(columns, at.s, np.stack([of_u, of_x], axis=2), y, np.stack(parts, axis=2))
 
 
@@ -145,17 +154,18 @@ class TimingLimits:
         self.robot = robot
         self.asked = asked
         self._affine: list[Limit] = []
-        self._cones: list[tuple[str, np.ndarray]] = []
+        self._cones: list[tuple[str, int, np.ndarray]] = []
         self.curved: list[Limit] = []
         self.later: list[str] = []
-        self._unit = robot.mass * float(np.linalg.norm(robot.support.gravity)) or 1.0
+        masses = [robot.mass, *(own.support.mass for own in robot.interfaces[1:])]
+        self._units = np.array(masses) * (float(np.linalg.norm(robot.support.gravity)) or 1.0)
         for limit in limits_of(robot, asked):
             if limit.of_place or not limit.width or isinstance(limit, FurtherLimit):
                 continue
             if ORDINARY not in limit.node_kinds:
                 self.later.append(limit.name)
             elif (rows := limit.half_spaces()) is not None:
-                self._cones.append((limit.name, rows))
+                self._cones.append((limit.name, limit.interface, rows))
             else:
                 (self._affine if limit.affine else self.curved).append(limit)
 
@@ -170,10 +180,10 @@ class TimingLimits:
             np.stack([*rates, np.ones_like(rates[0])]),
             np.stack([*(-rate for rate in rates), np.ones_like(rates[0])]),
         ]
-        wrench = places.loads[1]
-        for name, rows in self._cones:
+        wrenches = places.loads[1], *places.objects
+        for name, interface, rows in self._cones:
             names += [name] * len(rows)
-            of_u, of_x, rest = (part @ (rows.T / self._unit) for part in wrench)
+            of_u, of_x, rest = (part @ (rows.T / self._units[interface]) for part in wrenches[interface])
             blocks.append(np.stack([of_u, of_x, -rest]))
         if self._affine:
             still = np.zeros(len(places))

@@ -39,7 +39,14 @@ from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.objects import Object, carried_objects, carrier_motions, loaded, objects_note
+from ocptip.standing.objects import (
+    Object,
+    carried_objects,
+    carrier_expressions,
+    carrier_motions,
+    loaded,
+    objects_note,
+)
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.path import JointPath
@@ -224,6 +231,16 @@ class Robot(StandingMechanism):
             return ()
         motions = carrier_motions(self.arm, self.support.gravity, q, qd, qdd, base_motion)
         return tuple(motions[own.carrier].inertial_wrench(own.footing.support) for own in self.carried)
+
+    def object_expressions(
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
+    ) -> tuple[cs.SX, ...]:
+        """See `StandingMechanism.object_expressions`."""
+        if not self.carried:
+            return ()
+        base = self.acts.expressions(acting)[1]
+        motions = carrier_expressions(self.arm, self.support.gravity, q, qd, qdd, base)
+        return tuple(inertial_wrench_of(motions[own.carrier], own.footing.support) for own in self.carried)
 
     def joint_label(self, joint: int) -> str:
         """Name of a joint, counted from 0."""

@@ -16,19 +16,25 @@ from ocptip.standing.mechanism import StandingMechanism
 
 
 class NodeColumns:
-    """Where the quantities y of a node stand: power, torques, wrench, further quantities.
+    """Where the quantities y of a node stand: power, torques, wrench, further quantities, then objects.
 
     Args:
         n: number of torques.
         further: number of further quantities, see `FurtherLimits`.
+        interfaces: number of the robot's `interfaces`.
+
+    Attributes:
+        wrenches: on the base and on each object.
     """
 
     power = 0
 
-    def __init__(self, n: int, further: int) -> None:
+    def __init__(self, n: int, further: int, interfaces: int = 1) -> None:
         self.n = n
         self.torque, self.wrench = slice(1, 1 + n), slice(1 + n, 7 + n)
         self.further = slice(7 + n, 7 + n + further)
+        ends = range(self.further.stop, self.further.stop + 6 * (interfaces - 1), 6)
+        self.wrenches = (self.wrench, *(slice(end, end + 6) for end in ends))
 
 
 class Loaded:

@@ -113,10 +113,18 @@ class StandingMechanism(MadeOf, Footing, ABC):
         """
         return ()
 
+    def object_expressions(
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
+    ) -> tuple[cs.SX, ...]:
+        """The wrenches on the objects as CasADi columns (6,); `acting` as in `load_expressions`."""
+        return ()
+
     def require_no_objects(self, what: str) -> None:
         """Raise InputError if it carries objects, which `what` does not take."""
         if names := ", ".join(own.name for own in self.interfaces[1:]):
-            raise InputError(f"object: {what} does not take objects ({names}); stand and check do")
+            raise InputError(
+                f"object: {what} does not take objects ({names}); stand, check, plan and retime do"
+            )
 
     def joint_label(self, joint: int) -> str:
         """Name of a driven joint, counted from 0, in messages."""

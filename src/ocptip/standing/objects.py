@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any, Self
 
+import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -22,8 +23,8 @@ from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import RigidBody, union
-from ocptip.robots.base_motion import BaseMotion
-from ocptip.robots.dynamics import gripper_motion
+from ocptip.robots.base_motion import BaseMotion, acceleration_of
+from ocptip.robots.dynamics import gripper_motion, gripper_motion_function
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.footing import Footing
@@ -31,8 +32,8 @@ from ocptip.standing.footing import Footing
 GRIPPER, BASE = CARRIERS = ("gripper", "base")
 """What carries objects; others stand on objects."""
 
-ROUND = 12
-"""Contacts of a round footprint, on its edge: their polygon has 97 % of its radius."""
+ROUND = 8
+"""Contacts of a round footprint, on its edge: their polygon has 92 % of its radius."""
 
 _NAME = re.compile(r"[\w-]+")
 
@@ -249,6 +250,17 @@ def carrier_motions(
         GRIPPER: gripper_motion(arm, q, qd, qdd, gravity, base_motion),
         BASE: BaseMotion(rows[:, :3] - gravity, rows[:, 3:6], rows[:, 6:]),
     }
+
+
+def carrier_expressions(
+    arm: ArmModel, gravity: np.ndarray, q: cs.SX, qd: cs.SX, qdd: cs.SX, base: Sequence[cs.SX]
+) -> dict[str, list[cs.SX]]:
+    """The same as CasADi columns, three each, from those of the base; none: it rests."""
+    pull = cs.SX(gravity)
+    at_mount = pull - acceleration_of(base, cs.SX(arm.mount_position)) if base else pull
+    motion = gripper_motion_function(arm, bool(base))(q, qd, qdd, at_mount, *base[1:])
+    a, *turning = base or [cs.SX.zeros(3)] * 3
+    return {GRIPPER: cs.vertsplit(motion, 3), BASE: [a - pull, *turning]}
 
 
 def objects_note(objects: Sequence[Object]) -> tuple[str, ...]:

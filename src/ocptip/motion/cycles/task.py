@@ -123,10 +123,15 @@ Task = MotionTask | CycleTask
 """The task that is planned and checked; a motion has one segment."""
 
 
-def refuse_objects(task: Task, what: str) -> None:
-    """Raise InputError if a robot of the task carries objects, which `what` does not take."""
-    for segment in task.segments:
-        segment.task.robot.require_no_objects(what)
+def refuse_objects(task: Task, *whats: str) -> None:
+    """Raise InputError if a robot of the task carries objects and is for what does not take them.
+
+    That are `whats`, cycles, and stops as limits.
+    """
+    stopped = any(segment.task.limits.stoppable for segment in task.segments)
+    for what in (*whats, *["a cycle"] * task.is_cycle, *["a check of stops"] * stopped):
+        for segment in task.segments:
+            segment.task.robot.require_no_objects(what)
 
 
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:

@@ -15,9 +15,10 @@ from ocptip.standing.mechanism import StandingMechanism
 
 
 class NodePhysics:
-    """Quantities y = (power; torques (n); wrench (6); further (k)) of a robot over s = (q, qd, qdd) (3 n).
+    """Quantities y = (power; torques (n); wrench (6); further (k); wrenches on objects (6 each)) of a robot.
 
-    Of a robot on which something acts s also has its present values, see `standing.acting`: (3 n + k).
+    They are functions of s = (q, qd, qdd) (3 n). Where something acts on the robot, s also has its present
+    values, see `standing.acting`: (3 n + k).
 
     Power is the sum over the joints, W; torques in N m; the wrench acts on the base about its centre of mass,
     its weight included, N and N m; further quantities: see `StandingMechanism`. Where a drive's power has a
@@ -42,12 +43,15 @@ class NodePhysics:
         self.robot, self.smooth = robot, smooth or not robot.direct_drives
         n = self.n = robot.n
         self._size = 3 * n + robot.acts.size
-        self.columns = NodeColumns(n, robot.further_limits.count)
+        self.columns = NodeColumns(n, robot.further_limits.count, len(robot.interfaces))
         self._s = cs.SX.sym("s", self._size)
         q, qd, qdd, *process = cs.vertsplit(self._s, sorted({0, n, 2 * n, 3 * n, self._size}))
         loads = robot.load_expressions(q, qd, qdd, *process)
-        self._z = cs.vertcat(*loads, robot.further_expressions(q, qd))
-        self._speeds = -1 if robot.direct_drives else self._z.numel() - n  # where they stand in z
+        further, objects = robot.further_expressions(q, qd), robot.object_expressions(q, qd, qdd, *process)
+        self._z = cs.vertcat(*loads, further, *objects)
+        self._speeds = (
+            -1 if robot.direct_drives else self.columns.further.stop - 1 - n
+        )  # where they stand in z
         jacobian = cs.jacobian(self._z, self._s)
         self._values = self._batch("values", [self._s], [self._z])
         self._jacobian = self._batch("jacobian", [self._s], [self._z, jacobian])

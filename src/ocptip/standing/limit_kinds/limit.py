@@ -119,6 +119,7 @@ class Limit:
         of_place: a matter of the angles only, whatever the timing.
         affine: rows of a program are affine in torques and wrench, and know nothing else of a state.
         width: number of rows at a node.
+        interface: of the robot's `interfaces`, whose contacts it is about; 0: the base.
     """
 
     name = ""
@@ -127,7 +128,7 @@ class Limit:
     scenario = SAMPLED
     of_motion = True
     of_place = affine = False
-    width = 0
+    width = interface = 0
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         self.robot, self.asked, self.joints = robot, asked, list(joints)
@@ -212,21 +213,22 @@ class Limit:
 
 
 class WrenchLimit(Limit):
-    """Rows that are functions of the wrench, divided by `unit`."""
+    """Rows that are functions of the wrench on the limit's interface, divided by `unit`."""
 
     unit = 1.0
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
-        return rows.at.by_quantities(rows.nodes, rows.at.columns.wrench.start, rows.slopes / self.unit)
+        first = rows.at.columns.wrenches[self.interface].start
+        return rows.at.by_quantities(rows.nodes, first, rows.slopes / self.unit)
 
     def add_to_quantities(self, rows: NodeRows, on: np.ndarray, on_y: np.ndarray) -> None:
         slopes = on[:, None] * rows.slopes / self.unit
-        np.add.at(on_y[:, rows.at.columns.wrench], rows.nodes, slopes)
+        np.add.at(on_y[:, rows.at.columns.wrenches[self.interface]], rows.nodes, slopes)
 
     def add_hessian(self, rows: NodeRows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         if rows.bends.size:
             bends = (on / self.unit)[:, None, None] * rows.bends
-            H.add_over_quantities(rows.nodes, rows.at.columns.wrench.start, bends)
+            H.add_over_quantities(rows.nodes, rows.at.columns.wrenches[self.interface].start, bends)
 
 
 class QuantityLimit(Limit):

@@ -118,5 +118,5 @@ class NominalLimit(WrenchLimit, ContactLimit):
 
     def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        values, slopes, bends = self.quantity.rows(at.y[:, at.columns.wrench], i, k)
+        values, slopes, bends = self.quantity.rows(at.y[:, at.columns.wrenches[self.interface]], i, k)
         return NodeRows(at, i, k, values / self.unit, slopes, bends=bends)

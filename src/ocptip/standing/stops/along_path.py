@@ -143,19 +143,31 @@ def affine_loads(
         q, dq, ddq: (N, n), a path and its first two derivatives over s.
         process: (N, 6) there, of one that varies.
     """
-    still, count = np.zeros_like(q), len(q)
-    # Three evaluations give the affine functions: with q'' alone, with speed and path curvature, and at rest.
-    torque, wrench = robot.loads(
-        np.vstack([q, q, q]),
-        np.vstack([still, dq, still]),
-        np.vstack([dq, ddq, still]),
-        None if process is None else np.tile(process, (3, 1)),
-    )
-    one, other = (
-        (part[:count] - part[2 * count :], part[count : 2 * count] - part[2 * count :], part[2 * count :])
-        for part in (torque, wrench)
-    )
-    return one, other
+    acting = None if process is None else np.tile(process, (3, 1))
+    torque, wrench = robot.loads(*_three_states(q, dq, ddq), acting)
+    return _affine(torque), _affine(wrench)
+
+
+def affine_objects(
+    robot: StandingMechanism, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, process: np.ndarray
+) -> tuple[Affine, ...]:
+    """The wrenches (N, 6) on the objects as such functions, see `affine_loads`."""
+    _, driving = robot.acts.split(np.tile(process, (3, 1)))
+    return tuple(map(_affine, robot.object_wrenches(*_three_states(q, dq, ddq), driving)))
+
+
+def _three_states(
+    q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States (3 N, n) that give affine functions: with q'' alone, with speed and path curvature, at rest."""
+    still = np.zeros_like(q)
+    return np.vstack([q, q, q]), np.vstack([still, dq, still]), np.vstack([dq, ddq, still])
+
+
+def _affine(values: np.ndarray) -> Affine:
+    """Coefficients of u and x, and the rest, from values (3 N, k) in such states."""
+    of_u, of_x, rest = np.split(values, 3)
+    return of_u - rest, of_x - rest, rest
 
 
 @dataclass(frozen=True, eq=False)
