@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.api.methods import methods_for, searched
+from ocptip.api.methods import methods_for, of_segments, searched
 from ocptip.api.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.cli.plan_report import PlanReport
@@ -79,6 +79,30 @@ def test_a_path_is_not_for_cycles_nor_without_geometry(tmp_path):
         ocptip.plan(load_task(file), method="path")
 
 
+def test_a_cycle_goes_along_paths(tmp_path):
+    file = task_file(tmp_path)
+    file.write_text(file.read_text().replace("goal_deg = [45", "[[segment]]\ngoal_deg = [45"))
+    plan = ocptip.plan(file, method="path", seed=1)
+    assert plan.verified
+    assert all(run.check.certified for run in plan.executions)
+    assert [part.options["method"] for part in plan.planned.parts] == ["path"]
+    assert "path around the obstacles" in PlanReport(plan).to_text()
+    with pytest.raises(InputError, match="smooth is for single motions"):
+        ocptip.plan(file, method="smooth")
+
+
+def test_a_segment_that_the_direct_search_does_not_reach_goes_along_a_path(tmp_path):
+    def fails():
+        raise PlanningError("no start gave a motion")
+
+    said = []
+    plan = of_segments(None, 1, said.append)(task_among(tmp_path), fails)
+    assert plan.options["method"] == "path"
+    assert said == ["no start gave a motion", "searching and timing a path ..."]
+    with pytest.raises(PlanningError, match=r"^no start gave a motion$"):
+        of_segments("direct", 1, said.append)(task_among(tmp_path), fails)
+
+
 def test_when_the_time_is_up_there_is_a_plan_or_the_reason(tmp_path):
     with pytest.raises(ocptip.NoPlanError, match="no verified motion in the given time"):
         ocptip.plan(task_file(tmp_path), seconds=1e-3)
@@ -89,8 +113,10 @@ def test_where_the_time_is_limited_a_path_follows_the_direct_search(tmp_path):
         raise TimeIsUpError
 
     task, said = task_among(tmp_path, BESIDE), []
-    with pytest.raises(PlanningError, match=r"^direct method: no verified motion in the given time$"):
+    with pytest.raises(TimeIsUpError):  # of what is around it
         searched(task, None, TimeBudget(None), too_slow, 0, said.append)
+    with pytest.raises(PlanningError, match=r"^direct method: no verified motion in the given time$"):
+        searched(task, "direct", TimeBudget(100.0), too_slow, 0, said.append)
     plan = searched(task, None, TimeBudget(100.0), too_slow, 0, said.append)
     assert plan.verified
     assert plan.options["method"] == "path"

@@ -56,7 +56,44 @@ def searched(
     """
     if method in ALONG_PATH:
         _require_path(task, method)
-    methods = methods_for(task, budget.given) if method is None else (method,)
+    if task.is_cycle:
+        methods: tuple[Method, ...] = ("direct",)  # its segments have theirs, see `of_segments`
+    else:
+        methods = methods_for(task, budget.given) if method is None else (method,)
+    try:
+        return _first_of(methods, task, budget, direct, seed, say)
+    except ToleranceError:
+        raise
+    except PlanningError as error:
+        more = " (without --method, the direct method is tried as well)" if method == "path" else ""
+        raise PlanningError(f"{error}{more}") from error
+
+
+def of_segments(
+    method: Method | None, seed: int, say: Callable[[str], None]
+) -> Callable[[MotionTask, Callable[[], MotionPlan]], MotionPlan]:
+    """The search of a segment of a cycle, for `plan_motion`; arguments are those of `searched`.
+
+    Without a method a path is searched only where the direct search fails: motions along paths cost more.
+    """
+
+    def search(task: MotionTask, direct: Callable[[], MotionPlan]) -> MotionPlan:
+        methods: tuple[Method, ...] = ("direct",) if method is None else (method,)
+        if method is None and task.robot.collision.labels and find_spec("ompl") is not None:
+            methods = ("direct", "path")
+        return _first_of(methods, task, TimeBudget(None), direct, seed, say)
+
+    return search
+
+
+def _first_of(
+    methods: tuple[Method, ...],
+    task: Task,
+    budget: TimeBudget,
+    direct: Callable[[], MotionPlan],
+    seed: int,
+    say: Callable[[str], None],
+) -> MotionPlan:
     failed: list[str] = []
     for name, share in zip(methods, _shares(len(methods)), strict=True):
         if failed:
@@ -71,6 +108,8 @@ def searched(
                     return direct()
                 return plans_along_paths().plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
         except TimeIsUpError:
+            if not budget.given:  # it was the time of a search around this one
+                raise
             failed.append(f"{name} method: no verified motion in the given time")
         except ToleranceError:
             raise
@@ -78,8 +117,6 @@ def searched(
             failed.append(f"{name} method: {error}" if failed else f"{error}")
         except SolverError as error:
             failed.append(f"{name} method: no verified motion, a solver failed: {error}")
-    if method == "path":
-        failed[-1] += " (without --method, the direct method is tried as well)"
     raise PlanningError("; ".join(failed))
 
 
@@ -132,8 +169,8 @@ def _overlap(task: MotionTask) -> tuple[float, str]:
 
 
 def _require_path(task: Task, method: Method) -> None:
-    if task.is_cycle:
-        raise InputError(f"method: {method} is for single motions, not for cycles")
+    if task.is_cycle and method == "smooth":
+        raise InputError("method: smooth is for single motions, not for cycles")
     if not task.robot.collision.labels:
         raise InputError(f"method: {method} needs collision geometry; there is none")
 

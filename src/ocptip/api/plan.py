@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
-from ocptip.api.methods import ALONG_PATH, Method, in_time, plans_along_paths, searched
+from ocptip.api.methods import ALONG_PATH, Method, in_time, of_segments, plans_along_paths, searched
 from ocptip.api.motion_requirements import motion_outcomes
 from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import TaskLike, load_task
@@ -331,6 +331,8 @@ def plan(
         method = "direct"
     try:
         direct = partial(plan_motion, task, progress=progress, prove=certified, stage=stage, **how)
+        if task.is_cycle:
+            direct = partial(direct, segment=of_segments(method, seed, stage or silent))
         planned = searched(task, method, budget, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)

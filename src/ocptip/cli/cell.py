@@ -6,9 +6,11 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from ocptip.api.methods import of_segments
 from ocptip.api.plan import Plan
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import naming
@@ -46,6 +48,7 @@ def run(options: Namespace) -> Report:
         further = source.places if source else ()
         require_replaceable(directory / PLAN_FOLDER, "plan", further, overwrite=options.overwrite)
     say_if_compiling()
+    say = partial(print, file=sys.stderr)
     try:
         found = place_for_cycle(
             cell.problem,
@@ -54,7 +57,8 @@ def run(options: Namespace) -> Report:
             starts=options.starts,
             seed=options.seed,
             jobs=options.jobs,
-            progress=lambda text: print(text, file=sys.stderr),
+            progress=say,
+            segment=of_segments(None, options.seed, say),
         )
     except NoPlacementError as error:
         head, lines = refusal_lines(error)

@@ -71,8 +71,9 @@ class PlanReport(GatedReport):
         """Verdict, margins, robustness; with -v details of the search. ASCII only, but for names."""
         plan, motion = self.plan, self.plan.planned
         more = [self._interrupted()] if motion.interrupted else []
-        more += [self._path()] if "path" in motion.options else []
-        more += [] if plan.executions[0].controller == "ramps" else [self._controller()]
+        parts = zip(plan.task.segments, motion.parts, strict=False)
+        more += [f"{_path(own)}{_of(s.name)}" for s, own in parts if "path" in own.options]
+        more += [] if all(run.controller == "ramps" for run in plan.executions) else [self._controller()]
         pairs = zip(plan.task.segments, plan.executions, strict=False)
         more += [f"{run.trajectory_text}{_of(s.name)}" for s, run in pairs if run.trajectory_text]
         more += price_line(plan.price)
@@ -122,20 +123,8 @@ class PlanReport(GatedReport):
         left = ", ".join(s.name for s in plan.task.segments[len(plan.parts) :])
         return f"interrupted, without a plan: {left}; no trajectory.json"
 
-    def _path(self) -> str:
-        path = self.plan.planned.options["path"]
-        text = f"method: path around the obstacles ({path['made_of']}), then its timing"
-        if "smoothed" not in path:
-            return text
-        if (more := path.get("smoothed_costs_more")) is None:
-            return f"{text}; no motion along the smoothed path keeps all limits in the given time"
-        if path["smoothed"]:
-            return f"{text}; of the smoothed path, which costs {-100 * more:.1f} % less"
-        why = f"costs {100 * more:.1f} % more" if more >= 0 else "is not proved"
-        return f"{text}; not of the smoothed path, which {why}"
-
     def _controller(self) -> str:
-        runs = self.plan.executions
+        runs = [run for run in self.plan.executions if run.controller != "ramps"]
         slower = max(run.slower for run in runs)
         how = {
             "linear": f"straight lines between points every {1000 * runs[0].step:g} ms",
@@ -157,6 +146,20 @@ class PlanReport(GatedReport):
             f"{verified} of {len(starts) - out} verified{left}{changed}, {iterations} iterations, "
             f"{plan.seconds:.1f} s, seed {plan.seed}"
         )
+
+
+def _path(plan: MotionPlan) -> str:
+    """How a motion along a path was made, and why that of the smoothed path is the plan or not."""
+    path = plan.options["path"]
+    text = f"method: path around the obstacles ({path['made_of']}), then its timing"
+    if "smoothed" not in path:
+        return text
+    if (more := path.get("smoothed_costs_more")) is None:
+        return f"{text}; no motion along the smoothed path keeps all limits in the given time"
+    if path["smoothed"]:
+        return f"{text}; of the smoothed path, which costs {-100 * more:.1f} % less"
+    why = f"costs {100 * more:.1f} % more" if more >= 0 else "is not proved"
+    return f"{text}; not of the smoothed path, which {why}"
 
 
 def _of(segment: str) -> str:

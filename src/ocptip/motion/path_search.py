@@ -39,7 +39,7 @@ _SAG = 5e-4  # rad or m: distance of chords, which are tested, from the blend be
 _HALVINGS = 6  # of a blend at most; a corner that none rounds stays, and the motion stops there
 _FIRST = 20_000  # states of the first search
 _FURTHER = 8_000  # states after which a path is taken as it is; before, others are searched
-_RANGES = (1.0, 0.4)  # rad or m: longest line that a tree grows by at once; another one after a failure
+_RANGES = (1.0, 0.4)  # rad or m: longest line that a tree grows by at once, at first and after a failure
 _SHORTCUTS = 60  # tried in a row without success, and rounds of them
 
 
@@ -195,7 +195,7 @@ def _shortest(
     for turn in count():
         until = min(lines.tested + states, end)
         own = np.random.SeedSequence([seed, turn]).generate_state(1)[0]
-        range_ = _RANGES[failures % len(_RANGES)]
+        range_ = _RANGES[min(failures, 1)]
         how = {"seed": int(own) + 1, "range_": range_, "until": until, "deadline": deadline}
         found = _connected(task, lines, starts, goals, **how)
         if found is None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, cast
 
@@ -28,6 +29,8 @@ from ocptip.numerics.workers import worker_pool
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way
 Leg = tuple[int, int, int]
 """Numbers of a segment and of the postures before and after it."""
+SegmentSearch = Callable[[MotionTask, Callable[[], MotionPlan]], MotionPlan]
+"""Gives the plan of a segment of a cycle: by the direct search that it gets, or by other means."""
 
 
 def plan_motion(
@@ -40,6 +43,7 @@ def plan_motion(
     progress: Progress | None = None,
     prove: Prove | None = None,
     stage: Callable[[str], None] | None = None,
+    segment: SegmentSearch | None = None,
 ) -> MotionPlan:
     """Plan the motion of minimum cost that keeps all limits of a task; of a cycle those of all segments.
 
@@ -71,6 +75,7 @@ def plan_motion(
         prove: gives the best its certificate, as `ocptip.certificate.checks.certified` does; `proved` gives
             it later.
         stage: called with what is computed after the starts.
+        segment: searches segments of a cycle; default: the direct search by random starts.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -88,12 +93,18 @@ def plan_motion(
     how = {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
     if not task.is_cycle:
         return plan_segment(cast(MotionTask, task), **how, prove=prove, stage=stage)
-    plan = _planned_cycle(cast(CycleTask, task), **how)
+    plan = _planned_cycle(cast(CycleTask, task), **how, segment=segment or _direct)
     return plan if prove is None or plan.interrupted else proved(plan, prove, stage)
 
 
 def _planned_cycle(
-    task: CycleTask, *, starts: int, seed: int, workers: MaybeWorkers, progress: Progress | None
+    task: CycleTask,
+    *,
+    starts: int,
+    seed: int,
+    workers: MaybeWorkers,
+    progress: Progress | None,
+    segment: SegmentSearch,
 ) -> MotionPlan:
     began = time.perf_counter()
     with one_thread:
@@ -103,7 +114,7 @@ def _planned_cycle(
         require_way_plannable(task, _postures(layers, sequences[0]))
         layers, sequences = moved_sequences(task, layers, sequences)
         choices["ways"] = len(sequences)
-    legs, interrupted = _Legs(task, layers, sequences, starts, seed, progress), False
+    legs, interrupted = _Legs(task, layers, sequences, starts, seed, progress, segment), False
     try:
         with workers as pool:
             legs.run(pool)
@@ -122,16 +133,23 @@ def _planned_cycle(
     )
 
 
+def _direct(_: MotionTask, search: Callable[[], MotionPlan]) -> MotionPlan:
+    return search()
+
+
 def proved(plan: MotionPlan, prove: Prove, stage: Callable[[str], None] | None = None) -> MotionPlan:
     """A plan that was made without certificates with them, as `plan_motion` gives it; in this process.
 
     An interrupt leaves out those of the other segments of a cycle. `stage` is called with what is proved.
+    Motions along paths stay without: what runs them differs from them, and that is proved.
     """
     if not plan.segments:
         return _proved_segment(plan, prove)
     began, segments, interrupted = time.perf_counter(), [*plan.segments], plan.interrupted
     try:
         for k, segment in enumerate(segments):
+            if segment.motion.timing is not None:
+                continue
             if stage:
                 stage(f"proving segment {k + 1} of {len(segments)} ...")
             segments[k] = _proved_segment(segment, prove)
@@ -167,7 +185,9 @@ class _Legs:
         starts: int,
         seed: int,
         progress: Progress | None,
+        segment: SegmentSearch,
     ) -> None:
+        self._search = segment
         self._task, self._layers, self._sequences = task, layers, sequences
         self._seed, self._progress, self._starts = seed, progress, starts
         self._plans: dict[Leg, MotionPlan] = {}
@@ -187,7 +207,8 @@ class _Legs:
         for leg in legs:
             self._plan(leg, 0, first, total, pool)
         for leg in _legs(self._best()):
-            if self._starts > first:
+            along_path = leg in self._plans and self._plans[leg].motion.timing is not None
+            if self._starts > first and not along_path:
                 self._plan(leg, first, self._starts - first, total, pool)
             if leg not in self._plans:
                 raise PlanningError(f"{self._task.titles()[leg[0]]}: {self._errors[leg]}")
@@ -228,7 +249,7 @@ class _Legs:
 
         try:
             how = {"starts": count, "first": first, "seed": self._seed, "progress": progress}
-            plan = plan_segment(task, workers=nullcontext(pool), **how)
+            plan = self._search(task, partial(plan_segment, task, workers=nullcontext(pool), **how))
         except PlanningError as error:
             self._errors[leg] = error
         else:
@@ -245,7 +266,7 @@ def _both(one: MotionPlan | None, other: MotionPlan) -> MotionPlan:
     cost = one.task.objective.cost
     better = min(one, other, key=lambda plan: cost(plan.energy, plan.duration))
     starts = tuple(sorted((*one.starts, *other.starts), key=lambda start: start.number))
-    options = {"starts": one.options["starts"] + other.options["starts"]}
+    options = {"starts": one.options["starts"] + other.options.get("starts", 0)}
     seconds = one.seconds + other.seconds
     return replace(better, starts=starts, seconds=seconds, interrupted=other.interrupted, options=options)
 

@@ -13,7 +13,7 @@ from ocptip.basics.errors import InputError, PlanningError, whole_number
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.plan import plan_motion, proved
+from ocptip.motion.plan import SegmentSearch, plan_motion, proved
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
@@ -97,6 +97,7 @@ def place_for_cycle(
     jobs: int | None = None,
     placement_starts: int = 5,
     progress: Callable[[str], None] | None = None,
+    segment: SegmentSearch | None = None,
 ) -> CyclePlacements:
     """Find the place of minimum cost of a cycle.
 
@@ -110,7 +111,7 @@ def place_for_cycle(
         candidates: number of places to plan on, at most.
         starts: of the motion planner, per segment; see `ocptip.motion.plan.plan_motion`.
         seed: of placements and plans.
-        executor, jobs: of the motion planner.
+        executor, jobs, segment: of the motion planner.
         placement_starts: of `place`.
         progress: called with what is about to be done.
 
@@ -132,7 +133,7 @@ def place_for_cycle(
         plan, refusal = None, ""
         try:
             how = {"starts": starts, "seed": seed, "executor": executor, "jobs": jobs}
-            plan = plan_motion(placed(placement), **how)
+            plan = plan_motion(placed(placement), segment=segment, **how)
             refusal = "" if plan.verified else "; ".join(plan.check.violations) or "not complete"
         except (PlanningError, InputError) as error:
             refusal = str(error)
