@@ -1,12 +1,13 @@
 """How cancelled motions end in MuJoCo, at decelerations below and above the maximum safe one of the check.
 
-    python -m studies.cancel.run --out DIR
+    python -m studies.cancel.run --out DIR [--together]
 
 Plans without uncertainty; limit GN 1, where the base begins to turn about an edge. Replays and verdicts have
 a friction of `FRICTION`, so that tipping is what decides. The maximum is found by
 bisection from verdicts at the check's own instants. It may exceed the acceleration limits, so that the
 scenario binds in every plan. Replays begin at instants at equal distances and at the worst ones of
-the check. Rows of finished plans and decelerations are kept.
+the check. Rows of finished plans and decelerations are kept. With `--together` joints come to rest together,
+as `stopj` of Universal Robots commands it.
 """
 
 from __future__ import annotations
@@ -61,11 +62,11 @@ def tasks() -> dict[str, Callable[[], MotionTask]]:
     return {f"{row[0]}, {row[1]} kg{', least time' * row[2]}": partial(example, *row) for row in rows}
 
 
-def maximum(robot: Robot, motion: Trajectory) -> float:
+def maximum(robot: Robot, motion: Trajectory, together: bool) -> float:
     """Share of the acceleration limits up to which no checked cancel loses a contact."""
 
     def lost(share: float) -> bool:
-        found = cancelled_motion(robot, motion, _cancel(robot, share))[1]
+        found = cancelled_motion(robot, motion, _cancel(robot, share, together))[1]
         return bool(np.max(found.GN) > 1)
 
     low, high = 0.0, MOST
@@ -77,19 +78,20 @@ def maximum(robot: Robot, motion: Trajectory) -> float:
     return low
 
 
-def _cancel(robot: Robot, share: float) -> Cancel:
-    return Cancel(tuple(share * robot.limits.acceleration), longest=1e3, GN=1.0, GT=1.0)
+def _cancel(robot: Robot, share: float, together: bool) -> Cancel:
+    rates = tuple(share * robot.limits.acceleration)
+    return Cancel(rates, longest=1e3, GN=1.0, GT=1.0, together=together)
 
 
-def _instants(robot: Robot, motion: Trajectory, share: float, count: int) -> np.ndarray:
+def _instants(robot: Robot, motion: Trajectory, cancel: Cancel, count: int) -> np.ndarray:
     """Half of them at equal distances, and half the worst of the check at the maximum."""
-    times, found = cancelled_motion(robot, motion, _cancel(robot, share))
+    times, found = cancelled_motion(robot, motion, cancel)
     worst = times[np.argsort(-found.GN, kind="stable")[: count // 2]]
     left = count - len(worst)
     return np.sort(np.append((np.arange(left) + 0.5) * motion.end / left, worst))
 
 
-def rows_of(name: str, count: int, file: RowFile) -> Iterator[dict[str, Any]]:
+def rows_of(name: str, count: int, together: bool, file: RowFile) -> Iterator[dict[str, Any]]:
     """What is missing of a task."""
     if all(file.find(task=name, factor=factor) is not None for factor in FACTORS):
         return
@@ -100,17 +102,18 @@ def rows_of(name: str, count: int, file: RowFile) -> Iterator[dict[str, Any]]:
     assert isinstance(robot, Robot)
     contacts = [replace(contact, friction=FRICTION) for contact in robot.support.contacts]
     robot = robot.varied(support=robot.support.varied(contacts))
-    share, world = maximum(robot, motion), World(robot)
-    times = _instants(robot, motion, share, count)
+    share, world = maximum(robot, motion, together), World(robot)
+    times = _instants(robot, motion, _cancel(robot, share, together), count)
     q, qd, _ = motion.states(times)
     for factor in FACTORS:
         if file.find(task=name, factor=factor) is not None:
             continue
         say(f"{name}: {factor:g} of the maximum, {share:.3f} of the limits")
         began = time.process_time()
-        cancel = _cancel(robot, factor * share)
+        cancel = _cancel(robot, factor * share, together)
+        rates = np.array(cancel.decelerations)
         found = CancelCheck(robot, cancel).stops(q, qd)
-        replays = [world.cancelled(motion, t, np.array(cancel.decelerations)) for t in times.tolist()]
+        replays = [world.cancelled(motion, t, rates, together) for t in times.tolist()]
         yield {
             "task": name,
             "factor": factor,
@@ -173,15 +176,15 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
     return "\n".join(text) + "\n"
 
 
-def run(out: Path, count: int, names: Sequence[str] | None) -> str:
+def run(out: Path, count: int, names: Sequence[str] | None, together: bool) -> str:
     """Compute what is missing, task by task, and write the table."""
     out.mkdir(parents=True, exist_ok=True)
-    state = source_state(*PLANNING)
-    file = RowFile(out / "cancel.json", {"instants": count, "step": STEP}, ("task", "factor"), state)
+    state, own = source_state(*PLANNING), f"cancel{'_together' * together}"
+    file = RowFile(out / f"{own}.json", {"instants": count, "step": STEP}, ("task", "factor"), state)
     for name in names or tasks():
-        for row in rows_of(name, count, file):
+        for row in rows_of(name, count, together, file):
             file.put(row)
-            write_text(out / "cancel.md", text_of(file, state))
+            write_text(out / f"{own}.md", text_of(file, state))
     return text_of(file, state)
 
 
@@ -205,8 +208,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for results")
     parser.add_argument("--instants", type=int, default=200, help="per plan and deceleration")
     parser.add_argument("--only", nargs="+", help="only these tasks")
+    parser.add_argument("--together", action="store_true", help="joints come to rest together (stopj)")
     given = parser.parse_args(argv)
-    return ended("cancel", lambda: run(given.out, given.instants, given.only), "finished rows are kept.")
+    return ended(
+        "cancel", lambda: run(given.out, given.instants, given.only, given.together), "rows are kept."
+    )
 
 
 if __name__ == "__main__":

@@ -125,12 +125,15 @@ class World:
         self._beside = [[k for k in range(count) if k not in axis.contacts] for axis in robot.tip_over.axes]
 
     def commands(
-        self, motion: Trajectory, begun: float, rates: np.ndarray
+        self, motion: Trajectory, begun: float, rates: np.ndarray, together: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """Angles, speeds, accelerations (K, n) at all steps, and the number of the step of the cancel."""
         before = round(min(BEFORE, begun) / STEP)
         q0, qd0, _ = (part[0] for part in motion.states(np.array([begun])))
         stop = np.abs(qd0) / rates
+        if together:
+            rates = np.abs(qd0) / stop.max()
+            stop = np.full(len(qd0), stop.max())
         times = STEP * np.arange(int(np.ceil((stop.max() + AFTER) / STEP)))[:, None]
         sign, moves = np.sign(qd0), times < stop
         own = np.minimum(times, stop)
@@ -143,9 +146,12 @@ class World:
         q, qd, qdd = (np.vstack(pair) for pair in zip(path, cancelled, strict=True))
         return q, qd, qdd, before
 
-    def cancelled(self, motion: Trajectory, begun: float, rates: np.ndarray) -> Replay:
-        """A motion that is cancelled at a time, s, with decelerations (n,)."""
-        q, qd, qdd, before = self.commands(motion, begun, rates)
+    def cancelled(self, motion: Trajectory, begun: float, rates: np.ndarray, together: bool) -> Replay:
+        """A motion that is cancelled at a time, s, with decelerations (n,).
+
+        Joints stop each by itself, or together: then only the leading one decelerates at its rate.
+        """
+        q, qd, qdd, before = self.commands(motion, begun, rates, together)
         model, data, n = self._model, self._data, q.shape[1]
         mujoco.mj_resetData(model, data)
         data.qpos[7:], data.qvel[6:] = q[0], qd[0]
