@@ -90,7 +90,10 @@ def _masses(urdf: Path, task: Path) -> dict[str, float]:
     """Masses of base and arm in the task, kg, and how far their sum is off Pinocchio's, as a share."""
     base = float(tomllib.loads(task.read_text())["base"]["mass"])
     arm = float(read_task(task).robot.arm.masses.sum())
-    whole = sum(body.mass for body in pin.buildModelFromUrdf(str(urdf)).inertias)
+    root = ET.parse(urdf).getroot()
+    for limit in root.iter("limit"):  # Pinocchio refuses limits without these
+        limit.attrib.update({"effort": "0", "velocity": "0"} | limit.attrib)
+    whole = sum(body.mass for body in pin.buildModelFromXML(ET.tostring(root, "unicode")).inertias)
     return {"base_kg": base, "arm_kg": arm, "urdf_kg": whole, "mass_error": abs(base + arm - whole) / whole}
 
 

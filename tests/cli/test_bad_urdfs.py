@@ -45,14 +45,6 @@ FILES = {
         "joint 'turn_2': type 'continous', expected one of revolute, continuous, prismatic, fixed, floating, "
         "planar; did you mean 'continuous'?",
     ),
-    "limit without effort": (
-        edited('<limit velocity="2" effort="60"/>', '<limit velocity="2"/>'),
-        "joint 'turn_2': <limit> has no effort; give 0 where there is no limit",
-    ),
-    "limit without effort and velocity": (
-        edited('<limit velocity="2" effort="60"/>', "<limit/>"),
-        "joint 'turn_2': <limit> has no effort and no velocity; give 0 where there is no limit",
-    ),
     "dynamics without values": (
         edited('<limit velocity="2" effort="60"/>', '<limit velocity="2" effort="60"/><dynamics/>'),
         "joint 'turn_2': <dynamics> has neither damping nor friction",

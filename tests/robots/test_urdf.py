@@ -110,6 +110,23 @@ def test_limits(service_robot):
     np.testing.assert_array_equal(model.limits.acceleration, 5)
 
 
+@pytest.mark.parametrize("version", ["", ' version="1.2"'])
+def test_limits_without_effort_or_velocity_are_none(tmp_path, version):
+    """Makers leave them out, of wheels for instance; the parser of older versions would refuse the file."""
+    head = SERVICE_ROBOT.replace('<robot name="service">', f'<robot name="service"{version}>')
+    missing = head.replace(' effort="40"', "", 1).replace(' velocity="3"', "", 2)
+    zero = head.replace(' effort="40"', ' effort="0"', 1).replace(' velocity="3"', ' velocity="0"', 2)
+    arms = []
+    for text in (missing, zero):
+        (tmp_path / "robot.urdf").write_text(text)
+        arms.append(arm_from_urdf(tmp_path / "robot.urdf", base_link="cart", tool_frame="tool"))
+    found, wanted = arms
+    for name in ("angle_min", "angle_max", "speed", "torque"):
+        np.testing.assert_array_equal(getattr(found.limits, name), getattr(wanted.limits, name))
+    assert np.isinf(found.limits.torque[0])
+    assert np.isinf(found.limits.speed[0])
+
+
 def test_ur5_reach_and_weight():
     model = arm_from_urdf(UR5, base_link="base_link", tool_frame="tool0")
     assert model.n == 6

@@ -177,7 +177,7 @@ def _tree(root: ElementTree.Element) -> Iterator[str]:
                 yield f"{count} {kind}s are called {name!r}"
     above: dict[str, list[str]] = {}
     for element in root.findall("joint"):
-        yield from _joint_complaints(element, links, lean=root.get("version") == "1.2")
+        yield from _joint_complaints(element, links)
         joint = joint_of(element)
         above.setdefault(joint.child, []).append(joint.parent)
     for child, parents in above.items():
@@ -204,8 +204,8 @@ def _loops(above: Mapping[str, list[str]], root: str) -> Iterator[str]:
             seen.add(at)
 
 
-def _joint_complaints(element: ElementTree.Element, links: list[str], *, lean: bool) -> Iterator[str]:
-    """What is wrong with a joint; in a `lean` version of URDF limits need neither effort nor velocity."""
+def _joint_complaints(element: ElementTree.Element, links: list[str]) -> Iterator[str]:
+    """What is wrong with a joint."""
     joint = joint_of(element)
     who = f"joint {joint.name!r}"
     if joint.kind not in KINDS:
@@ -224,18 +224,15 @@ def _joint_complaints(element: ElementTree.Element, links: list[str], *, lean: b
             lower, upper = float(limit.get("lower", 0)), float(limit.get("upper", 0))
             if lower > upper:
                 yield f"{who}: lower limit {lower:g} is above the upper one, {upper:g}"
-    yield from (f"{who}: {reason}" for reason in _parser_complaints(element, lean=lean))
+    yield from (f"{who}: {reason}" for reason in _parser_complaints(element))
     text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
     if joint.kind != "fixed" and _are_numbers(text, 3) and not any(map(float, text.split())):
         yield f"{who}: its axis is 0 0 0"
 
 
-def _parser_complaints(joint: ElementTree.Element, *, lean: bool) -> Iterator[str]:
+def _parser_complaints(joint: ElementTree.Element) -> Iterator[str]:
     """What the parser of Pinocchio refuses with no more than "not a valid URDF"."""
-    limit, dynamics = joint.find("limit"), joint.find("dynamics")
-    needed = () if lean else ("effort", "velocity")
-    if limit is not None and (lacking := [key for key in needed if key not in limit.attrib]):
-        yield f"<limit> has no {' and no '.join(lacking)}; give 0 where there is no limit"
+    dynamics = joint.find("dynamics")
     if dynamics is not None and not {"damping", "friction"} & {*dynamics.attrib}:
         yield "<dynamics> has neither damping nor friction; take it out"
     if any("k_velocity" not in controller.attrib for controller in joint.findall("safety_controller")):
