@@ -7,13 +7,15 @@ import io
 import os
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.api.chart import halton_postures
+from ocptip.api.given import MotionLike, given_motion
 from ocptip.api.postures import RestingPosture, resting_posture
+from ocptip.api.tasks import TaskLike
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
@@ -27,12 +29,15 @@ from ocptip.standing.drive_envelope import (
     Manoeuvre,
     Manoeuvres,
     largest_manoeuvres,
+    worst_states,
 )
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stow_pose import StowSearch
-from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.tolerable import AT_REST
+from ocptip.task_files.plan_folder import is_plan_folder
 from ocptip.task_files.tolerance import load_tolerance
+from ocptip.trajectories.trajectory import Trajectory
 
 DIRECTIONS, SPEED, TURNING, SLOPE, SAMPLES = 36, 1.0, 0.5, np.radians(5.0), 4000
 STOW = "stow"
@@ -40,13 +45,15 @@ STOW = "stow"
 
 _STARTS = 6  # postures that are improved
 ASSUMED = "contacts with friction are wheels that drive and brake up to it: torques of wheels are not limited"
-NOT_COVERED = ("motion of the arm", "compliance of wheels", "uneven floor", "sway after a step")
+NOT_COVERED = ("compliance of wheels", "uneven floor", "sway after a step")
+_SPACING = 0.02  # s: between instants of a motion
 
 
 def drive(
     what: Task | StandingMechanism | RestingPosture | str | os.PathLike[str],
     q: ArrayLike | str | None = None,
     *,
+    motion: MotionLike | None = None,
     uncertainty: Uncertainty | str | None = None,
     directions: int = DIRECTIONS,
     speed: float = SPEED,
@@ -69,10 +76,11 @@ def drive(
     Forward is the x axis of the base. Accelerations are those of the origin of the base frame.
 
     Args:
-        what: a task of an arm, its file, or a robot.
+        what: a task of an arm, its file, or a robot; or the folder of a plan, for its motion.
         q: its posture: (n,), rad (prismatic joints: m), or a name in the task ("start", "goal", a segment);
             default: the start of a task. "stow" searches the posture, clear of collisions, with the largest
             acceleration in its worst direction.
+        motion: of the arm, instead of a posture: the limits are those of its worst instants.
         uncertainty: what the limits hold within, an object, a preset ("workshop", "none") or a TOML file with
             a table `[tolerance]`. Default: that of the task, else "workshop".
         directions: of acceleration on level ground.
@@ -94,9 +102,17 @@ def drive(
         raise InputError(f"slope: must be below 45 degrees, got {np.degrees(slope):.4g} degrees")
     for name, value, least in (("samples", samples, 1), ("seed", seed, 0)):
         whole_number(name, value, least)
-    stow = isinstance(q, str) and q == STOW
+    stow, moves = isinstance(q, str) and q == STOW, None
+    if motion is None and isinstance(what, str | os.PathLike) and is_plan_folder(what):
+        _, what, moves = given_motion(what, None)
+    elif motion is not None:
+        _, what, moves = given_motion(motion, cast(TaskLike, what))
+    if moves is not None and (q is not None or cast(Task, what).is_cycle):
+        raise InputError(
+            "motion: envelopes are of a posture or of one motion, not of both, and not of a cycle"
+        )
     posture = resting_posture(what, None if stow else q)
-    robot = posture.robot
+    robot = posture.robot if moves is None else cast(Task, what).robot
     robot.require_no_objects("drive")
     if not isinstance(robot, Robot):
         raise InputError("task: drive envelopes are for arms; this robot is a parallel one")
@@ -107,8 +123,12 @@ def drive(
     tolerance = posture.limits.tolerance if uncertainty is None else uncertainty
     if isinstance(tolerance, str | os.PathLike):
         tolerance = load_tolerance(tolerance)
-    counting = tolerance.only(*(name for name in tolerance.given if name in AT_REST))
+    counts = AT_REST if moves is None else (*AT_REST, "speed", "delay")
+    counting = tolerance.only(*(name for name in tolerance.given if name in counts))
     given = _Given(directions, speed, turning, slope, deceleration, holonomic)
+    if moves is not None:
+        name = f"{cast(Task, what).name} in motion"
+        return DriveEnvelope(name, robot.driving(None), moves.start, tolerance, counting, given, moves)
     if not stow:
         return DriveEnvelope(posture.scene.name, robot, posture.q, tolerance, counting, given)
     search = StowSearch(robot, posture.limits)
@@ -142,10 +162,11 @@ class DriveEnvelope(SavedFolder):
     Attributes:
         name: of task and posture.
         robot: on its base.
-        q: (n,), rad (prismatic joints: m).
+        q: (n,), rad (prismatic joints: m), at the start of a motion.
         tolerance: the uncertainty.
-        counting: what of it counts for an arm at rest.
+        counting: what of it counts.
         given: arguments of :func:`drive`.
+        motion: of the arm; None: it rests.
     """
 
     data_file = "drive.json"
@@ -155,6 +176,7 @@ class DriveEnvelope(SavedFolder):
     tolerance: Uncertainty
     counting: Uncertainty
     given: _Given
+    motion: Trajectory | None = None
 
     # --- manoeuvres ---------------------------------------------------------------------------------------
 
@@ -189,8 +211,8 @@ class DriveEnvelope(SavedFolder):
             Manoeuvre("start_turning_right", "start to turn right", "rad/s^2"),
             Manoeuvre("stop_left", f"stop {turn} to the left"),
             Manoeuvre("stop_right", f"stop {turn} to the right"),
-            Manoeuvre("stop_speed_left", f"speed for a stop {self._stop_words} to the left", "m/s", True),
-            Manoeuvre("stop_speed_right", f"speed for a stop {self._stop_words} to the right", "m/s", True),
+            Manoeuvre("stop_speed_left", f"speed for a stop {self._stop_words} to the left", "m/s"),
+            Manoeuvre("stop_speed_right", f"speed for a stop {self._stop_words} to the right", "m/s"),
         )
 
     @property
@@ -247,29 +269,54 @@ class DriveEnvelope(SavedFolder):
         return replace(Manoeuvres.along(slowing, gravity), constant=steady)
 
     def _stop_speeds(self, gravity: np.ndarray) -> Manoeuvres:
-        """Over the square of the speed."""
+        """Over the speed."""
         bend, d = np.array([1, -1]) / self._radius, self.stop_deceleration
-        steady, squared, root = np.zeros((2, 9)), np.zeros((2, 9)), np.zeros((2, 9))
+        steady, linear, square = np.zeros((2, 9)), np.zeros((2, 9)), np.zeros((2, 9))
         steady[:, 0], steady[:, 8] = -d, -d * bend
-        squared[:, 1], root[:, 5] = bend, bend
-        return replace(Manoeuvres.along(squared, gravity), constant=steady, root=root)
+        square[:, 1], linear[:, 5] = bend, bend
+        return replace(Manoeuvres.along(linear, gravity), constant=steady, square=square)
 
     # --- results ------------------------------------------------------------------------------------------
 
     @cached_property
     def nominal(self) -> LargestManoeuvres:
         """Of the nominal model: of the directions, then of the manoeuvres."""
-        return largest_manoeuvres(self.robot, self.q, self._all)
+        return self._largest(self._all)
 
     @cached_property
     def within(self) -> LargestManoeuvres | None:
         """In the worst case of the uncertainty; None without one."""
         if not self.counting.given:
             return None
-        return largest_manoeuvres(self.robot, self.q, self._all, self.counting, self.nominal)
+        return self._largest(self._all, self.counting, self.nominal)
 
     def _worst_of(self, manoeuvres: Manoeuvres) -> LargestManoeuvres:
-        return largest_manoeuvres(self.robot, self.q, manoeuvres, self.counting)
+        return self._largest(manoeuvres, self.counting)
+
+    def _largest(
+        self,
+        manoeuvres: Manoeuvres,
+        tolerance: Uncertainty = NONE,
+        nominal: LargestManoeuvres | None = None,
+    ) -> LargestManoeuvres:
+        """At rest, or in the states of the motion that are worst for the nominal base."""
+        if self.motion is None:
+            return largest_manoeuvres(self.robot, self.q, manoeuvres, tolerance, nominal)
+        times, states = self._states
+        number = worst_states(self.robot, states, manoeuvres)
+        count = number.shape[1]
+        if nominal is not None:
+            nominal = replace(nominal, normals=np.repeat(nominal.normals, count, axis=0))
+        own = states[number.ravel()], manoeuvres.repeated(count), tolerance, nominal
+        return largest_manoeuvres(self.robot, *own).at_worst(times[number])
+
+    @cached_property
+    def _states(self) -> tuple[np.ndarray, np.ndarray]:
+        """Instants (N,), s, of the motion, and the states there, with a process that varies."""
+        assert self.motion is not None
+        times = self.motion.both_sides(_SPACING)
+        acting = self.robot.during(self.motion).acting(times)
+        return times, np.hstack([*self.motion.states(times), acting])
 
     @property
     def worst(self) -> LargestManoeuvres:
@@ -336,12 +383,20 @@ class DriveEnvelope(SavedFolder):
     def scope(self) -> str:
         """What the envelope is about, in words."""
         within = f"within {self.tolerance.scope}" if self.counting.given else "nominal model only"
-        return f"arm at rest, rigid wheels, {within}"
+        arm = "arm at rest" if self.motion is None else "worst instants of the motion of the arm"
+        return f"{arm}, rigid wheels, {within}"
+
+    @property
+    def not_covered(self) -> tuple[str, ...]:
+        """What the envelope leaves out, in words."""
+        of_arm = "motion of the arm" if self.motion is None else "instants between the samples"
+        return (of_arm, *NOT_COVERED, *self.ignored)
 
     @property
     def ignored(self) -> tuple[str, ...]:
-        """Deviations of the uncertainty that need motion of the arm."""
-        return tuple(str(self.tolerance.only(name)) for name in self.tolerance.given if name not in AT_REST)
+        """Deviations of the uncertainty that do not count."""
+        given, counting = self.tolerance, self.counting.given
+        return tuple(str(given.only(name)) for name in given.given if name not in counting)
 
     def __repr__(self) -> str:
         """The scope, and the worst direction."""
@@ -353,7 +408,9 @@ class DriveEnvelope(SavedFolder):
         for name, found in (("nominal", self.nominal), ("within", self.within)):
             if found is not None:
                 known = bool(np.isfinite(found.lift[k]))
+                when = {} if found.times is None else {"time_s": float(found.times[k])}
                 data[name] = {
+                    **when,
                     "largest": one.value(float(found.largest[k])),
                     "tips_at": one.value(float(found.tip[k])),
                     "first_wheel_lifts_at": one.value(float(found.lift[k])) if known else None,
@@ -369,7 +426,7 @@ class DriveEnvelope(SavedFolder):
             "posture": self.name,
             "scope": self.scope,
             "assumed": ASSUMED,
-            "not_covered": [*NOT_COVERED, *self.ignored],
+            "not_covered": list(self.not_covered),
             "tolerance": self.tolerance.to_dict(),
             "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),
             "units": list(self.robot.units),

@@ -405,17 +405,16 @@ COMMANDS = (
         "drive envelope: how hard a mobile base may accelerate, brake and turn",
         "Computes the largest acceleration of the base by direction with the arm at rest in a posture, the "
         "largest braking on level ground and slopes, turning speeds and emergency stops. Writes text, JSON, "
-        "CSV, a figure and parameters for Nav2. Motion of the arm is not covered.",
+        "CSV, a figure and parameters for Nav2. Of a plan: at the worst instants of its motion.",
         "0 computed, 1 the base cannot accelerate in some direction",
         (
-            argument("task", "TASK.toml", "the task file of an arm on a mobile base"),
+            argument("task", "TASK.toml|PLAN_DIR", "task file of an arm on a mobile base; folder of a plan"),
             argument(
                 "--posture",
                 "Q1,Q2,...|start|goal|SEGMENT|stow",
                 "posture of the arm: joint values as in the file (degrees, prismatic joints m), or the name "
                 "of a start or goal (default: start); stow: search the posture in which the base may "
                 "accelerate hardest",
-                default="start",
             ),
             TOLERANCE,
             argument("--directions", "N", "directions of acceleration (default: 36)", type=int, default=36),

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from argparse import Namespace
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from ocptip.api.drive import ASSUMED, NOT_COVERED, STOW, DriveEnvelope, drive
+from ocptip.api.drive import ASSUMED, STOW, DriveEnvelope, drive
+from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
@@ -15,15 +17,20 @@ from ocptip.cli.options import given_tolerance, naming_options, output_directory
 from ocptip.cli.stand_posture import joint_values, posture_of
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
+from ocptip.task_files.plan_folder import is_plan_folder
 
 _NOISE = 1e-9
 
 
 def run(options: Namespace) -> DriveReport:
     """Compute the envelope of one posture."""
-    stow = options.posture == STOW
-    posture = posture_of(options.task, "start" if stow else options.posture)
-    folder = output_directory(options, posture.scene.name)
+    stow, plan = options.posture == STOW, is_plan_folder(options.task)
+    posture = (
+        options.task if plan else posture_of(options.task, "start" if stow else options.posture or "start")
+    )
+    if plan and options.posture:
+        raise InputError("not with the folder of a plan, whose motion counts", "--posture")
+    folder = output_directory(options, Path(options.task).name if plan else posture.scene.name)
     say_if_compiling()
     require_least(options, samples=1, seed=0)
     names = ("directions", "speed", "turning", "deceleration", "payload", "slope")
@@ -56,7 +63,7 @@ class DriveReport(FolderReport):
         heads = ["", "nominal", *within]
         rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
         lines = [
-            ("posture", joint_values(found.robot, found.q)),
+            self._arm(),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
             ("worst direction", f"{_down(value)} m/s^2 at {np.degrees(angle):.0f} deg from forward to left"),
             *self._lifts(),
@@ -65,10 +72,18 @@ class DriveReport(FolderReport):
             ("assumed", ASSUMED),
             *([("robot", masses(found.robot))] if self.verbose else []),
             *under("uncertainty", found.tolerance.lines() if self.verbose else []),
-            ("not covered", ", ".join([*NOT_COVERED, *found.ignored])),
+            ("not covered", ", ".join(found.not_covered)),
         ]
         written = [f"wrote {path}" for path in self.written]
         return "\n".join([head, "", *table(rows, left=(0, len(heads) - 1)), "", *named(lines), *written])
+
+    def _arm(self) -> tuple[str, str]:
+        """The posture, or the motion with the instant of the worst direction."""
+        found = self.found
+        if found.motion is None or found.worst.times is None:
+            return "posture", joint_values(found.robot, found.q)
+        k = int(np.argmin(found.worst.largest[: len(found.angles)]))
+        return "motion", f"{found.motion.end:.4g} s; worst direction at {found.worst.times[k]:.3f} s"
 
     def _row(self, k: int, one: Manoeuvre) -> list[str]:
         found, at = self.found, len(self.found.angles) + k
@@ -113,8 +128,9 @@ def _limit(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
 
 def _what(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
     tips = one.value(float(own.tip[k]))
+    when = "" if own.times is None else f" at {own.times[k]:.3f} s"
     if own.slip[k] < own.tip[k]:
-        return "friction" if tips is None else f"friction (tips at {_down(tips)})"
+        return f"friction{when}" if tips is None else f"friction{when} (tips at {_down(tips)})"
     if not own.contacts[k].any():
         return ""
-    return f"tipping about contacts {own.contacts[k][0]} and {own.contacts[k][1]}"
+    return f"tipping about contacts {own.contacts[k][0]} and {own.contacts[k][1]}{when}"

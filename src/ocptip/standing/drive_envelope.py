@@ -1,10 +1,10 @@
 """How fast a base may accelerate, brake and turn with an arm at rest on it: until it tips, until it slips.
 
-A manoeuvre is a family of base motions with one parameter x >= 0: an acceleration, a turning speed, or the
-square of a speed. The wrench on the base is then a polynomial of degree two in x. Its moments about the
-tipping axes have first zeros in closed form. For friction, a cone program finds how far a load may go along a
-line, and the half space that limits it there; the first zero of the polynomial in that half space bounds x,
-and these bounds end where the friction is used up.
+A manoeuvre is a family of base motions with one parameter x >= 0: an acceleration or a speed. The wrench on
+the base is then a polynomial of degree two in x. Its moments about the tipping axes have first zeros in
+closed form. For friction, a cone program finds how far a load may go along a line, and the half space that
+limits it there; the first zero of the polynomial in that half space bounds x, and these bounds end where the
+friction is used up.
 
 Within an uncertainty each choice of deviations gives an upper bound of x. The worst deviations are chosen at
 the bound, and lower it, until none do.
@@ -21,14 +21,16 @@ from ocptip.contact.force_programs import LoadRays
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.moving import driving_case_of
 from ocptip.standing.within.worst_case import WorstCase
 
 LARGEST = 100.0
-"""Largest parameter that is tried, m/s^2, rad/s or m^2/s^2: no ground vehicle gets there."""
+"""Largest parameter that is tried, m/s^2, rad/s or m/s: no ground vehicle gets there."""
 
 _ROUNDS = 12
 _CLOSE = 1e-9  # relative: a bound that falls by less is the result
+_STAYS = 4  # rounds in which a bound does not fall: in a corner of the cones deviations may take turns
 _HELD = 1 - 1e-9  # share of a load that counts as all of it
 _STEP = 1e-3  # least parameter between which differences are taken
 _CHOICES = 2  # of deviations that are worst for a half space: the second counts products
@@ -43,35 +45,31 @@ class Manoeuvre:
         key: of files.
         text: for people.
         unit: of its limit.
-        squared: the parameter is the square of the limit.
     """
 
     key: str
     text: str
     unit: str = "m/s^2"
-    squared: bool = False
 
     def value(self, parameter: float) -> float | None:
         """The limit; None where nothing limits it."""
-        if parameter >= LARGEST:
-            return None
-        return float(np.sqrt(parameter) if self.squared else parameter)
+        return None if parameter >= LARGEST else float(parameter)
 
 
 @dataclass(frozen=True, eq=False)
 class Manoeuvres:
     """P families of base motions with one parameter x >= 0 each.
 
-    Rows are those of `BaseMotion`: constant + x linear + sqrt(x) root.
+    Rows are those of `BaseMotion`: constant + x linear + x^2 square.
 
     Attributes:
-        constant, linear, root: (P, 9); `root` has angular velocities alone.
+        constant, linear, square: (P, 9); `square` has accelerations alone.
         gravity: (P, 3), m/s^2, base axes.
     """
 
     constant: np.ndarray
     linear: np.ndarray
-    root: np.ndarray
+    square: np.ndarray
     gravity: np.ndarray
 
     @classmethod
@@ -87,8 +85,13 @@ class Manoeuvres:
 
     def __add__(self, other: Manoeuvres) -> Manoeuvres:
         """These and others."""
-        parts = ("constant", "linear", "root", "gravity")
+        parts = ("constant", "linear", "square", "gravity")
         return Manoeuvres(*(np.vstack([getattr(self, name), getattr(other, name)]) for name in parts))
+
+    def repeated(self, count: int) -> Manoeuvres:
+        """Each family so often, one after the other."""
+        parts = (self.constant, self.linear, self.square, self.gravity)
+        return Manoeuvres(*(np.repeat(part, count, axis=0) for part in parts))
 
     def __len__(self) -> int:
         """Number of families."""
@@ -97,7 +100,7 @@ class Manoeuvres:
     def at(self, which: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rows (R, 9) of base motions, and gravity (R, 3), of families (R,) at parameters (R,)."""
         x = x[:, None]
-        rows = self.constant[which] + x * self.linear[which] + np.sqrt(x) * self.root[which]
+        rows = self.constant[which] + x * self.linear[which] + x**2 * self.square[which]
         return rows, self.gravity[which]
 
 
@@ -111,6 +114,7 @@ class LargestManoeuvres:
         lift: (P,) up to which no wheel lifts, if wheels are equally compliant; NaN where that is not known.
         slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
         normals: (P, 6) of half spaces that limit the load there.
+        times: (P,) s, of the worst instant of a motion; None: of a posture.
     """
 
     tip: np.ndarray
@@ -118,11 +122,24 @@ class LargestManoeuvres:
     lift: np.ndarray
     slip: np.ndarray
     normals: np.ndarray
+    times: np.ndarray | None = None
 
     @property
     def largest(self) -> np.ndarray:
         """(P,) up to which the contacts are maintained."""
         return np.minimum(self.tip, self.slip)
+
+    def at_worst(self, times: np.ndarray) -> LargestManoeuvres:
+        """At the worst of K instants (P, K), s, of each manoeuvre; the present rows are at all of them."""
+        rows = np.arange(len(times))
+
+        def least(values: np.ndarray) -> np.ndarray:
+            return times.shape[1] * rows + np.argmin(values.reshape(times.shape), axis=1)
+
+        tip, slip = least(self.tip), least(self.slip)
+        lift = np.min(self.lift.reshape(times.shape), axis=1)
+        parts = self.tip[tip], self.contacts[tip], lift, self.slip[slip], self.normals[slip]
+        return LargestManoeuvres(*parts, times.ravel()[least(self.largest)])
 
 
 def largest_manoeuvres(
@@ -132,11 +149,12 @@ def largest_manoeuvres(
     tolerance: Uncertainty = NONE,
     nominal: LargestManoeuvres | None = None,
 ) -> LargestManoeuvres:
-    """Largest parameters with which the base keeps its contacts, for an arm at rest in a posture.
+    """Largest parameters with which the base keeps its contacts, for an arm at rest or in motion.
 
     Args:
         robot: on its base, with contacts on one plane.
-        q: (n,), rad (prismatic joints: m).
+        q: (n,), rad (prismatic joints: m), a posture; or a state of each manoeuvre, (P, 3 n): angles, speeds,
+            accelerations, and a process that varies.
         manoeuvres: of the base.
         tolerance: of floor, base, arm and payload; deviations of a motion do not count.
         nominal: the result without uncertainty, if it is known, from which the search begins.
@@ -151,6 +169,38 @@ def largest_manoeuvres(
     return LargestManoeuvres(tip, contacts, lift, *search.slip(tip, nominal and nominal.normals))
 
 
+def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres) -> np.ndarray:
+    """(P, 3) numbers of the states in which the nominal base tips, slides and lifts a wheel first.
+
+    Sliding is that of friction pyramids, lifting that of equally compliant wheels; where one of them is not
+    known, it is the state that tips first.
+
+    Args:
+        robot: on its base, with contacts on one plane.
+        states: (N, 3 n), see `largest_manoeuvres`.
+        manoeuvres: P of them.
+    """
+    count, families = len(states), len(manoeuvres)
+    search = _ManoeuvreSearch(
+        robot, np.tile(states, (families, 1)), manoeuvres.repeated(count), Uncertainty()
+    )
+    size = count * families
+    off = np.zeros((size, search.deviations.size))
+    polynomials = search.polynomials(np.arange(size), off, np.ones(size))
+    facets, normals = robot.slip.half_spaces(1.0), equal_normal_map(robot.support)
+    slopes, offsets = robot.tip_over.affine_moments or (np.empty((0, 6)), np.empty(0))
+    rows = [slopes, None if facets is None else -facets, normals]
+    found = np.full((3, size), LARGEST)
+    for k, own in enumerate(rows):
+        for number, row in enumerate(() if own is None else own):
+            coefficients = polynomials @ row
+            coefficients[:, 0] += offsets[number] if k == 0 else 0.0
+            found[k] = np.minimum(found[k], first_zero(coefficients))
+    worst = np.argmin(found.reshape(3, families, count), axis=2)
+    known = np.array([own is not None for own in rows])
+    return np.where(known[:, None], worst, worst[0]).T
+
+
 class _ManoeuvreSearch:
     """Upper bounds of the parameters that fall until the worst deviations keep them.
 
@@ -160,26 +210,31 @@ class _ManoeuvreSearch:
 
     def __init__(self, robot: Robot, q: np.ndarray, manoeuvres: Manoeuvres, tolerance: Uncertainty) -> None:
         self._cases = driving_case_of(robot, tolerance)
-        self._s = np.concatenate([q, np.zeros(2 * robot.n)])
+        posture = np.concatenate([q, np.zeros(2 * robot.n)]) if q.ndim == 1 else q
+        self._s = np.broadcast_to(posture, (len(manoeuvres), posture.shape[-1]))
         self._manoeuvres = manoeuvres
         tip_over = self._cases.footing.tip_over
         if self._cases.axes and tip_over.affine_moments is None:
             raise InputError("contacts: a base that drives needs contacts on one plane")
-        curved = np.any(manoeuvres.root) or np.any(manoeuvres.linear[:, 3:6])
+        curved = np.any(manoeuvres.square) or np.any(manoeuvres.linear[:, 3:6])
         self._shares = np.array(_INSIDE if curved else (0.0, 1.0))
+
+    @property
+    def deviations(self) -> Deviations:
+        """Those of the uncertainty."""
+        return self._cases.deviations
 
     def _moving(self, which: np.ndarray, x: np.ndarray) -> tuple[WorstCase, np.ndarray]:
         """The worst case of families (R,) at parameters (R,), and their states (R, 3 n + 9)."""
         rows, gravity = self._manoeuvres.at(which, x)
-        s = np.broadcast_to(self._s, (len(which), len(self._s)))
-        return self._cases.on_slopes(gravity), np.hstack([s, rows])
+        return self._cases.on_slopes(gravity), np.hstack([self._s[which], rows])
 
     def _wrenches(self, which: np.ndarray, x: np.ndarray, off: np.ndarray) -> np.ndarray:
         """(R, 6): of families (R,) at parameters (R,) with deviations (R, size) from the nominal model."""
         cases, s = self._moving(which, x)
         return cases.deviations.wrench(s, off + cases.deviations.nominal(len(which)))[0]
 
-    def _polynomials(self, which: np.ndarray, off: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    def polynomials(self, which: np.ndarray, off: np.ndarray, scale: np.ndarray) -> np.ndarray:
         """(R, 3, 6): coefficients of the wrenches over x, from values at 0, scale and 2 scale."""
         at = [self._wrenches(which, k * scale, off) for k in range(3)]
         bend = (at[2] - 2 * at[1] + at[0]) / 2
@@ -223,9 +278,9 @@ class _ManoeuvreSearch:
         count, size = len(self._manoeuvres), len(slopes)
         which, row = np.repeat(np.arange(count), size), np.tile(np.arange(size), count)
         bounds, todo = np.full(len(which), LARGEST), np.arange(len(which))
-        off = np.zeros((len(which), self._cases.deviations.size))
+        off = np.zeros((len(which), self.deviations.size))
         for _ in range(_ROUNDS):
-            polynomials = self._polynomials(which[todo], off[todo], bounds[todo] / 2)
+            polynomials = self.polynomials(which[todo], off[todo], bounds[todo] / 2)
             coefficients = np.einsum("rkw,rw->rk", polynomials, slopes[row[todo]])
             coefficients[:, 0] += offsets[row[todo]]
             bounds[todo] = np.minimum(first_zero(coefficients), bounds[todo])
@@ -262,17 +317,18 @@ class _ManoeuvreSearch:
             first: (P, 6) normals of half spaces, for which the first deviations are the worst.
         """
         rays, found, todo = LoadRays(self._cases.footing.support), most.copy(), np.arange(len(most))
-        off, held = np.zeros((len(most), self._cases.deviations.size)), {}
+        off, held = np.zeros((len(most), self.deviations.size)), {}
         if first is not None:
             off = self._worst_for(todo, most, off, first)[0]
-        limits = np.zeros((len(most), 6))
+        limits, stays = np.zeros((len(most), 6)), np.zeros(len(most), dtype=int)
         for _ in range(_ROUNDS):
-            polynomials = self._polynomials(todo, off[todo], np.maximum(found[todo], _STEP) / 2)
+            polynomials = self.polynomials(todo, off[todo], np.maximum(found[todo], _STEP) / 2)
             slips = [self._slips(rays, own, found[k], held) for k, own in zip(todo, polynomials, strict=True)]
             x, normals = np.array([own for own, _ in slips]), np.array([own for _, own in slips])
             off[todo], gain = self._worst_for(todo, x, off[todo], normals)
+            stays[todo] = np.where(x < found[todo] * (1 - _CLOSE), 0, stays[todo] + 1)
             found[todo], limits[todo] = x, normals
-            todo = todo[(x > 0) & (gain > _CLOSE)]
+            todo = todo[(x > 0) & (gain > _CLOSE) & (stays[todo] < _STAYS)]
             if not len(todo):
                 break
         _require_settled(todo)

@@ -101,11 +101,11 @@ def test_wheels_lift_at_the_braking_of_the_envelope(task, slope, posture):
 def test_wheels_lift_at_the_speed_of_the_envelope_in_a_curve(task):
     """All wheels are steered to the same centre, on the right; the speed grows slowly."""
     robot, radius, begin, rate = task.robot, 3.0, 1.5, 0.25
-    steady, squared, root = np.zeros((3, 1, 9))
+    steady, linear, square = np.zeros((3, 1, 9))
     steady[0, [0, 8]] = rate, -rate / radius
-    squared[0, 1], root[0, 5] = -1 / radius, -1 / radius
-    curve = Manoeuvres(steady, squared, root, robot.support.gravity[None])
-    predicted = np.sqrt(largest_manoeuvres(robot, task.start, curve).tip[0])
+    square[0, 1], linear[0, 5] = -1 / radius, -1 / radius
+    curve = Manoeuvres(steady, linear, square, robot.support.gravity[None])
+    predicted = largest_manoeuvres(robot, task.start, curve).tip[0]
     spokes = np.array([np.add(contact.position, [0, radius, 0]) for contact in robot.support.contacts])
     away = np.linalg.norm(spokes, axis=1)
     model = on_wheels(robot, task.start, spokes / away[:, None])

@@ -1,0 +1,89 @@
+"""The drive envelope of a motion is that of its worst instant, by envelopes of all instants."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import ocptip
+from ocptip.cli.main import main
+from ocptip.standing.drive_envelope import Manoeuvres, largest_manoeuvres, worst_states
+from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.trajectories.trajectory import Trajectory
+from tests.places import EXAMPLES
+
+TASK = EXAMPLES / "tasks" / "ur5_cart.toml"
+SPEEDS = Uncertainty(speed=0.05, tilt=0.01, delay=0.01)
+
+
+@pytest.fixture(scope="module")
+def task():
+    return ocptip.load_task(TASK, uncertainty="none")
+
+
+@pytest.fixture(scope="module")
+def motion(task):
+    limits = task.robot.limits
+    own = Trajectory.ending_together(task.start, task.goal, [None] * 6, limits.speed, limits.acceleration)
+    return own.time_scaled(1.6)
+
+
+def manoeuvres(robot):
+    directions = np.array([[np.cos(a), np.sin(a), 0] for a in (0, 1, 2.5, 4, 5)])
+    curve = Manoeuvres.along(np.array([[0, 0, 0, 0, 0, 0.5, 0, 0, 0.0]]), robot.support.gravity)
+    square = np.zeros((1, 9))
+    square[0, 1] = 0.5
+    found = Manoeuvres.accelerations(directions, robot.support.gravity)
+    return found + dataclasses.replace(curve, square=square)
+
+
+@pytest.mark.parametrize("tolerance", [NONE, SPEEDS])
+def test_the_envelope_is_that_of_the_worst_instant(task, motion, tolerance):
+    robot, paths = task.robot, manoeuvres(task.robot)
+    times = motion.both_sides(0.05)
+    states = np.hstack(motion.states(times))
+    number = worst_states(robot, states, paths)
+    rows = states[number.ravel()], paths.repeated(3), tolerance
+    found = largest_manoeuvres(robot, *rows).at_worst(times[number])
+    every = np.repeat(np.arange(len(times)), len(paths)), np.tile(np.arange(len(paths)), len(times))
+    tiled = dataclasses.replace(
+        paths,
+        **{name: getattr(paths, name)[every[1]] for name in ("constant", "linear", "square", "gravity")},
+    )
+    each = largest_manoeuvres(robot, states[every[0]], tiled, tolerance)
+    for name in ("tip", "largest"):
+        least = getattr(each, name).reshape(len(times), -1).min(axis=0)
+        np.testing.assert_allclose(getattr(found, name), least, rtol=1e-8 if tolerance is NONE else 2e-2)
+    for k, time in enumerate(found.times):
+        own = np.flatnonzero(times == time)[0]
+        assert each.largest.reshape(len(times), -1)[own, k] == pytest.approx(found.largest[k], rel=1e-6)
+
+
+def test_at_the_limit_check_says_the_same(task, motion):
+    """A base that accelerates so all the time, forwards, loses a contact a little beyond the limit."""
+    found = ocptip.drive(task, motion=motion, directions=4, uncertainty="none")
+    limit = found.limit("accelerate")
+    for share, stands in ((0.999, True), (1.001, False)):
+        speeds = np.array([[0, 0, 0], [share * limit * motion.end, 0, 0]])
+        profile = ocptip.trajectories.drive_profile.DriveProfile.of_velocities(
+            np.array([0, motion.end]), speeds
+        )
+        checked = ocptip.check(ocptip.load_task(task, GN=0.9999, GT=0.9999), motion, drive_profile=profile)
+        assert (
+            not any(w.name in ("GN", "GT") and w.value >= 1 for w in checked.check.worst.values())
+        ) == stands
+
+
+def test_a_motion_leaves_less_than_its_start(task, motion, capsys):
+    moving = ocptip.drive(task, motion=motion, directions=8, uncertainty="none")
+    data = moving.to_dict()
+    assert "motion of the arm" not in data["not_covered"]
+    assert 0 <= data["manoeuvres"]["brake"]["nominal"]["time_s"] <= motion.end
+    resting = ocptip.drive(task, "start", directions=8, uncertainty="none")
+    assert moving.worst_direction[0] < resting.worst_direction[0]
+    assert json.dumps(data)
+    with pytest.raises(ocptip.InputError, match="of a posture or of one motion"):
+        ocptip.drive(task, "start", motion=motion)
+    assert main(["drive", str(TASK), "--posture", "nowhere"]) == 2
+    assert "posture" in capsys.readouterr().err
