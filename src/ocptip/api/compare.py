@@ -15,6 +15,7 @@ from ocptip.measured.compare import compare as compared
 from ocptip.measured.comparison import Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, doubt_turns, read_recording
+from ocptip.pictures.compared import save_comparison
 from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
 
 
@@ -101,6 +102,4 @@ class PlanComparison:
         if Path(path).suffix == ".json":
             write_json(Path(path), plain(self.to_dict()))
             return Path(path)
-        from ocptip.pictures.compared import save_comparison
-
         return save_comparison(path, self.found, self.predictor, self.name)

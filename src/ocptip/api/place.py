@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ocptip import pictures
 from ocptip.basics.outputs import SavedFolder, remove_figures
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from ocptip.placement.place import place as search
@@ -140,6 +141,4 @@ class Placed(SavedFolder):
         yield write_placement(folder, {**self.to_dict(), **(extra or {})})
         remove_figures(folder, "place")
         if figures:
-            from ocptip.pictures.placement import draw_placement
-
-            yield from draw_placement(folder, self.name, self.places)
+            yield from pictures.placement.draw_placement(folder, self.name, self.places)

@@ -43,6 +43,7 @@ from ocptip.motion.tolerated import robustness
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.plan import draw_plan
 from ocptip.pictures.plan_curves import seen_plan
+from ocptip.pictures.stops import draw_stops
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Reserves, Sensitivity, motion_sensitivities
 from ocptip.standing.within.in_motion import worst_contacts
@@ -221,8 +222,6 @@ class Plan(CheckedMotion):
             return
         yield from draw_plan(folder, seen_plan(self.task, motion, self.checked), samples_joined(samples))
         for stops in () if self.task.is_cycle else self.stops.values():
-            from ocptip.pictures.stops import draw_stops  # loads Matplotlib
-
             yield from draw_stops(folder, stops)
 
 

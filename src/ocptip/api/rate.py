@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from ocptip import pictures
 from ocptip.basics.errors import InputError, finite_array, naming
 from ocptip.basics.read import read_text
 from ocptip.basics.schema import ANY_FILE
@@ -301,9 +302,7 @@ class RatedMotion:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write a figure (.png, .pdf, .svg); returns its path."""
-        from ocptip.pictures.workspace import save_indices
-
-        return save_indices(self.robot, self.times, dict(self.values), Path(path))
+        return pictures.workspace.save_indices(self.robot, self.times, dict(self.values), Path(path))
 
 
 def rate_workspace(

@@ -25,6 +25,7 @@ from ocptip.motion.plan_files import run_by
 from ocptip.motion.stops import cancels_by_segment
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
+from ocptip.pictures.phase_plane import draw_phase_plane
 from ocptip.retiming.retime import Retimed
 from ocptip.retiming.retime import retime as time_path
 from ocptip.standing.arm import Robot
@@ -157,8 +158,6 @@ class RetimedPlan(Plan):
         """The files of a plan, and the phase plane of each segment."""
         yield from super().write(folder, figures=figures, effort=effort, extra=extra)
         for number, own in enumerate(self.timings if figures else (), 1):
-            from ocptip.pictures.phase_plane import draw_phase_plane  # loads Matplotlib
-
             name = f"phase_plane-{number}" if self.task.is_cycle else "phase_plane"
             yield from draw_phase_plane(folder, own.plan, own.timed, name)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ocptip import pictures
 from ocptip.api.requirements import Outcome, Requirement, deviation, read_requirements
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import NOISE, percent, quantity
@@ -201,9 +202,9 @@ class Standing:
         if path.suffix == ".json":
             write_json(path, plain(self.to_dict()))
             return path
-        from ocptip.pictures.scene import plot_scene
-
-        plot_scene(self.scene, self.states, self.tip, reported_slip(self.states, self.slip), path)
+        pictures.scene.plot_scene(
+            self.scene, self.states, self.tip, reported_slip(self.states, self.slip), path
+        )
         return path
 
     def require(self, text: str) -> tuple[Outcome, ...]:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, number_from, refuse_huge, rotation_matrix
 
@@ -66,9 +67,7 @@ def _quaternion(value: Any) -> np.ndarray:
 
 def rotations() -> type[Rotation]:
     """SciPy's rotations, which load for 0.3 s; most files and tasks need none."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation
+    return scipy.spatial.transform.Rotation
 
 
 def text_of(value: Any) -> str:

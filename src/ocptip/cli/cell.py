@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from ocptip import pictures
 from ocptip.api.methods import of_segments
 from ocptip.api.plan import Plan
 from ocptip.api.tasks import load_task
@@ -126,9 +127,9 @@ class CellReport(Report):
         yield path
         remove_figures(self.directory, "cell")
         if self.figures:
-            from ocptip.pictures.placement import draw_places
-
-            yield from draw_places(self.directory, self._title(), [p.placement for p in self.found.ranked])
+            yield from pictures.placement.draw_places(
+                self.directory, self._title(), [p.placement for p in self.found.ranked]
+            )
         if self.best:
             yield from self.best.write()
 

@@ -13,6 +13,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
+from ocptip import pictures
 from ocptip.basics.errors import InputError, SolverError, naming
 from ocptip.basics.text import ratio, table
 from ocptip.basics.write import file_target, versions, write_text
@@ -125,9 +126,7 @@ class ParallelReport(Report):
             files = write_c([*self.functions, *self.joints], self.code)
             yield from (files.source, files.header)
         if self.figure and self.workspace:
-            from ocptip.pictures.workspace import save_workspace
-
-            yield save_workspace(self.workspace, self.figure)
+            yield pictures.workspace.save_workspace(self.workspace, self.figure)
         for path, text in self.models:
             write_text(path, text)
             yield path

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ocptip import pictures
 from ocptip.api.rate import (
     URDF_SUFFIXES,
     Kind,
@@ -278,9 +279,7 @@ class MapsReport(ResultReport):
     def write(self) -> Iterator[Path]:
         """The figure."""
         if self.out is not None:
-            from ocptip.pictures.workspace import save_workspace
-
-            yield save_workspace(self.found, self.out)
+            yield pictures.workspace.save_workspace(self.found, self.out)
 
     def to_dict(self) -> dict[str, Any]:
         """Minimum, mean and maximum values, and where the maxima are."""

@@ -34,6 +34,7 @@ from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.load_cases import MOST_TILT, LoadCase
 from ocptip.motion.summary import margin_rows, margin_table, motion_line
+from ocptip.pictures.load_chart import payload_figure, tilt_figure
 from ocptip.reserves.equal_compliance import equal_normal_map
 
 ENDINGS = (".html", ".pdf")
@@ -174,8 +175,6 @@ class Document:
                     yield items(_with_names(stage, stops.found))
 
     def _rest(self) -> Iterator[str]:
-        from ocptip.pictures.load_chart import payload_figure, tilt_figure
-
         yield heading("Load cases")
         yield paragraph(
             "At rest in each pose, with more payload at the gripper, the floor tilted and the gripper pushed "

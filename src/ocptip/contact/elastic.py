@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.contact.bindings.binding import Spring
 from ocptip.numerics.vectors import distinct_rows
@@ -158,8 +159,6 @@ class ElasticFeet:
         Normal forces are f + M s with gaps s, f if all feet press; s are the multipliers of f + M s >= 0.
         Lawson, Hanson, Solving Least Squares Problems (1974), chapter 23.
         """
-        from scipy.optimize import nnls  # loads for 0.2 s, and most loads need none
-
         k, normals = self.stiffness[:, 0], self.W[:, :, 0]
         M = np.diag(k) - k[:, None] * (normals.T @ self.twist_map(np.ones(len(k), dtype=bool)) @ normals) * k
         size, axes = np.linalg.eigh(M)
@@ -168,7 +167,9 @@ class ElasticFeet:
         # twists.
         root = axes * np.sqrt(np.maximum(size, 0.0) * (size > _SINGULAR * size[-1]))
         scale = np.max(np.abs(f), initial=np.sqrt(np.finfo(float).tiny))
-        gaps, _ = nnls(np.vstack([root.T / np.sqrt(k.max()), -f / scale]), np.append(np.zeros(len(k)), 1.0))
+        gaps, _ = scipy.optimize.nnls(
+            np.vstack([root.T / np.sqrt(k.max()), -f / scale]), np.append(np.zeros(len(k)), 1.0)
+        )
         return gaps == 0
 
     def _balances(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:

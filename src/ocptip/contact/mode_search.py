@@ -20,6 +20,7 @@ from typing import Any
 
 import clarabel
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.contact.bindings import laws
 from ocptip.contact.support import ContactSystem
@@ -280,8 +281,6 @@ class _MotionSearch(_SolutionSearch):
 
 def linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
     """Minimise cost'x over x >= 0 with HiGHS: the result (status 0 or 2), or None if no method decides."""
-    from scipy.optimize import linprog  # loads for 0.2 s, and most verdicts need none
-
     options = {
         "primal_feasibility_tolerance": _LP_TOLERANCE,
         "dual_feasibility_tolerance": _LP_TOLERANCE,
@@ -290,7 +289,7 @@ def linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
     # HiGHS sometimes ends without a verdict by one method; simplex and interior point fail on different
     # problems.
     for method in ("highs", "highs-ds", "highs-ipm"):
-        result = linprog(cost, A_eq=equations, b_eq=rhs, method=method, options=options)
+        result = scipy.optimize.linprog(cost, A_eq=equations, b_eq=rhs, method=method, options=options)
         if result.status in (0, 2):
             return result
     return None

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ocptip.contact.bindings.automaton import Automaton
 from ocptip.contact.bindings.binding import Binding
 from ocptip.pictures.frame import new_figure
 from ocptip.pictures.style import FOOT_FORCE, MEMBERS, head
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MODE_COLORS = {"stick": MEMBERS[0], "slide": MEMBERS[1], "separate": MEMBERS[2], "yield": MEMBERS[2]}
 ROUNDS, STEP = 600, 0.02  # of the layout

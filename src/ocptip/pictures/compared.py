@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ocptip.measured.comparison import ComparedSignal, Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, POWER, TORQUE, WRENCH
 from ocptip.pictures import style
 from ocptip.pictures.frame import DPI, new_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: Predictor, name: str) -> Path:

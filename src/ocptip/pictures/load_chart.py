@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, png
 from ocptip.standing.drive_envelope import LARGEST, LargestManoeuvres
 from ocptip.standing.largest_payload import ChartCell, ReachBySector
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _EMPTY, _COLORS = "#e8e8e8", "YlGnBu"
 _ARC = 24  # points of a sector

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, save_figures
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
     from ocptip.motion.motion_plan import MotionPlan

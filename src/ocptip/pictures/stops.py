@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from ocptip.motion.stops import Stops
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, save_figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LABELS = {"path": "path-maintaining", "brakes": "by brakes", "cancel": "on cancel"}
 

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import clarabel
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, SolverError, positive_number
 from ocptip.contact.resting import solve_resting
@@ -235,9 +236,7 @@ def largest_least(rows: np.ndarray) -> float | None:
         least, most = np.min(A[:, taking] @ mixed), np.max(weighed @ A[holding])
         if min(np.min(mixed), np.min(weighed)) > -_ROUNDING and most - least < _ROUNDING:
             return unit * low
-    from scipy.optimize import linprog
-
-    result = linprog(
+    result = scipy.optimize.linprog(
         np.r_[np.zeros(n), -1.0],
         A_ub=program[1 : m + 1],
         b_ub=np.zeros(m),

@@ -9,6 +9,7 @@ wrench cone).
 from __future__ import annotations
 
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.contact.support import Support
 
@@ -41,11 +42,9 @@ def wrench_half_spaces(support: Support, friction: np.ndarray) -> np.ndarray | N
     if np.min(heights) <= _SLANTED * np.linalg.norm(normal):
         return None
     basis = np.linalg.svd(normal[None])[2][1:]
-    from scipy.spatial import ConvexHull, QhullError  # loads for 0.3 s
-
     try:
-        hull = ConvexHull((edges / heights[:, None]) @ basis.T)
-    except QhullError:  # contacts on a line, or without friction
+        hull = scipy.spatial.ConvexHull((edges / heights[:, None]) @ basis.T)
+    except scipy.spatial.QhullError:  # contacts on a line, or without friction
         return None
     rows = hull.equations[:, :-1] @ basis + hull.equations[:, -1:] * normal
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)

@@ -14,6 +14,7 @@ from typing import NamedTuple, Self
 
 import casadi as cs
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.basics.frozen import settle
@@ -184,9 +185,7 @@ class Solid:
         """Outward normals (f, 3) and levels (f,), m: of the solid are the points with n . p + level <= 0."""
         corners = self.shape.outline()
         if not self.shape.thickness:
-            from scipy.spatial import ConvexHull  # loads for 0.2 s, and most have no solids
-
-            equations = ConvexHull(corners).equations
+            equations = scipy.spatial.ConvexHull(corners).equations
             return equations[:, :3], equations[:, 3]
         normals = np.random.default_rng(0).normal(size=(_TANGENTS, 3))  # of planes about a round one
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -9,6 +9,7 @@ from math import factorial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import scipy  # subpackages load on first use
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, naming, positive_number
@@ -119,9 +120,7 @@ class JointPath:
     @cached_property
     def curve(self) -> PPoly:
         """The path as SciPy has it."""
-        from scipy.interpolate import PPoly  # loads for 0.1 s, and most plans have no path
-
-        return PPoly(self.coefficients, self.breakpoints)
+        return scipy.interpolate.PPoly(self.coefficients, self.breakpoints)
 
     @cached_property
     def ranges(self) -> np.ndarray:

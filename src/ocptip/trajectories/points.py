@@ -33,6 +33,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import settle
@@ -165,9 +166,7 @@ class Points:
     def _between_samples(self) -> np.ndarray:
         """Derivatives (D + 1, N - 1, n) of the interpolation at the samples."""
         if self.speeds is None:
-            from scipy.interpolate import CubicSpline  # loads for 0.1 s
-
-            spline = CubicSpline(self.times, self.angles, bc_type="clamped")
+            spline = scipy.interpolate.CubicSpline(self.times, self.angles, bc_type="clamped")
             return spline.c[::-1] * np.array([1.0, 1.0, 2.0, 6.0])[:, None, None]
         if self.accelerations is None:
             return self._cubic(self.speeds)

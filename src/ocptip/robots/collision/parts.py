@@ -8,6 +8,7 @@ a body, a piece may lack its innermost corner. Nothing gets there but through th
 from __future__ import annotations
 
 import numpy as np
+import scipy  # subpackages load on first use
 
 MOST = 8
 """Parts of a mesh."""
@@ -82,11 +83,9 @@ def with_few_neighbours(points: np.ndarray) -> np.ndarray:
     Where a corner has more, `NEIGHBOURS` corners far from each other are kept, and moved away from their
     middle until their hull contains all.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
     try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):
+        hull = scipy.spatial.ConvexHull(points)
+    except (scipy.spatial.QhullError, ValueError):
         return points  # flat: `Hull` makes it a solid
     edges = np.unique(np.sort(hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     if np.bincount(edges.ravel()).max() <= NEIGHBOURS:
@@ -97,7 +96,7 @@ def with_few_neighbours(points: np.ndarray) -> np.ndarray:
         far = np.minimum(far, np.linalg.norm(corners - corners[chosen[-1]], axis=1))
         chosen.append(int(np.argmax(far)))
     kept = corners[chosen]
-    planes, middle = ConvexHull(kept).equations, kept.mean(axis=0)
+    planes, middle = scipy.spatial.ConvexHull(kept).equations, kept.mean(axis=0)
     outside = (planes[:, :3] @ corners.T + planes[:, 3:]).max(axis=1)
     inside = -(planes[:, :3] @ middle + planes[:, 3])
     return middle + (1 + max(0.0, float(np.max(outside / inside)))) * (kept - middle)
@@ -157,12 +156,10 @@ def _volume(surface: np.ndarray) -> float:
 
 
 def _hull_volume(surface: np.ndarray) -> float:
-    from scipy.spatial import ConvexHull, QhullError  # loads for 0.2 s, and many arms have no meshes
-
     points = surface.reshape(-1, 3)
     if len(points) > len(_DIRECTIONS):  # nearly the volume, of fine meshes much sooner
         points = points[np.unique(np.argmax(_DIRECTIONS @ points.T, axis=1))]
     try:
-        return float(ConvexHull(points).volume)
-    except (QhullError, ValueError):
+        return float(scipy.spatial.ConvexHull(points).volume)
+    except (scipy.spatial.QhullError, ValueError):
         return 0.0

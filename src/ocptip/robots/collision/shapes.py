@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, rotation_matrix
 from ocptip.basics.frozen import settle
@@ -178,18 +179,16 @@ class Hull(Shape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        from scipy.spatial import ConvexHull, QhullError  # loads for 0.2 s, and many arms have no meshes
-
         points = finite_array("points", self.points, (None, 3))
         try:
-            kept = points[ConvexHull(points).vertices]
-        except (QhullError, ValueError):
+            kept = points[scipy.spatial.ConvexHull(points).vertices]
+        except (scipy.spatial.QhullError, ValueError):
             if not len(points):
                 raise InputError("points: a mesh without vertices") from None
             across = _principal_axes(points)
             thick = [points + sign * 0.5 * _THIN * axis for axis in across for sign in (-1, 1)]
             kept = np.vstack(thick)
-            kept = kept[ConvexHull(kept).vertices]
+            kept = kept[scipy.spatial.ConvexHull(kept).vertices]
         settle(self, points=kept)
 
     def corners(self) -> np.ndarray:
