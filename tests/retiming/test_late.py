@@ -138,7 +138,7 @@ def test_rows_of_a_base_that_slides_leave_slower_timings(driven: slice):
 
 @pytest.mark.parametrize("seed", some(1, [7, 20]))
 def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyPatch, seed: int):
-    """As bad as the worst of all of them; by slopes alone it is not."""
+    """As bad as the worst of all of them."""
     task = tripod()
     motion = retime(task.robot, random_path(task, seed, 0.1), task.limits, nodes=12).motion
     cases = worst_case_of(task.robot, WORKSHOP)
@@ -151,11 +151,8 @@ def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyP
         assert len(own.words) == len(own.times) == len(own.s) == len(own.max_delay)
     worst = [cases.estimated_moments(own.s, own.max_delay).min(axis=0) for own in (few, every)]
     np.testing.assert_allclose(*worst, atol=1e-9 * cases.reference)
-    monkeypatch.setattr(late_joints, "_EXCHANGES", 0)
-    by_slopes = late_joints.jump_states(motion, WORKSHOP, cases)
-    slips = [cases.estimated_slip(own.s, own.max_delay).max() for own in (by_slopes, few, every)]
-    assert slips[0] < 0.995 * slips[1]
-    assert slips[1] == pytest.approx(slips[2], rel=3e-3)
+    slips = [cases.estimated_slip(own.s, own.max_delay).max() for own in (few, every)]
+    assert slips[0] == pytest.approx(slips[1], rel=3e-3)
 
 
 @pytest.mark.parametrize("overshoots", [False, True])

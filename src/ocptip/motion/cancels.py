@@ -137,10 +137,7 @@ class SafeDecelerations:
         gentlest = self.levels[-1]
         worst = [hardest] if self.maximum is not None else [hardest, gentlest]
         why = [f"; at {100 * level.share:g} % {level.broken[0]}" for level in worst if not level.safe]
-        checked = f"checked at {self.instants} instants"
-        if self.within:  # combinations of delays are too many to try all
-            checked += ", friction by a local search"
-        return f"{kept} ({model}, {checked}){''.join(why)}{helps}"
+        return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}{helps}"
 
     @property
     def _gentle(self) -> str:

@@ -18,8 +18,9 @@ from scipy import sparse
 
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.late_joints import delay_cases, worst_beyond, worst_options
+from ocptip.standing.within.late_joints import delay_cases
 from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.standing.within.worst_options import worst_beyond, worst_options
 from ocptip.trajectories.trajectory import INSIDE
 
 NAMES = ("tip-over within tolerance", "slip within tolerance")

@@ -273,7 +273,9 @@ def drawn_cancels(motion, cancel, late, more, count, rng):
 
 @pytest.mark.parametrize(("delay", "together"), [(0.0, False), (0.01, False), (0.01, True)])
 def test_steps_of_the_motion_overshoot_in_cancels(ur5, delay, together):
-    """No drawn state tips more than reported, but by 0.002 of GN: instants and states are samples."""
+    """No drawn state tips more than reported, but by 0.002 of GN: instants and states are samples. Of all
+    combinations none uses more friction, but by 0.001: by slopes alone they did, 0.23 instead of 0.15.
+    """
     robot, rng = ur5.robot, np.random.default_rng(1)
     speed, acceleration, way = robot.limits.speed, robot.limits.acceleration, [1.0, 0.8, -1.0, 0.5, 0.3, 0.4]
     ramps = [RampCommand(*own) for own in zip(way, 0.4 * speed, 0.3 * acceleration, strict=True)]
@@ -281,10 +283,13 @@ def test_steps_of_the_motion_overshoot_in_cancels(ur5, delay, together):
     cancel = Cancel(tuple(0.1 * acceleration), together=together)
     own = Uncertainty(delay=delay, damping=0.1)
     cases = worst_case_of(robot, own)
-    tip = next(worst_of_cancels(cases, motion, cancel, cancel_times(motion)))
+    tip, slip = worst_of_cancels(cases, motion, cancel, cancel_times(motion))
     s = drawn_cancels(motion, cancel, own.late, own.overshoot, 1000, rng)
-    moments = cases._map(cases.deviations.wrench(s, cases.deviations.nominal(len(s)))[0])[0]
-    drawn = float(cases.tip_ratio(moments.min()))
+    wrenches = cases.deviations.wrench(s, cases.deviations.nominal(len(s)))[0]
+    used = float(np.max(cases.footing.slip.greatest(wrenches)))
+    assert used <= slip.value + 1e-3
+    assert used > 0.9 * slip.value
+    drawn = float(cases.tip_ratio(cases._map(wrenches)[0].min()))
     assert drawn <= tip.value + 2e-3
     assert drawn > 0.9 * tip.value
 
@@ -305,7 +310,7 @@ def test_slip_is_searched_only_where_it_can_exceed_what_is_enough(ur5, monkeypat
     assert not solved
     assert list(worst_of_cancels(cases.up_to(0.9 * slip.value), motion, cancel, times)) == [tip, slip]
     assert solved
-    monkeypatch.setattr("ocptip.standing.within.cancelled.CLOSER", 10**9)
+    monkeypatch.setattr("ocptip.standing.within.worst_options.CLOSER", 10**9)
     assert list(worst_of_cancels(cases, motion, cancel, times)) == [tip, slip]
 
 

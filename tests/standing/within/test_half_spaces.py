@@ -7,8 +7,8 @@ import pytest
 
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.standing.within.half_spaces import farthest
-from ocptip.standing.within.late_joints import worst_beyond
 from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.standing.within.worst_options import worst_beyond
 from tests.retiming.paths import cart
 
 

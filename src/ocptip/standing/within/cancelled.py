@@ -2,8 +2,8 @@
 
 All deviations count in every state of a stop. Around the steps of its acceleration (those of the motion,
 where it begins to decelerate, where it rests) a joint may be delayed, or its acceleration may overshoot. Of
-all combinations of the joints the worst for each moment and for slip is taken by slopes. A joint that is
-faster than planned also counts as decelerating harder, by the square.
+all combinations of the joints the worst for each moment is taken by slopes, and the worst for slip, see
+`worst_options`. A joint that is faster than planned also counts as decelerating harder, by the square.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 from ocptip.standing.stops.by_cancel import NEAR, Cancel
 from ocptip.standing.stops.joint_stops import SLOW
 from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
-from ocptip.standing.within.late_joints import CLOSER, DelayedStates, Events, exchanged, worst_options
+from ocptip.standing.within.late_joints import DelayedStates, Events
 from ocptip.standing.within.worst_case import WorstCase
+from ocptip.standing.within.worst_options import chosen_by_slopes, slipping
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 _STEP = 1e-9  # s
@@ -67,15 +68,18 @@ def _states(
     rows = np.flatnonzero(at.before | (at.after == 0))
     stop, when = at.owner[rows], at.after[rows]
     options = _options(events, times[stop], when, rate[stop])
-    number, values, _ = worst_options(options, cases, process[stop], functions=functions, most=CLOSER)
-    number = exchanged(options, cases, process[stop], number, values, functions)
-    for k in range(values.shape[1]):
-        rows = np.argsort(-values[:, k], kind="stable")[:EXACT]
-        chosen = options[rows[:, None], np.arange(options.shape[1]), number[rows, k]]
-        s = np.hstack([chosen[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), process[stop[rows]]])
-        step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in rows]
-        found = found.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
-    return found
+    if functions[0] == cases.axes:
+        rows, number = slipping(options, cases, process[stop])
+    else:
+        number, values = chosen_by_slopes(options, cases, process[stop], functions)
+        worst = np.argsort(-values, axis=0, kind="stable")[:EXACT].T  # (F, EXACT)
+        rows, number = worst.ravel(), np.concatenate([number[own, k] for k, own in enumerate(worst)])
+    chosen = options[rows[:, None], np.arange(options.shape[1]), number]
+    s = np.hstack(
+        [chosen[..., :3].transpose(0, 2, 1).reshape(len(rows), 3 * options.shape[1]), process[stop[rows]]]
+    )
+    step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in rows]
+    return found.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
 
 
 def _after(seconds: float) -> str:

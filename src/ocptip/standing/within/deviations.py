@@ -35,6 +35,7 @@ class Deviations:
 
     Attributes:
         low, high: (size,) ends of those that are intervals; zero for tilts and pushes.
+        intervals: numbers of those that are intervals.
         places: slices of theta by name.
     """
 
@@ -101,7 +102,7 @@ class Deviations:
             if name in ends:
                 self.low[at], self.high[at] = ends[name]
         intervals = [at for name, at in self.places.items() if name not in _FREE]
-        self._intervals = np.array([i for at in intervals for i in range(at.start, at.stop)], dtype=int)
+        self.intervals = np.array([i for at in intervals for i in range(at.start, at.stop)], dtype=int)
 
     def _ends(self, own: Uncertainty) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Ends of the intervals of what is uncertain; zeros for tilts and pushes."""
@@ -225,7 +226,7 @@ class Deviations:
 
     def least(self, slopes: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """Deviations (N, size) at which slopes (N, size) . theta is minimal; room as in `greatest`."""
-        theta, own = self.nominal(len(slopes)), self._intervals
+        theta, own = self.nominal(len(slopes)), self.intervals
         low, high = self.low[..., own], self.greatest(max_delay)[..., own]
         size = np.maximum(np.abs(low - theta[:, own]), np.abs(high - theta[:, own]))
         change = np.abs(slopes[:, own]) * size
@@ -253,7 +254,7 @@ class Deviations:
         span = np.broadcast_to(self.greatest(max_delay) - self.low, theta.shape).copy()
         for name, most in self.radii.items():
             span[:, self.places[name]] = 2 * most
-        own = self._intervals
+        own = self.intervals
         inward = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
         # Second derivatives over the whole span bound how much a slope can change, hence what another end may
         # gain.

@@ -5,8 +5,7 @@ in the time of the motion, times 1 + speed. At a step of its acceleration at T, 
 that after and the share kappa of the step more. It may also add the share of the sum of its last two, three,
 ... steps since t - d. `certificate.trusted.late` encloses the same for all t. Here instants are evaluated:
 any, and switching times and the longest delay after them. There the joints between whose steps less than the
-delay lies are combined completely. Where a motion has too many steps for that, the combinations are those
-that are worst by slopes and, at the worst instants, worse than all that differ in one joint.
+delay lies are combined completely; of a motion with too many steps for that, see `worst_options`.
 
 A state says where each joint is at the end of its stretch of times T without a step; `max_delay` is how long
 that stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant. Where it
@@ -27,17 +26,12 @@ import numpy as np
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.jumps import SMALLEST
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.half_spaces import farthest
 from ocptip.standing.within.worst_case import WorstCase
+from ocptip.standing.within.worst_options import chosen_by_slopes, slipping
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 MOST = 5000  # combinations of what joints do at one instant; of more, all alike, or all but one
 MOST_OF_ALL = 20_000  # combinations in a motion; of more, those that are worst by slopes
-CLOSER = 200  # instants, for each moment and for friction, at which the worst are searched
-_CHOICES = 2  # how often they are chosen, by the slopes at what was chosen before
-_WORST = 16  # instants, of each moment and of the slip reserve, at which other ways are tried joint by joint
-_EXCHANGES = 8  # times, at most
-_WORSE = 1e-9  # N m, or of GT: by less another way is not worse
 BETWEEN = 0.005  # s: instants at which joints whose accelerations change without jumps are combined
 JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 
@@ -299,7 +293,8 @@ class _Instant:
 
 
 def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedStates:
-    """The combinations of each instant that are the worst for a moment or for friction, by slopes.
+    """The combinations of each instant that are the worst for a moment, by slopes, and those that are the
+    worst for friction.
 
     At the worst instants of each they are the worst that exchanging the case of one joint at a time leads to.
     """
@@ -309,9 +304,10 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedState
     given = np.arange(options.shape[2]) < counts[:, :, None]
     options[given] = [way[:4] for instant in every for own in instant.options for way in own]
     acting = np.array([instant.acting for instant in every])
-    number, values, _ = worst_options(options, cases, acting, most=CLOSER)
-    number = exchanged(options, cases, acting, number, values).tolist()
-    chosen = [(i, choice) for i, own in enumerate(number) for choice in sorted(set(map(tuple, own)))]
+    number = chosen_by_slopes(options, cases, acting, range(cases.axes))[0].tolist()
+    instants, slips = slipping(options, cases, acting)
+    tips = {(i, choice) for i, own in enumerate(number) for choice in map(tuple, own)}
+    chosen = sorted(tips.union(zip(instants.tolist(), map(tuple, slips.tolist()), strict=True)))
     rows, choices = np.array([i for i, _ in chosen]), np.array([choice for _, choice in chosen])
     numbers = options[rows[:, None], np.arange(n), choices]  # (C, n, 4)
     states = np.hstack([numbers[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), acting[rows]])
@@ -320,144 +316,6 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedState
         own, joints = every[i].options, every[i].joints
         words.append(_words_of(joints, [own[j][choice[j]][4] for j in joints]))
     return DelayedStates(states, np.array([instant.t for instant in every])[rows], numbers[..., 3], words)
-
-
-def worst_options(
-    options: np.ndarray,
-    cases: WorstCase,
-    acting: np.ndarray,
-    matters: np.ndarray | None = None,
-    functions: Sequence[int] | None = None,
-    most: int | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which case of every joint is worst for each moment and for friction, by their slopes.
-
-    Args:
-        options: (D, n, K, 4) at D instants: angle, speed, acceleration, maximum delay; NaN beyond these.
-        cases: the functions, F of them.
-        acting: (D, 6) what a process is that varies; else (D, 0).
-        matters: where a function, of all, stays below this by its slopes, it is not checked more closely.
-        functions: F numbers of those that are evaluated, see `WorstCase.function`; default: all.
-        most: number of instants, for each function, that are checked more closely: those with the largest
-            values by the slopes; default: all.
-
-    Returns:
-        Numbers (D, F, n) of cases; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
-        where a function does not matter, less precisely.
-    """
-    count, n = options.shape[:2]
-    each = np.arange(cases.axes + 1) if functions is None else np.array(functions)
-    number = np.repeat(np.sum(~np.isnan(options[..., 0]), axis=2)[:, None] - 1, len(each), axis=1)
-    values, slopes = np.empty((count, len(each))), np.empty((count, len(each), 3 * n))
-    row, which = (own.ravel() for own in np.indices((count, len(each))))
-    few = count if most is None else most
-    for turn in range(1 + _CHOICES):
-        chosen, states = _chosen(options, row, number[row, which], acting)
-        if few < count:  # the same cases for every function; what is asked is which instants come first
-            own = np.s_[:: len(each)]
-            found = cases.estimated(states[own], each.tolist(), chosen[own, :, 3])
-            values[row, which], found = found[0].ravel(), found[1].reshape(len(row), -1)
-        else:
-            values[row, which], found = cases.function(states, each[which], chosen[..., 3])
-        slopes[row, which] = found[:, : 3 * n]
-        if turn < _CHOICES:
-            over = slopes[row, which].reshape(-1, 3, n)
-            gains = _gains(over, options[row])
-            gained = np.sum(np.max(gains, axis=2), axis=1) - np.einsum("rsj,rjs->r", over, chosen[..., :3])
-            number[row, which] = np.argmax(gains, axis=2)
-            if few < count:
-                estimated = np.zeros((count, len(each)))
-                estimated[row, which] = values[row, which] + gained
-                ranks = np.argsort(np.argsort(-estimated, axis=0, kind="stable"), axis=0)
-                kept, few = ranks[row, which] < few, count
-                row, which, gained = row[kept], which[kept], gained[kept]
-            if matters is not None:
-                values[row, which] += gained
-                kept = values[row, which] >= matters[each[which]]
-                row, which = row[kept], which[kept]
-    return number, values, slopes
-
-
-def worst_beyond(
-    options: np.ndarray,
-    cases: WorstCase,
-    acting: np.ndarray,
-    planes: np.ndarray,
-    above: float,
-    most: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Which half spaces loads are farthest beyond, with the case of every joint that is worst for each.
-
-    Args: see `farthest`.
-
-    Returns:
-        Of R pairs the instant (R,), numbers (R, n) of cases, slopes (R, 3 n) of the distance over the state,
-        and the distance (R,), N.
-    """
-    found = farthest(cases.deviations, options, acting, planes, above, most)
-    a, n = planes[found.planes], options.shape[1]
-
-    def at(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        chosen, states = _chosen(options, found.instants, number, acting)
-        worst = cases.least(states, lambda wrench: (-np.einsum("rw,rw->r", a, wrench), -a), chosen[..., 3])
-        return -worst.values, cases.deviations.state_slopes(states, worst.theta, a)[0][:, : 3 * n]
-
-    slopes = at(found.number)[1].reshape(-1, 3, n)
-    number = np.argmax(_gains(slopes, options[found.instants]), axis=2)
-    values, slopes = at(number)
-    return found.instants, number, slopes, values
-
-
-def _chosen(
-    options: np.ndarray, row: np.ndarray, number: np.ndarray, acting: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Options (R, n, 4) of instants (R,) by numbers (R, n), and the states (R, 3 n or more) of these."""
-    chosen = options[row[:, None], np.arange(options.shape[1]), number]
-    states = chosen[..., :3].transpose(0, 2, 1).reshape(len(row), 3 * options.shape[1])
-    return chosen, np.hstack([states, acting[row]])
-
-
-def _gains(slopes: np.ndarray, options: np.ndarray) -> np.ndarray:
-    """(R, n, K), what options (R, n, K, 4) contribute by slopes (R, 3, n) over the state."""
-    gains = np.einsum("rsj,rjks->rjk", slopes, options[..., :3])
-    return np.where(np.isnan(gains), -np.inf, gains)
-
-
-def exchanged(
-    options: np.ndarray,
-    cases: WorstCase,
-    acting: np.ndarray,
-    number: np.ndarray,
-    values: np.ndarray,
-    functions: Sequence[int] | None = None,
-) -> np.ndarray:
-    """Numbers (D, F, n) of cases of which, at the worst instants, no other of a single joint is worse.
-
-    Args and functions: see `worst_options`, whose numbers and values these are.
-    """
-    number, values = number.copy(), values.copy()
-    each = np.arange(values.shape[1]) if functions is None else np.array(functions)
-    ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
-    row, which = np.nonzero(ranks < _WORST)
-    for _ in range(_EXCHANGES):
-        own = number[row, which]  # (R, n)
-        other = np.arange(options.shape[2]) != own[:, :, None]
-        r, joint, way = np.nonzero(other & ~np.isnan(options[row][..., 0]))
-        if not len(r):
-            break
-        tried = own[r]
-        tried[np.arange(len(r)), joint] = way
-        chosen, states = _chosen(options, row[r], tried, acting)
-        found = cases.function(states, each[which[r]], chosen[..., 3])[0]
-        order = np.argsort(-found, kind="stable")
-        better, first = np.unique(r[order], return_index=True)
-        best = order[first]
-        worse = found[best] > values[row[better], which[better]] + _WORSE
-        if not worse.any():
-            break
-        row, which = row[better[worse]], which[better[worse]]
-        number[row, which], values[row, which] = tried[best[worse]], found[best[worse]]
-    return number
 
 
 def _words_of(joints: list[int], what: list[str]) -> str:

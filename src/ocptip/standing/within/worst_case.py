@@ -4,8 +4,8 @@ For every moment about a tipping axis and for friction utilisation the worst dev
 slopes over them. They are evaluated exactly, chosen again there, and evaluated again: the result is attained.
 A moment about an axis on a plane is affine in the wrench, so that nothing but products of deviations can be
 missed, see `Deviations.missed`. The wrenches that contacts carry within a share of their friction are a
-convex set; for friction utilisation the ascent finds one worst end of the tolerance from each wrench that it
-starts from.
+convex set; for friction utilisation the ascent finds one worst end of the tolerance from each start. It
+starts from those that are the worst for half spaces of that set, see `half_spaces`.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import Deviations, deviations_of
+from ocptip.standing.within.half_spaces import Beyond, farthest
 
 ROUNDS = 2  # how often the worst deviations are chosen
 _FIRST = 16  # states with which the search for the largest slip reserve begins
-_CHUNK = 10_000  # wrenches that half spaces are multiplied with at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,21 +207,19 @@ class WorstCase:
 
         Args:
             s: (N, 3 n) states.
-            starts: wrenches from which the worst is searched: that of the nominal model, then those with
-                gravity tilted and so on, along the axes of the force and the moment.
+            starts: from how many deviations the worst is searched: those that are worst for the half spaces
+                which they go farthest beyond, and as many others: by slopes at the nominal ones, then those
+                with gravity tilted and so on, along the axes of the force and the moment.
             theta: (N, size) deviations; default: the worst.
             max_delay: (N, n), s: maximum delay of joints there; default: the whole delay.
         """
         if theta is not None:
             return self._slip_under(self.deviations.wrench(s, theta)[0], theta)
-        found: WorstDeviations | None = None
-        for theta in self._starts(s, starts, max_delay):
-            new, slopes = self._slip_at(s, theta)
-            found = new if found is None else found.worse(new, 1.0)
-            for _ in range(ROUNDS):
-                new, slopes = self._slip_at(s, self.deviations.least(-slopes, max_delay))
-                found = found.worse(new, 1.0)
-        assert found is not None  # one start at least
+        found, slopes = self._slip_at(s, self.deviations.nominal(len(s)))
+        for theta in self._starts(s, starts, found.values, slopes, max_delay):
+            for _ in range(ROUNDS + (starts > 1)):
+                new, slopes = self._slip_at(s, theta)
+                found, theta = found.worse(new, 1.0), self.deviations.least(-slopes, max_delay)
         return found
 
     def keeps_slip(self, s: np.ndarray, GT: float) -> bool:
@@ -248,83 +246,31 @@ class WorstCase:
         return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, max_delay))
 
     def greatest_slips(self, s: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
-        """(N,) the same where they are great; what matters less, see `large_slips`, may be less."""
-
-        def values(some: np.ndarray) -> np.ndarray:
-            return self.estimated_slip(s[some], None if max_delay is None else max_delay[some])
-
-        return self._where_large(s, max_delay, values).values
-
-    def large_slips(self, s: np.ndarray, max_delay: np.ndarray) -> WorstDeviations:
-        """The same as :meth:`slip` where they are large; elsewhere by half spaces.
-
-        Entries of at most 95 % of the maximum, and of 1, are bounds. Their deviations are worst for the
-        nearest half space, and their slopes are its normal, with another length.
-        """
-        if self._slip_map is not None:
-            return self.slip(s, max_delay=max_delay)
-        theta, slopes = np.empty((len(s), self.deviations.size)), np.empty((len(s), 6))
-        exact = np.zeros(len(s), dtype=bool)
-
-        def values(some: np.ndarray) -> np.ndarray:
-            found = self.slip(s[some], max_delay=max_delay[some])
-            theta[some], slopes[some], exact[some] = found.theta, found.slopes, True
-            return found.values
-
-        near = self._where_large(s, max_delay, values)
-        return WorstDeviations(
-            near.values,
-            np.where(exact[:, None], theta, near.theta),
-            np.where(exact[:, None], slopes, near.slopes),
-        )
-
-    def _where_large(
-        self, s: np.ndarray, max_delay: np.ndarray | None, values: Callable[[np.ndarray], np.ndarray]
-    ) -> WorstDeviations:
-        """Values of the states at indices where friction utilisation is large, elsewhere those of half
-        spaces.
+        """(N,) worst friction utilisation where it is large, at the deviations that are worst for the nearest
+        half space; elsewhere a bound of at most 95 % of the maximum, and of 1.
 
         The half spaces are those of a level just below the maximum: at a higher one the nearest may be that
-        of tip-over.
+        of tip-over. Where there are none it is the estimate by slopes.
         """
-        slip, found = self.footing.slip, np.zeros(len(s))
-        wrenches, over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
-        near, left = (
-            WorstDeviations(found, np.zeros((len(s), over.shape[2])), np.zeros((len(s), 6))),
-            np.arange(len(s)),
-        )
-        maximum, before = self.enough or np.max(known(slip.greatest(wrenches)), initial=0.0), -1.0
+        slip, found, left = self.footing.slip, np.empty(len(s)), np.arange(len(s))
+        wrenches = self.deviations.wrench(s, self.deviations.nominal(len(s)))[0]
+        maximum = self.enough or float(np.max(known(slip.greatest(wrenches)), initial=0.0))
         for most in (_FIRST, len(s)):
-            level = max(slip.level_below(float(maximum)), self.enough)
-            rows, todo = slip.half_spaces(level), left
-            if rows is not None:
-                if level != before:
-                    near, before = self._nearest(rows, wrenches, over, max_delay), level
-                todo = left[near.values[left] > 0]
-                todo = todo[np.argsort(-near.values[todo], kind="stable")[:most]]
-            found[todo], left = values(todo), np.setdiff1d(left, todo)
-            found[left] = level
-            maximum = max(maximum, np.max(known(found), initial=0.0))
-        return WorstDeviations(found, near.theta, near.slopes)
-
-    def _nearest(
-        self, rows: np.ndarray, wrenches: np.ndarray, over: np.ndarray, max_delay: np.ndarray | None
-    ) -> WorstDeviations:
-        """How far wrenches are beyond half spaces with the deviations that are worst for the nearest one."""
-        parts = np.array_split(wrenches, 1 + len(wrenches) // _CHUNK)
-        nearest = rows[np.concatenate([np.argmax(part @ rows.T, axis=1) for part in parts])]
-        theta = self.deviations.least(-np.einsum("nw,nwt->nt", nearest, over), max_delay)
-        worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
-        parts = np.array_split(worst, 1 + len(worst) // _CHUNK)
-        beyond = np.concatenate([np.max(part @ rows.T, axis=1) for part in parts])
-        return WorstDeviations(np.maximum(beyond, np.einsum("nw,nw->n", nearest, wrenches)), theta, nearest)
+            level = max(slip.level_below(maximum), self.enough)
+            if (rows := slip.half_spaces(level)) is None:
+                return self.estimated_slip(s, max_delay)
+            late = None if max_delay is None else max_delay[left]
+            beyond = self._farthest(s[left], rows, late, 0.0, 1)
+            worst = np.argsort(-beyond.values, kind="stable")[:most]
+            todo, found[left] = left[beyond.instants[worst]], level
+            found[todo] = self.slip(s[todo], theta=beyond.theta[worst]).values
+            maximum, left = max(maximum, np.max(known(found[todo]), initial=0.0)), np.setdiff1d(left, todo)
+        return found
 
     def function(
         self, s: np.ndarray, which: np.ndarray, max_delay: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The worst values near the maximum, (N,), and their slopes (N, 3 n) over the states.
-
-        Where it is not, values may be bounds and slopes of another length, see :meth:`large_slips`.
+        """The worst values, (N,), and their slopes (N, 3 n) over the states.
 
         Args:
             s: (N, 3 n) states.
@@ -338,7 +284,7 @@ class WorstCase:
                 found = (
                     self.moments(s[own], which[own], max_delay=max_delay[own])
                     if tips
-                    else self.large_slips(s[own], max_delay[own])
+                    else self.slip(s[own], max_delay=max_delay[own])
                 )
                 values[own] = sign * found.values
                 slopes[own] = self.deviations.state_slopes(s[own], found.theta, sign * found.slopes)[0]
@@ -355,19 +301,47 @@ class WorstCase:
         values, slopes = np.empty((len(s), len(functions))), np.empty((len(s), len(functions), s.shape[1]))
         for number, which in enumerate(functions):
             sign = -1.0 if which < self.axes else 1.0
-            found = next(tips) if which < self.axes else self.large_slips(s, max_delay)
+            found = next(tips) if which < self.axes else self.slip(s, max_delay=max_delay)
             values[:, number] = sign * found.values
             slopes[:, number] = self.deviations.state_slopes(s, found.theta, sign * found.slopes)[0]
         return values, slopes
 
-    def _starts(self, s: np.ndarray, count: int, max_delay: np.ndarray | None) -> Iterator[np.ndarray]:
-        still = self.deviations.nominal(len(s))
-        yield still
+    def _starts(
+        self,
+        s: np.ndarray,
+        count: int,
+        nominal: np.ndarray,
+        slopes: np.ndarray,
+        max_delay: np.ndarray | None,
+    ) -> Iterator[np.ndarray]:
+        level = self.footing.slip.level_below(float(np.max(known(nominal), initial=0.0)))
+        planes = None if self._slip_map is not None else self.footing.slip.half_spaces(level)
+        if planes is not None:
+            beyond = self._farthest(s, planes, max_delay, None, count)
+            first = np.searchsorted(beyond.instants, np.arange(len(s)))
+            last = np.searchsorted(beyond.instants, np.arange(len(s)), side="right") - 1
+            for k in range(count):
+                yield beyond.theta[np.minimum(first + k, last)]
+        yield self.deviations.least(-slopes, max_delay)
         if count > 1:
-            over = self.deviations.wrench_and_slopes(s, still)[1]
+            over = self.deviations.wrench_and_slopes(s, self.deviations.nominal(len(s)))[1]
             for k in range(count - 1):
                 sign = 1.0 if k % 2 else -1.0
                 yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]], max_delay)
+
+    def _farthest(
+        self,
+        s: np.ndarray,
+        planes: np.ndarray,
+        max_delay: np.ndarray | None,
+        above: float | None,
+        most: int,
+    ) -> Beyond:
+        """The half spaces that states go farthest beyond, with the deviations that are worst for each."""
+        n = self.deviations.robot.n
+        late = np.full((len(s), n), self.deviations.tolerance.late) if max_delay is None else max_delay
+        options = np.stack([*np.split(s[:, : 3 * n], 3, axis=1), late], axis=2)[:, :, None]
+        return farthest(self.deviations, options, s[:, 3 * n :], planes, above, most)
 
     def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[WorstDeviations, np.ndarray]:
         """GT at deviations, large where it is not known, and its slopes over the deviations."""
