@@ -19,6 +19,7 @@ from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import quasi_terms
 from ocptip.parallel.kinematics.platform import Kinematics
 from tests.parallel.parallel_cases import chain_end, error, random_body
+from tests.quick import THOROUGH
 
 QUARTER = np.pi / 2
 
@@ -83,6 +84,8 @@ def test_random_legs(seed):
     found = lean_function(robot, ("tau", "J_a"), form="S")(robot.home, s, sd, q)
     assert error(found["tau"], expected) < 1e-10
     assert error(found["J_a"], jacobian) < 1e-10
+    if seed == 0 and not THOROUGH:  # robots of test_lean have the motors' form
+        return
     motors = lean_function(robot, form="A", dynpar=3)(robot.home, s, sd, q)["tau"]
     assert error(motors, np.linalg.solve(jacobian.T, expected)) < 1e-14 * np.linalg.cond(jacobian) + 1e-10
 
