@@ -20,7 +20,9 @@ def test_a_complete_proof_lacks_nothing():
 def test_the_largest_lack_is_named_with_place_amount_and_remedy():
     lacks = Certificate({}, HOLDS, kept=True, undecided=(TIPS, WITHIN), sampled=("GN_worst_case",)).missing
     what = "a proof of foot forces and friction within the uncertainty from 1.25000 to 1.27000 s"
-    assert lacks.startswith(f"{what}, short by 2.1 % of the limit; and 1 more")
+    assert lacks.startswith(
+        f"{what}: the proved bound misses the limit by 2.1 % of the limit, sampled values keep it; and 1 more"
+    )
     assert "--gt" in lacks
     assert "smaller uncertainty" in lacks
     assert "smaller uncertainty" not in Certificate({}, HOLDS, undecided=(TIPS,)).missing
@@ -43,7 +45,7 @@ def test_other_lacks_have_their_reason(changes, words):
 @pytest.mark.parametrize(
     ("claim", "short", "text"),
     [
-        ("clearance", 2e-3, "clearance from 0.10000 to 0.20000 s, short by 2 mm"),
+        ("clearance", 2e-3, "clearance from 0.10000 to 0.20000 s: the proved bound misses the limit by 2 mm"),
         ("clearance within tolerance", 2e-3, "clearance within the uncertainty from 0.10000 to 0.20000 s"),
         ("torque", 1e9, "joint torques from 0.10000 to 0.20000 s, without any bound there"),
     ],

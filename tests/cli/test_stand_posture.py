@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from ocptip.api.stand import stand
 from ocptip.cli.main import main
 from ocptip.robots.base_motion import BaseMotion
+from ocptip.robots.process import ProcessWrench
+from ocptip.standing.tolerance import NONE, WORKSHOP
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES
 from tests.robots.pinocchio_twin import dynamics, twin
@@ -115,6 +118,23 @@ def test_goals_of_segments_have_what_is_held_there(capsys):
     _, data = answered(capsys, "--posture", "carry", "--tolerance", "none", task=task)
     _, start = answered(capsys, "--posture", "start", "--tolerance", "none", task=task)
     assert data["wrench"][2] < start["wrench"][2] - 1.0
+
+
+@pytest.mark.parametrize("tolerance", [NONE, WORKSHOP.only("base_mass")])
+def test_the_share_of_a_process_force_is_where_the_base_tips(tolerance):
+    task = load_task(TASK)
+
+    def standing(share):
+        push = ProcessWrench((0.0, share * 300.0, 0.0), axes="base")
+        robot = task.robot.varied(arm=task.robot.arm.with_process(push))
+        return stand(robot, task.start, uncertainty=tolerance)
+
+    share = standing(1.0).possible_process
+    assert 0.05 < share < 0.95
+    assert standing(0.99 * share).stable
+    assert not standing(1.01 * share + 0.005).stable
+    assert standing(0.5 * share).possible_process == 1.0
+    assert stand(task.robot, task.start).possible_process is None
 
 
 def test_changes_in_a_posture_begin_at_its_margins(capsys):

@@ -394,9 +394,10 @@ class DriveEnvelope(SavedFolder):
 
     @property
     def ignored(self) -> tuple[str, ...]:
-        """Deviations of the uncertainty that do not count."""
+        """Deviations of the uncertainty that do not count, and the declared stiffness of contacts."""
         given, counting = self.tolerance, self.counting.given
-        return tuple(str(given.only(name)) for name in given.given if name not in counting)
+        springs = ["the declared stiffness of the contacts"] if self.robot.support.elastic else []
+        return (*(str(given.only(name)) for name in given.given if name not in counting), *springs)
 
     def __repr__(self) -> str:
         """The scope, and the worst direction."""

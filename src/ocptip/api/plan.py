@@ -337,7 +337,7 @@ def plan(
         other = None if task.is_cycle else _without_stops(task, how, budget)
         refusal = NoPlanError(f"{error}", task, other)
         if isinstance(error, ToleranceError) and largest_uncertainty:
-            refusal.largest = _largest(cast(MotionTask, task), error, how, progress)
+            refusal.largest = _largest(cast(MotionTask, task), error, how, stage)
         raise refusal from error
     except InputError:
         error = (
@@ -346,7 +346,7 @@ def plan(
         if error is None:
             raise
         refusal = NoPlanError(f"{error}", task)
-        refusal.largest = _largest(cast(MotionTask, task), error, how, progress)
+        refusal.largest = _largest(cast(MotionTask, task), error, how, stage)
         raise refusal from error
     except KeyboardInterrupt:
         what = "a segment had" if task.is_cycle else "there was"
@@ -472,10 +472,10 @@ def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, An
 
 
 def _largest(
-    task: MotionTask, error: ToleranceError, how: Mapping[str, Any], progress: Progress | None
+    task: MotionTask, error: ToleranceError, how: Mapping[str, Any], stage: Callable[[str], None] | None
 ) -> LargestTolerance:
     others = {name: value for name, value in how.items() if name != "starts"}
-    return largest_tolerance(task, error, **others, progress=progress)
+    return largest_tolerance(task, error, **others, stage=stage)
 
 
 def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity, ...]:

@@ -17,6 +17,7 @@ from ocptip.motion.cycles.task import Task
 from ocptip.motion.load_cases import RestLoads
 from ocptip.placement.within import posture_case, posture_within
 from ocptip.robots.base_motion import BaseMotion
+from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.largest_payload import LARGEST_TRIED, largest_payloads
@@ -38,6 +39,7 @@ from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.scene import Scene
 
+_CLOSE = 5e-3  # share of a process that is possible
 _NO_LIMIT = 1e9  # torque / torque limit: what the contacts alone hold is asked for
 
 Rests = dict[str, tuple[StandingMechanism, np.ndarray, Limits]]
@@ -176,6 +178,34 @@ class RestingPosture:
             largest = largest_payloads(robot, own, self.q[None], robot.mass)
             found += [float(largest.masses[0]), largest.names[largest.limits[0]]]
         return LargestPayload(*found)
+
+    @property
+    def process(self) -> ProcessWrench | None:
+        """The force and moment that act on the gripper at rest, if any."""
+        return self.robot.arm.process if isinstance(self.robot, Robot) else None
+
+    def possible_process(self, tolerance: Uncertainty) -> float | None:
+        """Share, 0 to 1, of what acts on the gripper with which no contact is lost within an uncertainty.
+
+        None where nothing acts, on a base that drives, and for mechanisms that are no arm.
+        """
+        robot, process, counts = self.robot, self.process, self._counting(tolerance)
+        if self.base_motion is not None or not isinstance(robot, Robot) or process is None:
+            return None
+
+        def kept(share: float) -> bool:
+            less = ProcessWrench(share * process.wrench[:3], share * process.wrench[3:], process.axes)
+            other = robot.varied(arm=robot.arm.with_process(less))
+            case = posture_case(other, self.q, counts)(counts)
+            return case.tip()[0] < 1 and case.slip()[0] < 1
+
+        low, high = 0.0, 1.0
+        if kept(high) or not kept(low):
+            return 1.0 if kept(high) else 0.0
+        while high - low > _CLOSE:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if kept(middle) else (low, middle)
+        return low
 
     def sensitivities(self, tolerance: Uncertainty) -> tuple[Sensitivity, ...]:
         """What changes of the robot and its base would do at rest in this posture, within an uncertainty.

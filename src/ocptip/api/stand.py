@@ -374,6 +374,11 @@ class Standing:
         return scene_design(support, self.scene.loads, tolerance)
 
     @cached_property
+    def possible_process(self) -> float | None:
+        """Share of the process in this posture that loses no contact; None as `RestingPosture` has it."""
+        return None if self.posture is None else self.posture.possible_process(self.tolerance)
+
+    @cached_property
     def largest_payload(self) -> LargestPayload | None:
         """The largest payload in this posture within the uncertainty; None as `RestingPosture` has it."""
         if self.posture is None:
@@ -473,6 +478,7 @@ class Standing:
             **({"classical": self.classical.to_dict()} if self.classical else {}),
             "largest_slope": self.largest_slope and self.largest_slope.to_dict(),
             "largest_payload": self.largest_payload and vars(self.largest_payload),
+            "process_share": self.possible_process,
             "wrench": self.scene.wrench,
             **({"sensitivities": changes} if changes else {}),
             **({"posture": self.posture.to_dict()} if self.posture else {}),

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
+import textwrap
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+
+WIDTH = 80
+"""Characters of a line of output."""
+
+_FIXED = "\xa0"  # a space at which no line ends
+_UNIT = re.compile(r"(?<=\d) (?=%|[a-zA-Z])")  # between a number and its unit
 
 NOISE = 1e-9
 """Values below this, relative to the largest one beside them, are shown as zero."""
@@ -35,6 +43,18 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     if not math.isfinite(value):
         return "unlimited" if value > 0 else "-"
     return f"{value + 0.0:.{digits}g} {unit}"
+
+
+def wrapped(name: str, texts: Iterable[str], wide: int = 8) -> list[str]:
+    """Texts with a name before the first, in so wide a column, broken at 80 columns."""
+    lines, below = [], " " * wide
+    for text in (_UNIT.sub(_FIXED, text) for text in texts):
+        first = below if lines else f"{name:<{wide}}"
+        lines += textwrap.wrap(
+            text, WIDTH, initial_indent=first, subsequent_indent=below, break_on_hyphens=False,
+            break_long_words=False,
+        )  # fmt: skip
+    return [line.replace(_FIXED, " ") for line in lines]
 
 
 def margin_text(value: float, unit: str, digits: int = 3) -> str:

@@ -78,7 +78,8 @@ class Undecided:
         if self.short > _UNBOUNDED:
             return f"{name} {when}, without any bound there"
         by = {"clearance": f"{1e3 * self.short:.2g} mm", "angle": f"{self.short:.2g} (rad, m)"}
-        return f"{name} {when}, short by {by.get(claim, f'{100 * self.short:.2g} % of the limit')}"
+        beyond = by.get(claim, f"{100 * self.short:.2g} % of the limit")
+        return f"{name} {when}: the proved bound misses the limit by {beyond}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ class Certificate:
         if self.undecided:
             worst = max(self.undecided, key=lambda one: one.short)
             more = f"; and {len(self.undecided) - 1} more (ocptip certify)" if len(self.undecided) > 1 else ""
-            return f"a proof of {worst}{more}; {worst.remedy}"
+            return f"a proof of {worst}, sampled values keep it{more}; {worst.remedy}"
         if not self.verdict.holds:
             return f"a proof: {self.verdict.problems[0]}"
         if not self.kept:

@@ -11,14 +11,14 @@ from ocptip.api.certify import Certified, certify, read_certificate
 from ocptip.api.given import task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import table
+from ocptip.basics.text import table, wrapped
 from ocptip.basics.write import versions
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.result import Certificate, claim_rows
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import files_lines
-from ocptip.cli.motion_summary import notes, wrapped
+from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import given_limits, naming_options
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.summary import margin_table, motion_line, violation_words

@@ -16,9 +16,9 @@ from ocptip.api.check import SAME, Check, check
 from ocptip.api.given import task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import quantity, ratio, table
+from ocptip.basics.text import quantity, ratio, table, wrapped
 from ocptip.cli.layout import check_rows, gear_rows, masses
-from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows, wrapped
+from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import GatedReport, gate_of, given_limits, naming_options, read_gate, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
@@ -49,6 +49,7 @@ _LEAST = (
     *("foot_force_N", "jump_foot_force_N"),
     *(*_MARGINS, *_MARGINS_CANCELLED, "singularity"),
 )
+_COARSE = 0.05  # deg: a file that rounds so much has whole degrees, or tenths
 _NOISY = "the calmest motion within the noise of the samples"
 
 
@@ -178,6 +179,8 @@ def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
         return f"{scales[joint] * values[joint]:.2g} {units[joint]}{per} ({robot.names[joint]})"
 
     why = "noise of the samples" if fit.noisy[wide] else "rounding of the file"
+    if not fit.noisy[wide] and robot.units[wide] == "rad" and fit.tolerance[wide] * scales[wide] > _COARSE:
+        why += " (exact values need more digits: 60.000 instead of 60)"
     notes = [
         f"checked is the calmest motion that passes {fit.samples} samples within at most "
         f"{with_unit(wide, fit.tolerance)}, {why}; its maximum distance is {with_unit(far, fit.distance)}; "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.text import quantity, ratio, table
+from ocptip.basics.text import quantity, ratio, table, wrapped
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
@@ -31,6 +31,12 @@ def named(lines: Sequence[tuple[str, str]], least: int = 0) -> list[str]:
     """Lines of names and texts, the texts below each other, names at least so wide."""
     width = max((least, *(len(name) for name, _ in lines)))
     return [f"{name:<{width}}  {text}" for name, text in lines]
+
+
+def fitted(lines: Sequence[tuple[str, str]]) -> list[str]:
+    """The same as `named`, texts broken at 80 columns."""
+    width = 2 + max((len(name) for name, _ in lines), default=0)
+    return [line for name, text in lines for line in wrapped(name, [text], width)]
 
 
 def masses(robot: StandingMechanism) -> str:
@@ -56,15 +62,9 @@ def changes_table(found: Sequence[Sensitivity], title: str = "") -> list[str]:
     return table([[row[k] for k in known] for row in rows], left=(0,))
 
 
-def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:
-    """The row about the certificate; none where no certificate was asked for."""
-    return [("proof", f"{checked.certificate}")] if checked.certificate else []
-
-
 def check_rows(checked: MotionCheck, robustness: Sequence[Tolerated]) -> list[tuple[str, str]]:
     """Detailed rows about a motion, or a cycle."""
     return [
-        *certificate_rows(checked),
         *under("contacts", checked.contacts.lines()),
         *under("compliant feet", checked.feet_lines),
         *under("elastic joints", checked.drive_lines),

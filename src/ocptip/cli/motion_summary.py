@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import re
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from ocptip.basics.text import percent, some
+from ocptip.basics.text import percent, some, wrapped
 from ocptip.cli.layout import changes_table, files_lines, segment_table, stop_table, under
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
-from ocptip.motion.summary import WIDTH, CheckedMotion, margin_table, rises, robustness_lines, violation_words
+from ocptip.motion.summary import CheckedMotion, margin_table, rises, robustness_lines, violation_words
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
 _LONG_NOTE = 140  # characters
 _NAMES = re.compile(r"[^\s,;:()]+(?:, [^\s,;:()]+){4,}(?=$|[;:]| )")  # five and more single words
-_FIXED = "\xa0"  # a space at which no line ends
-_UNIT = re.compile(r"(?<=\d) (?=%|[a-zA-Z])")  # between a number and its unit
 
 
 def notes(checked: MotionCheck) -> list[str]:
@@ -44,8 +41,9 @@ def notes(checked: MotionCheck) -> list[str]:
         )
     if contacts.weak:
         found.append(
-            f"weakly stable at {contacts.weak} sampled instants, first at {contacts.first_weak:.3f} s: the "
-            "contact laws also allow sliding or tipping. Declare `stiffness` of the contacts to decide"
+            f"weakly stable at {contacts.weak} sampled instants, first at {contacts.first_weak:.3f} s, as is "
+            "usual with casters: forces hold the base, but how rigid contacts share the load is open. With "
+            "another sharing it might move. Declare `stiffness` of the contacts to decide"
         )
     if not collision["checked"]:
         found.append("collisions are not checked: no collision geometry")
@@ -80,18 +78,6 @@ def required_lines(outcomes: Iterable[object]) -> list[str]:
     return ["", *lines] if lines else []
 
 
-def wrapped(name: str, texts: Iterable[str], wide: int = 8) -> list[str]:
-    """Texts with a name before the first, in so wide a column, broken at 80 columns."""
-    lines, below = [], " " * wide
-    for text in (_UNIT.sub(_FIXED, text) for text in texts):
-        first = below if lines else f"{name:<{wide}}"
-        lines += textwrap.wrap(
-            text, WIDTH, initial_indent=first, subsequent_indent=below, break_on_hyphens=False,
-            break_long_words=False,
-        )  # fmt: skip
-    return [line.replace(_FIXED, " ") for line in lines]
-
-
 def motion_text(
     found: CheckedMotion,
     head: Sequence[str],
@@ -124,7 +110,7 @@ def motion_text(
     parts = [
         [*head, *wrapped("Missing", filter(None, [found.unproved])), *wrapped("Broken", found.broken)],
         segment_table(found.task, found.checked) if found.task.is_cycle else [],
-        margin_table(robot, checked),
+        [*margin_table(robot, checked), *proof_lines(checked)],
         robustness_lines(found.robustness),
         changes_table(found.sensitivities, "What if"),
         *(_stops(name, stops) for name, stops in found.stops.items()),
@@ -146,6 +132,13 @@ def motion_text(
     ]
     text = "\n\n".join("\n".join(part) for part in parts if part)
     return "\n".join([text, *required, *files_lines(written, _following())])
+
+
+def proof_lines(checked: MotionCheck) -> list[str]:
+    """The proved bounds, for the table has values at samples; nothing without a proof."""
+    if not checked.proved_while_moving:
+        return []
+    return ["", *wrapped("Proof", [f"{checked.certificate}; the table has values at samples"])]
 
 
 def _following() -> str:

@@ -22,7 +22,6 @@ from ocptip.basics.write import MARK, file_target, versions, write_bytes
 from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
 from ocptip.cli.layout import (
-    certificate_rows,
     files_lines,
     masses,
     segment_rows,
@@ -151,7 +150,7 @@ class Document:
         if self.about.segments is not None and self.about.task.is_cycle:
             titles, *rows = segment_rows(self.about.task, self.about.segments)
             yield grid(titles, rows)
-        yield items(map(_labelled, certificate_rows(checked)))
+        yield items([f"Proof: {checked.certificate}."] if checked.certificate else [])
         for stage in self.about.stages:
             yield items(_with_names(stage, map(_labelled, within_rows(stage.checked or checked))))
         yield items(checked.contacts.lines())

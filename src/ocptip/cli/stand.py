@@ -24,7 +24,7 @@ from ocptip.basics.text import (
     towards,
     without_noise,
 )
-from ocptip.cli.layout import changes_table, named, under
+from ocptip.cli.layout import changes_table, fitted, under
 from ocptip.cli.options import GatedReport, gate_of, given_tolerance, read_gate
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
@@ -110,9 +110,11 @@ class StandReport(GatedReport):
 
     def to_text(self) -> str:
         """Verdict, margins, contacts; with -v the indices and the evidence."""
-        head = [self.headline, *named([*self._margins(), *under("Required", self.outcomes)])]
-        objects = [*self._object_table(), ""] if self.found.objects else []
-        return "\n".join([*head, "", *objects, *self._contact_table(), "", *named(self._summary())]).rstrip()
+        rows = fitted([*self._margins(), *under("Required", self.outcomes)])
+        objects = self._object_table() if self.found.objects else []
+        changes = changes_table(self.found.sensitivities, "What if")
+        parts = [[self.headline, *rows], objects, self._contact_table(), changes, fitted(self._summary())]
+        return "\n\n".join("\n".join(part) for part in parts if part)
 
     @property
     def headline(self) -> str:
@@ -179,6 +181,10 @@ class StandReport(GatedReport):
         if largest := found.largest_payload:
             scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
             rows.append(("Max payload", f"in all, {scope}: {largest}"))
+        if found.posture and (share := found.possible_process) is not None:
+            scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
+            kept = "all of it keeps" if share == 1 else f"{np.floor(100 * share):.0f} % of it keep"
+            rows.append(("Process", f"{found.posture.process}: {kept} all contacts, {scope}"))
         return rows
 
     def _object_table(self) -> list[str]:
@@ -207,7 +213,7 @@ class StandReport(GatedReport):
         state, support = found.state, found.scene.support
         forces, reserves = without_noise(found.normal_forces), without_noise(found.normal_reserves)
         position = "position x, y [m]" if found.scene.planar else "position x, y, z [m]"
-        rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal margin"]]
+        rows = [["contact", "kind", position, "mode", "normal", "friction", "margin"]]
         for k, contact in enumerate(support.contacts):
             where = ", ".join(f"{x:.3f}" for x in np.asarray(contact.position) + 0.0)
             force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
@@ -230,7 +236,6 @@ class StandReport(GatedReport):
             lines += posture_rows(found.posture)
         if found.within:
             lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
-        lines += under("what if", changes_table(found.sensitivities))
         if self.design:
             lines += under("design", self.design.lines(found.scene.support))
         elif not found.stable and state.solved and not found.scene.planar:

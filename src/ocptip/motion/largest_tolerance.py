@@ -7,6 +7,7 @@ bracket, from below.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -73,7 +74,13 @@ class LargestTolerance:
 
 
 def largest_tolerance(
-    task: MotionTask, error: ToleranceError, *, starts: int = 2, seconds: float = SECONDS, **how: Any
+    task: MotionTask,
+    error: ToleranceError,
+    *,
+    starts: int = 2,
+    seconds: float = SECONDS,
+    stage: Callable[[str], None] | None = None,
+    **how: Any,
 ) -> LargestTolerance:
     """Bisect what was too much, alone if it was so alone, by a few plans that are checked and not proved.
 
@@ -84,6 +91,7 @@ def largest_tolerance(
         error: that reports it.
         starts: of each plan.
         seconds: wall time after which no further plan is begun.
+        stage: called with what is planned next.
         how: further arguments of `plan_motion`.
     """
     began, low, high, best, plans = time.monotonic(), error.factor, error.at_rest, None, 0
@@ -97,6 +105,8 @@ def largest_tolerance(
         tolerance = error.too_much.scaled(tried)
         limits = replace(task.limits, tolerance=tolerance)
         plans += 1
+        if stage:
+            stage(f"searching the largest uncertainty: plan {plans} of at most {PLANS}, {tolerance} ...")
         try:
             best = plan_motion(replace(task, limits=limits), starts=starts, **how)
             low, share, interrupted = tried, BOLD, best.interrupted

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ocptip.basics.text import quantity, table
+from ocptip.basics.text import WIDTH, quantity, table
 from ocptip.motion.check import MotionCheck, broken_in_stops
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
@@ -21,7 +21,6 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.trajectory import Trajectory
 
-WIDTH = 80
 TITLES = {
     "tipping_margin_Nm": "Tipping margin",
     "friction_used": "Friction used",

@@ -17,6 +17,7 @@ from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import PATH
 from ocptip.standing.arm import Robot
+from ocptip.standing.largest_payload import largest_payloads
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
@@ -241,7 +242,26 @@ def end_refusals(task: MotionTask, share: float, q: np.ndarray) -> list[str]:
 def require_plannable(task: MotionTask) -> None:
     """Raise InputError with all reasons of :func:`refusals` if there are any."""
     if reasons := refusals(task):
-        raise InputError(f"{task.name}: cannot be planned: {'; '.join(reasons)}")
+        raise InputError(
+            f"{task.name}: cannot be planned: {'; '.join(filter(None, [*reasons, _possible_payload(task)]))}"
+        )
+
+
+def _possible_payload(task: MotionTask) -> str:
+    """The largest payload that start and goal can have, if it is smaller than the task's; else empty."""
+    robot = task.robot
+    if not isinstance(robot, Robot) or robot.payload is None or robot.tip_over.free_rotation:
+        return ""
+    found = []
+    for place, q, share in (("start", task.start, 0), ("goal", task.goal, 1)):
+        largest = largest_payloads(robot.resting(share), task.limits, q[None], robot.mass)
+        found.append((float(largest.masses[0]), place, largest.names[largest.limits[0]]))
+    mass, place, limit = min(found)
+    if mass >= robot.payload.mass:
+        return ""
+    return (
+        f"possible is a payload of {mass:.3g} kg instead of {robot.payload.mass:.4g} kg ({limit} at {place})"
+    )
 
 
 def check_commands(commands: Any) -> None:

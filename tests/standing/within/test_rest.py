@@ -216,7 +216,7 @@ def test_the_command_judges_the_worst_of_a_tolerance(tmp_path, capsys):
     assert "tilt" not in capsys.readouterr().out
     path.write_text(SCENE + "[tolerance]\nbase_push = 400.0\n")
     assert main(["stand", str(path)]) == 1
-    text = capsys.readouterr().out
+    text = " ".join(capsys.readouterr().out.split())
     assert "STABLE NOMINALLY" in text
     assert "NOT WITHIN ITS UNCERTAINTY" in text
     assert "A CONTACT IS LOST: of push of 400 N at the base alone it can have push of" in text
