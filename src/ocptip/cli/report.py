@@ -150,7 +150,7 @@ class Document:
         if self.about.segments is not None and self.about.task.is_cycle:
             titles, *rows = segment_rows(self.about.task, self.about.segments)
             yield grid(titles, rows)
-        yield items([f"Proof: {checked.certificate}."] if checked.certificate else [])
+        yield items([f"Proof {checked.certificate}"] if checked.certificate else [])
         for stage in self.about.stages:
             yield items(_with_names(stage, map(_labelled, within_rows(stage.checked or checked))))
         yield items(checked.contacts.lines())
