@@ -16,6 +16,7 @@ from ocptip.motion.margins import motion_margins
 from ocptip.motion.objective import TIME
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
+from ocptip.reserves.tipping import moment_at
 from ocptip.retiming.retime import retime
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.dynamics import evaluate_dynamics
@@ -23,7 +24,10 @@ from ocptip.robots.kinematics import link_frames
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
+from ocptip.standing.limits import Limits
 from ocptip.standing.objects import Object, carrier_expressions, carrier_motions
+from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
@@ -220,6 +224,80 @@ def test_the_fastest_timing_of_a_path_is_that_at_which_the_object_reaches_its_li
     # Half spaces of friction leave up to 1.9 % of it unused.
     assert shortest * (1 - 1e-6) < found.motion.end < shortest * 1.015
     assert set(found.active) <= {f"tip-over of {one.name}", f"slip of {one.name}"}
+
+
+WIDE = Uncertainty(
+    tilt=0.02, payload_mass=0.1, payload_center=(2e-3, 3e-3, 5e-3), friction=0.2, speed=0.03, delay=0.01
+)
+
+
+def deviated(robot: Robot, shares: np.ndarray, shifts: np.ndarray, gravity: np.ndarray) -> Robot:
+    """A robot whose objects really have other masses, centres of mass, and gravity."""
+    support = robot.support.varied(gravity=gravity)
+    others = [
+        dataclasses.replace(
+            one,
+            mass=(1 + share) * one.mass,
+            inertia=(1 + share) * np.asarray(one.body.inertia),
+            center_of_mass=one.body.center_of_mass + shift,
+        )
+        for one, share, shift in zip(robot.objects, shares, shifts, strict=True)
+    ]
+    return robot.varied(arm=robot.arm.with_payload(None), support=support, objects=()).carrying(others)
+
+
+def moved(robot: Robot, other: Robot, wrenches: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+    """Wrenches on the objects of another robot about the centres of mass of this one's."""
+    found = []
+    for one, two, wrench in zip(robot.interfaces[1:], other.interfaces[1:], wrenches, strict=True):
+        lever = two.support.center_of_mass - one.support.center_of_mass
+        found.append(np.hstack([wrench[:, :3], wrench[:, 3:] + np.cross(lever, wrench[:, :3])]))
+    return found
+
+
+def test_deviations_of_a_stack_are_those_of_other_objects_on_another_slope():
+    rng, robot = np.random.default_rng(5), robot_of(random_arm(5, 3), [PLATE, CUP])
+    own = worst_case_of(robot, WIDE, 1).deviations
+    q, qd, qdd = rng.normal(size=(3, 1, 3))
+    theta = np.zeros((1, own.size))
+    shares, shifts = 0.1 * rng.uniform(-1, 1, 2), 3e-3 * rng.uniform(-1, 1, (2, 3))
+    tilt, pace, late = 0.2 * rng.normal(size=3), 0.06, 0.01 * rng.uniform(size=3)
+    parts = {"payload_mass": shares, "payload_center": shifts.ravel(), "gravity": tilt, "speed": [pace]}
+    for name, values in (parts | {"delay": late}).items():
+        theta[0, own.places[name]] = values
+    found = own.wrench(np.hstack([q, qd, qdd]), theta)[0]
+    q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
+    other = deviated(robot, shares, shifts, robot.support.gravity + tilt)
+    real = moved(robot, other, other.object_wrenches(q, np.sqrt(1 + pace) * qd, (1 + pace) * qdd))[0]
+    np.testing.assert_allclose(found, real, rtol=1e-9, atol=1e-12)
+    assert set(own.words(theta[0]).split()) >= {"plate", "cup"}
+
+
+def test_no_sampled_corner_of_the_uncertainty_is_worse_than_the_worst_case_of_a_motion():
+    robot = on_a_slide([PLATE, CUP])
+    motion = Trajectory.from_profiles([0.0], [(RampCommand(0.4, 1.0, 1.2),)])
+    tolerance = dataclasses.replace(WIDE, delay=0.0)
+    checked = check_motion(robot, motion, Limits(tolerance=tolerance))
+    assert checked.verified, checked.violations
+    low, high, rng = np.inf, 0.0, np.random.default_rng(6)
+    weak = robot.interfaces[1].weakest(tolerance)
+    a = np.array([[1.2], [-1.2]]) * 1.03**2
+    for side in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+        down = G * np.array([np.sin(0.02) * np.cos(side), np.sin(0.02) * np.sin(side), -np.cos(0.02)])
+        for _ in range(12):
+            shares, signs = 0.1 * rng.choice([-1, 1], 2), rng.choice([-1, 1], (2, 3))
+            other = deviated(robot, shares, signs * WIDE.payload_center, down)
+            states = weak.contact_states(moved(robot, other, other.object_wrenches(0 * a, 0 * a, a))[0])
+            assert states.persistent.all()
+            low = min(low, float(weak.tip_over.evaluate(states).margins.min()))
+            high = max(high, float(weak.slip.evaluate(states, derivatives=False).GT.max()))
+    within, reference = checked.within.objects["plate"], robot.interfaces[1].tip_over.reference_moment
+    worst = moment_at(within["tip"].value, reference)
+    assert worst - 1e-9 <= low < 1.05 * worst
+    assert within["slip"].value + 1e-6 >= high > 0.95 * within["slip"].value
+    rows = {(row.object, row.name): row for row in motion_margins(robot, checked)}
+    assert rows["plate", "tipping_margin_Nm"].worst_case.value == pytest.approx(worst, rel=0.02)
+    assert rows["plate", "friction_used"].worst_case.value == within["slip"].value
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ class MotionCheck:
         feet: how the base swings on compliant feet; None where it does not, or where that is not known.
         drives: how gripper and base vibrate with elastic joints; None where they do not.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
-        objects: the same of each object's contacts, by name; nominal, and checked at samples only.
+        objects: the same of each object's contacts, by name; they are checked at samples only.
         collision: what was checked, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts in the worst case of the uncertainty; None without uncertainty.
         certificate: what is proved for all instants; None where nobody has put one there.
@@ -176,7 +176,7 @@ class MotionCheck:
         word = f"PROVED {about}" if self.proved_while_moving else f"CHECKED at samples {about}"
         if self.within is not None:
             word += f"for {self.within.tolerance.scope}"
-        word += self._if_equally_compliant + self._nominal_speeds + self._objects + self.scope
+        word += self._if_equally_compliant + self._nominal_speeds + self.scope
         return word if self.verified else broken_in_stops(word)
 
     @property
@@ -186,13 +186,6 @@ class MotionCheck:
         if not differs and alike and alike.value < 0:
             differs = f"with equally compliant feet {alike.where} may lift within the uncertainty"
         return f", BUT {differs}" if differs else ""
-
-    @property
-    def _objects(self) -> str:
-        """What is left out for objects; empty without any."""
-        if not self.objects:
-            return ""
-        return f", objects ({', '.join(self.objects)}) in the nominal model" if self.within else ""
 
     @property
     def _nominal_speeds(self) -> str:

@@ -14,6 +14,7 @@ from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.nominal import of_object
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.within.in_motion import WorstInstant
 
 _CLEARANCE_WITHIN = "clearance_worst_case_m"
 
@@ -116,9 +117,8 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
     slip = contacts.friction
     nominal = slip and At(slip.value, slip.time, slip.contacts)
     worst_slip = of(SLIP_WITHIN)
-    if worst_slip and checked.within and worst_slip.value > 1:  # GT above 1 counts an acceleration
-        factor = checked.within.slip.factor
-        worst_slip = replace(worst_slip, value=1.0 if math.isnan(factor) else factor)
+    if worst_slip and checked.within:
+        worst_slip = _as_factor(worst_slip, checked.within.slip)
     if "GT" in worst:
         limits = worst["GT"].limit, limit(SLIP_WITHIN)
         yield MotionMargin(FRICTION, nominal, worst_slip, *limits, False, used("GT", SLIP_WITHIN))
@@ -152,16 +152,30 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         yield from _of_object(footing, checked)
 
 
+def _as_factor(at: At, worst: WorstInstant | None) -> At:
+    """The worst friction used; GT above 1 counts an acceleration, a factor on the friction tells more."""
+    if worst is None or at.value <= 1:
+        return at
+    return replace(at, value=1.0 if math.isnan(worst.factor) else worst.factor)
+
+
 def _of_object(footing: Footing, checked: MotionCheck) -> Iterable[MotionMargin]:
-    """The nominal margins of the contacts of an object."""
+    """The margins of the contacts of an object."""
     name, contacts = footing.name, checked.objects[footing.name]
-    tip, slip = (checked.worst[of_object(symbol, name)] for symbol in ("GN", "GT"))
-    rows = (
-        (TIPPING, contacts.moment, moment_at(tip.limit, footing.tip_over.reference_moment), tip),
-        (FRICTION, contacts.friction, slip.limit, slip),
-        (FOOT_FORCE, contacts.alike or contacts.force, 0.0 if contacts.unique else None, None),
+    reference = footing.tip_over.reference_moment
+    kinds = (
+        (TIPPING, contacts.moment, ("GN", TIP_WITHIN), lambda index: moment_at(index, reference)),
+        (FRICTION, contacts.friction, ("GT", SLIP_WITHIN), float),
     )
-    for title, own, limit, index in rows:
+    for title, own, symbols, change in kinds:
+        known = [checked.worst.get(of_object(symbol, name)) for symbol in symbols]
+        used = max((worst.value / worst.limit for worst in known if worst), default=-math.inf)
+        within = known[1] and At(change(known[1].value), known[1].time)
+        if within and checked.within and title == FRICTION:
+            within = _as_factor(within, checked.within.objects[name]["slip"])
+        limit, other = (worst and change(worst.limit) for worst in known)
         at = own and At(own.value, own.time, own.contacts)
-        used = index.value / index.limit if index else -math.inf
-        yield MotionMargin(title, at, None, limit, None, title != FRICTION, used, name)
+        yield MotionMargin(title, at, within, limit, other, title == TIPPING, used, name)
+    force = contacts.force and At(contacts.force.value, contacts.force.time, contacts.force.contacts)
+    least = 0.0 if contacts.unique else None
+    yield MotionMargin(FOOT_FORCE, force, None, least, None, True, -math.inf, name)

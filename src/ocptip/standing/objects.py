@@ -177,6 +177,23 @@ class CarriedObject:
         support = Support(contacts, **given, gravity=-self.gravity * turn[:, 2])
         return Footing(support, name=self.object.name)
 
+    def deviated(self, motion: Sequence[cs.SX], shares: cs.SX, shifts: cs.SX) -> cs.SX:
+        """The wrench (6,) on it about the nominal centre of mass of its interface, where bodies are off.
+
+        Args:
+            motion: of the carrier, see `carrier_expressions`.
+            shares: (k,) by which masses and inertias of its bodies are off, relative.
+            shifts: (3 k,), m, by which their centres of mass are.
+        """
+        about, (_, spin, change) = cs.SX(self.footing.support.center_of_mass), motion
+        wrench = cs.SX.zeros(6)
+        for k, (mass, center, inertia) in enumerate(self.bodies.values()):
+            place, share, tensor = cs.SX(center) + shifts[3 * k : 3 * k + 3], 1 + shares[k], cs.SX(inertia)
+            force = -mass * share * acceleration_of(motion, place)
+            turning = share * (tensor @ change + cs.cross(spin, tensor @ spin))
+            wrench = wrench + cs.vertcat(force, cs.cross(place - about, force) - turning)
+        return wrench
+
 
 def carried_objects(objects: Sequence[Object], gravity: np.ndarray) -> tuple[CarriedObject, ...]:
     """Objects in the axes of what carries them, those below before those on them.
@@ -253,7 +270,7 @@ def carrier_motions(
 
 
 def carrier_expressions(
-    arm: ArmModel, gravity: np.ndarray, q: cs.SX, qd: cs.SX, qdd: cs.SX, base: Sequence[cs.SX]
+    arm: ArmModel, gravity: np.ndarray | cs.SX, q: cs.SX, qd: cs.SX, qdd: cs.SX, base: Sequence[cs.SX]
 ) -> dict[str, list[cs.SX]]:
     """The same as CasADi columns, three each, from those of the base; none: it rests."""
     pull = cs.SX(gravity)

@@ -30,11 +30,12 @@ class ContactLimit(AskedLimit):
     Attributes:
         words: name and result in this scenario, to be filled with those of the quantity.
         after_steps: the number asked for is that of loads after acceleration steps.
+        takes_objects: there is also one of each object.
     """
 
     of_contacts = True
     words = "{}", "{}"
-    after_steps = False
+    after_steps = takes_objects = False
 
     def __init__(
         self,
@@ -50,7 +51,8 @@ class ContactLimit(AskedLimit):
         footing = robot.interfaces[interface]
         if interface:
             self.name, self.result = f"{self.name} of {footing.name}", of_object(self.result, footing.name)
-        self.quantity = quantity(footing, self.number)
+        # Objects have many contacts, whose exact friction utilisation takes ten times as long.
+        self.quantity = quantity(footing, self.number, smooth=interface > 0)
 
     @property
     def width(self) -> int:
@@ -63,18 +65,15 @@ class ContactLimit(AskedLimit):
 
     @classmethod
     def of(cls, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> tuple[ContactLimit, ...]:
-        return tuple(cls(robot, asked, joints, quantity) for quantity in (TipOverQuantity, SlipQuantity))
+        interfaces = range(len(robot.interfaces) if cls.takes_objects else 1)
+        pairs = product(interfaces, (TipOverQuantity, SlipQuantity))
+        return tuple(cls(robot, asked, joints, quantity, interface) for interface, quantity in pairs)
 
 
 class NominalLimit(WrenchLimit, ContactLimit):
     """A quantity of the contacts of the base or of an object, as the motion loads them."""
 
-    @classmethod
-    def of(cls, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> tuple[ContactLimit, ...]:
-        objects = range(1, len(robot.interfaces))
-        pairs = product(objects, (TipOverQuantity, SlipQuantity))
-        further = (cls(robot, asked, joints, quantity, interface) for interface, quantity in pairs)
-        return (*super().of(robot, asked, joints), *further)
+    takes_objects = True
 
     def _loads(self, at: Instants) -> Loaded:
         """Of the interface."""

@@ -34,8 +34,9 @@ class ContactQuantity(ABC):
     """One quantity of a base on its contacts with the number that a limit asks for.
 
     Args:
-        footing: the base on its contacts.
+        footing: the base or an object on its contacts.
         number: asked for.
+        smooth: rows may be of a smooth function that is on the safe side, where the exact one takes long.
 
     Attributes:
         name, symbol: in words, and in results.
@@ -50,8 +51,8 @@ class ContactQuantity(ABC):
     name = symbol = at_steps = in_results = ""
     width, unit, affine, least = 1, 1.0, False, False
 
-    def __init__(self, footing: Footing, number: float) -> None:
-        self.footing, self.number = footing, number
+    def __init__(self, footing: Footing, number: float, smooth: bool = False) -> None:
+        self.footing, self.number, self.smooth = footing, number, smooth
 
     # --- what happens -------------------------------------------------------------------------------------
 
@@ -183,8 +184,8 @@ class TipOverQuantity(ContactQuantity):
     name, symbol, at_steps, in_results = "tip-over", "GN", "jump_tip_over", "tip"
     least = True
 
-    def __init__(self, footing: Footing, number: float) -> None:
-        super().__init__(footing, number)
+    def __init__(self, footing: Footing, number: float, smooth: bool = False) -> None:
+        super().__init__(footing, number, smooth)
         self.moments = TipMap(footing.tip_over)
         self.width, self.affine = self.moments.count, self.moments.affine
         reference = footing.tip_over.reference_moment
@@ -300,9 +301,10 @@ class SlipQuantity(ContactQuantity):
 
     name, symbol, at_steps, in_results = "slip", "GT", "jump_slip", "slip"
 
-    def __init__(self, footing: Footing, number: float) -> None:
-        super().__init__(footing, number)
-        self._map = footing.slip.map(up_to=number)
+    def __init__(self, footing: Footing, number: float, smooth: bool = False) -> None:
+        super().__init__(footing, number, smooth)
+        slip = footing.slip
+        self._map, self._bound = slip.within(number) if smooth else (slip.map(up_to=number), number)
 
     def measure(self, at: Loaded) -> np.ndarray:
         return at.largest_slip.GT
@@ -318,6 +320,8 @@ class SlipQuantity(ContactQuantity):
         return "" if np.isnan(demand.factor) else f"friction used {demand.used}"
 
     def kept(self, at: Loaded) -> bool:
+        if self.smooth:
+            return bool(np.all(self.badness(at) <= self._bound))
         return bool(np.all(self.footing.slip.above(at.wrenches, self.number) <= self.number))
 
     def refusals(self, at: Loaded) -> list[str]:
@@ -337,9 +341,14 @@ class SlipQuantity(ContactQuantity):
 
     def badness(self, at: Loaded) -> np.ndarray:
         if self._map not in at.memo:
-            full = self.footing.slip.redistribution == "full"
-            values = self.exact(at) if full else self._map(at.wrenches, derivatives=False)[0][:, None]
-            at.memo[self._map] = values
+            if self.smooth:
+                at.memo[self._map] = self._map(at.wrenches)[0][:, None]
+            elif self.footing.slip.redistribution == "full":
+                at.memo[self._map] = self.exact(at)
+            else:
+                at.memo[self._map] = self.footing.slip.map(self.number)(at.wrenches, derivatives=False)[0][
+                    :, None
+                ]
         return at.memo[self._map]
 
     def exact(self, at: Loaded) -> np.ndarray:
@@ -350,13 +359,13 @@ class SlipQuantity(ContactQuantity):
         return GT[:, None], slopes[:, None]
 
     def near(self, badness: np.ndarray, share: float) -> np.ndarray:
-        return ~(badness / self.number < share)
+        return ~(badness / self._bound < share)
 
     def use(self, badness: np.ndarray) -> np.ndarray:
-        return badness[:, 0] / self.number
+        return badness[:, 0] / self._bound
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([-np.inf]), self.worst()
+        return np.array([-np.inf]), np.array([self._bound])
 
     def worst(self) -> np.ndarray:
         return np.array([self.number])

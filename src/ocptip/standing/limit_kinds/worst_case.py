@@ -67,7 +67,7 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
     words = "{} within tolerance", "{}_worst_case"
     node_kinds = (ORDINARY, DEVIATING)
     smallest_step, largest_step = 1e-4, 0.02
-    rows_first = True
+    rows_first = takes_objects = True
 
     def __init__(
         self,
@@ -75,9 +75,10 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
         asked: Limits,
         joints: tuple[int, ...],
         quantity: type[ContactQuantity],
+        interface: int = 0,
     ) -> None:
-        super().__init__(robot, asked, joints, quantity)
-        self.cases = worst_case_of(robot, asked.tolerance)
+        super().__init__(robot, asked, joints, quantity, interface)
+        self.cases = worst_case_of(robot, asked.tolerance, interface)
         self._smooth, self._bound = self.quantity.smooth_within(self.cases)
         self._theta: np.ndarray | None = None  # (N, width, size) of the nodes of a program
 
@@ -86,7 +87,8 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
         return WITHIN_OF[quantity.symbol]
 
     def within(self, found: WithinTolerance) -> list[Worst]:
-        worst = getattr(found, self.quantity.in_results)
+        of_contacts = found.objects[self.quantity.footing.name] if self.interface else vars(found)
+        worst = of_contacts[self.quantity.in_results]
         if worst is None:
             return []
         value, how = worst.value if worst.bound is None else worst.bound, worst.how
@@ -103,7 +105,8 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
             return []
         tolerance, (value, theta) = self.asked.tolerance, self.quantity.worst_at_rest(self.cases, at.s)
         rest, _ = why_not(tolerance, AT_REST, lambda some: kept(self.cases.within(some)))
-        what, words = f"{self.quantity.name} {self.quantity.symbol}", self.cases.deviations.words(theta)
+        of = f" of {self.quantity.footing.name}" if self.interface else ""
+        what, words = f"{self.quantity.name} {self.quantity.symbol}{of}", self.cases.deviations.words(theta)
         found = f"within the uncertainty {what} reaches {value:.4g} at rest ({words}): {rest}"
         return [f"{found} (--tolerance none plans for the nominal model)"]
 

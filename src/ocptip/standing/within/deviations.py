@@ -21,17 +21,20 @@ from ocptip.robots.base_motion import acceleration_of, inertial_wrench_of
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
 from ocptip.standing.arm import Robot
+from ocptip.standing.objects import carrier_expressions
 from ocptip.standing.tolerance import Uncertainty
 
 _NOTHING = 1e-12  # relative to the largest: slopes below this choose nothing
 
 
 class Deviations:
-    """The deviations theta of an arm on its base from its nominal data.
+    """The deviations theta of an arm on its base, or of what it carries, from the nominal data.
 
     Args:
         robot: on its base.
         tolerance: of it.
+        interface: of the robot's `interfaces`, whose wrench it is; 0: the base. Every body of an object's
+            interface is as uncertain as a payload.
 
     Attributes:
         low, high: (size,) ends of those that are intervals; zero for tilts and pushes.
@@ -39,8 +42,8 @@ class Deviations:
         places: slices of theta by name.
     """
 
-    def __init__(self, robot: Robot, tolerance: Uncertainty) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, tolerance: Uncertainty, interface: int = 0) -> None:
+        self.robot, self._carried = robot, robot.carried[interface - 1] if interface else None
         self.places: dict[str, slice] = {}
         for name, (least, _) in self._ends(tolerance).items():
             self.places[name] = slice(self.size, self.size + len(least))
@@ -94,7 +97,8 @@ class Deviations:
         return np.zeros((count, self.size)) if self._nominal is None else self._nominal.copy()
 
     def _set(self, tolerance: Uncertainty) -> None:
-        self.tolerance, ends = tolerance.of(self.robot.payload), self._ends(tolerance)
+        held = self._carried or self.robot.payload
+        self.tolerance, ends = tolerance.of(held), self._ends(tolerance)
         self._nominal: np.ndarray | None = None
         self._gravity: np.ndarray = self.robot.support.gravity
         self.low, self.high = np.zeros(self.size), np.zeros(self.size)
@@ -120,12 +124,21 @@ class Deviations:
             "speed": (pace[:1], pace[1:]),
             "delay": (np.zeros(robot.n), np.full(robot.n, late)),
         }
+        if self._carried:
+            count = len(self._carried.bodies)
+            bodies, inside = np.full(count, own.payload_mass), np.tile(inside, count)
+            ends = {"payload_mass": (-bodies, bodies), "payload_center": (-inside, inside)} | {
+                name: ends[name] for name in ("speed", "delay")
+            }
         if robot.drive_profile is not None:
             ends["drive_speed"] = tuple(np.array([(1 + k * own.drive_speed) ** 2 - 1]) for k in (-1, 1))
         found = {
-            name: pair for name, pair in ends.items() if np.any(pair) or name == "extra_mass"
+            name: pair
+            for name, pair in ends.items()
+            if np.any(pair) or name == "extra_mass" or (self._carried and name == "payload_mass")
         }  # one at least
-        sizes = {"gravity": own.tilt, "push": own.push, "base_push": own.base_push}
+        pushes = {} if self._carried else {"push": own.push, "base_push": own.base_push}
+        sizes = {"gravity": own.tilt, **pushes}
         sizes["gravity"] += robot.drive_profile is not None  # see `on_slopes`
         return found | {name: (np.zeros(3), np.zeros(3)) for name, size in sizes.items() if size}
 
@@ -150,6 +163,11 @@ class Deviations:
         q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
         pace = 1 + part("speed", 1)  # speed squared
         qd, qdd = cs.sqrt(pace) * qd, pace * qdd
+        if self._carried:
+            motion = carrier_expressions(robot.arm, gravity, q, qd, qdd, base)[self._carried.carrier]
+            count = len(self._carried.bodies)
+            shares, shifts = part("payload_mass", count), part("payload_center", 3 * count)
+            return s, theta, self._carried.deviated(motion, shares, shifts)
         arm = robot.arm.with_payload(None)
         bodies = []
         if (payload := robot.payload) is not None:
@@ -274,6 +292,11 @@ class Deviations:
         radii = {"gravity": size * own.tilt, "push": own.push, "base_push": own.base_push}
         return {name: most for name, most in radii.items() if name in self.places}
 
+    @property
+    def _bodies(self) -> tuple[str, ...]:
+        """What is uncertain as a payload is, in words."""
+        return tuple(self._carried.bodies) if self._carried else ("payload",)
+
     # --- words --------------------------------------------------------------------------------------------
 
     def words(self, theta: np.ndarray) -> str:
@@ -289,15 +312,20 @@ class Deviations:
         for name, word in _MASSES.items():
             shares = np.round(parts.get(name, np.zeros(0)), 9)
             for share in dict.fromkeys(shares[shares != 0].tolist()):
-                own = [f"{k + 1}" for k in np.flatnonzero(shares == share)]
+                off = np.flatnonzero(shares == share)
+                own = [f"{k + 1}" for k in off]
                 which = f"{word}{'s' * (len(own) > 1)} {', '.join(own)}" if len(shares) > 1 else word
+                if name == "payload_mass":
+                    which = ", ".join(self._bodies[k] for k in off)
                 found.append(f"{which} {100 * share:+.3g} %")
         if np.any(mass := parts.get("extra_mass", np.zeros(1))):
             found.append(f"{float(mass[0]):.3g} kg more at the gripper")
-        for name, word in (("center_of_mass", "base's centre"), ("payload_center", "payload's centre")):
-            for axis, shift in zip("xyz", parts.get(name, ()), strict=False):
-                if shift:
-                    found.append(f"{word} {1e3 * shift:+.3g} mm in {axis}")
+        centers = {"base's": parts.get("center_of_mass", np.zeros(3))}
+        shifts = parts.get("payload_center", np.zeros(3 * len(self._bodies))).reshape(-1, 3)
+        centers |= {f"{name}'s": shift for name, shift in zip(self._bodies, shifts, strict=True)}
+        for whose, shift in centers.items():
+            moved = zip("xyz", shift, strict=True)
+            found += [f"{whose} centre {1e3 * by:+.3g} mm in {axis}" for axis, by in moved if by]
         for name, who in (("speed", ""), ("drive_speed", "base ")):
             if np.any(pace := parts.get(name, np.zeros(1))):
                 change = float(np.sqrt(1 + pace[0]) - 1)
@@ -335,7 +363,7 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.divide(vectors, size, out=np.zeros(vectors.shape), where=size > 0)
 
 
-@lru_cache(maxsize=8)
-def deviations_of(robot: Robot, tolerance: Uncertainty) -> Deviations:
+@lru_cache(maxsize=16)
+def deviations_of(robot: Robot, tolerance: Uncertainty, interface: int = 0) -> Deviations:
     """Those of a robot, made once."""
-    return Deviations(robot, tolerance)
+    return Deviations(robot, tolerance, interface)

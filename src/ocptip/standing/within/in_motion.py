@@ -8,8 +8,8 @@ with all joints on time, see `maximum_torques`; distances with joints that are d
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -121,6 +121,7 @@ class WithinTolerance:
         exact_springs: the arm has counterbalance springs, and nothing about them is uncertain.
         foot_force: minimum distance of a normal force from where its contact lets go, N, where equilibrium
             alone decides it: on three contacts.
+        objects: `tip` and `slip` of each object, by name.
         course: instants (K,), s, and the minimum moment about a tipping axis there, N m, up to products of
             deviations: for figures.
     """
@@ -134,6 +135,7 @@ class WithinTolerance:
     alike: Margin | None = None
     foot_force: Margin | None = None
     exact_springs: bool = False
+    objects: Mapping[str, dict[str, WorstInstant | None]] = field(default_factory=dict)
     course: tuple[np.ndarray, np.ndarray] = field(default=(np.empty(0), np.empty(0)), compare=False)
 
     def to_dict(self) -> dict[str, Any]:
@@ -145,7 +147,12 @@ class WithinTolerance:
         forces = {"least_force_if_feet_give_alike_N": self.alike, "least_normal_force_N": self.foot_force}
         named = {name: force and force.to_dict() for name, force in forces.items()}
         exact = {"exact_springs": True} if self.exact_springs else {}
-        return {"tolerance": given, **parts, "states": self.states, **named, **exact}
+        objects = {
+            name: {key: worst and worst.to_dict() for key, worst in own.items()}
+            for name, own in self.objects.items()
+        }
+        carried = {"objects": objects} if objects else {}
+        return {"tolerance": given, **parts, "states": self.states, **named, **exact, **carried}
 
 
 def worst_within(
@@ -162,7 +169,11 @@ def worst_within(
     Raises:
         InputError: the robot is no arm.
     """
-    return worst_of_cases(worst_case_of(robot, tolerance), motion, times)
+    found, objects = worst_of_cases(worst_case_of(robot, tolerance), motion, times), {}
+    for k, footing in enumerate(robot.interfaces[1:], 1):
+        contacts = worst_contacts(worst_case_of(robot, tolerance, k), motion, times)
+        objects[footing.name] = {name: contacts[name] for name in ("tip", "slip")}
+    return replace(found, objects=objects)
 
 
 def worst_of_sampled(at: Sampled, tolerance: Uncertainty) -> WithinTolerance:

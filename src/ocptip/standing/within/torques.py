@@ -79,6 +79,7 @@ def maximum_torques(
         box = np.asarray(own.payload_center)
         most = (1 + own.payload_mass) * np.outer(box, box)  # products of two shifts
         moments = np.abs(np.cross(side[:, :, :, None], swing[:, :, None, :], axis=1))  # (N, 3, 3, 3)
+        axes = axes.reshape(len(q), 3, -1)  # of a single link they come without their last axis
         turning = np.einsum("nwl,nwij,ij->nl", np.abs(axes), moments, most)
         ratios = np.eye(arm.n) if arm.coupling is None else arm.coupling.matrix
         found += paces[1] * np.asarray(payload)[..., None] * (turning @ np.abs(ratios))

@@ -63,6 +63,7 @@ class WorstCase:
     Args:
         robot: on its base.
         tolerance: of it.
+        interface: of the robot's `interfaces`; 0: the base.
 
     Attributes:
         footing: the base on contacts with the minimum friction.
@@ -75,12 +76,13 @@ class WorstCase:
         InputError: the tolerance does not fit the robot, or the robot is no arm.
     """
 
-    def __init__(self, robot: StandingMechanism, tolerance: Uncertainty) -> None:
+    def __init__(self, robot: StandingMechanism, tolerance: Uncertainty, interface: int = 0) -> None:
         if not isinstance(robot, Robot):
             raise InputError("tolerance: parallel robots have only damping in [tolerance] (--tolerance none)")
-        self.deviations: Deviations = deviations_of(robot, tolerance)
-        self.footing = robot.weakest(tolerance)
-        self.reference = robot.tip_over.reference_moment or 0.0
+        self.deviations: Deviations = deviations_of(robot, tolerance, interface)
+        self._nominal = robot.interfaces[interface]
+        self.footing = self._nominal.weakest(tolerance)
+        self.reference = self.footing.tip_over.reference_moment or 0.0
         self._map = TipMap(self.footing.tip_over)
         self._slip_map: ConeMap | SlipMap | None = None
         self.enough = 0.0
@@ -91,7 +93,7 @@ class WorstCase:
         other = copy(self)
         other.deviations = self.deviations.within(tolerance)
         if tolerance.friction != self.deviations.tolerance.friction:
-            other.footing = self.deviations.robot.weakest(tolerance)
+            other.footing = self._nominal.weakest(tolerance)
             other._map = TipMap(other.footing.tip_over)
         return other
 
@@ -362,7 +364,7 @@ class WorstCase:
         return self.footing.tip_over.ratio(moments)
 
 
-@lru_cache(maxsize=8)
-def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty) -> WorstCase:
+@lru_cache(maxsize=16)
+def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty, interface: int = 0) -> WorstCase:
     """That of a robot, made once."""
-    return WorstCase(robot, tolerance)
+    return WorstCase(robot, tolerance, interface)
