@@ -36,6 +36,9 @@ _ROUND = 0.1
 _INSIDE = 0.01
 """m, by which the centre of mass is inside of contacts that carry a base alone."""
 
+_AREA = 1e-3
+"""m^2, that feet alone enclose at least."""
+
 _DIAGONALS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
 _DIRECTIONS = np.linspace(0, 2 * np.pi, 360, endpoint=False)
 
@@ -111,7 +114,8 @@ def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[G
     Wheels are links behind joints that turn without end about a horizontal axis, and links that are called
     so. A wheel is a caster by its name, or where it swivels without end about a vertical axis beside its
     axle. Where all wheels would be casters they are driven, for something has to hold the base. A base that
-    its wheels and casters do not carry stands on its lowest points as well, which are casters then.
+    its wheels and casters do not carry stands on its lowest points as well, which are casters then. Where no
+    other link has collision geometry, these are points of the visual one.
 
     Args:
         file: the URDF.
@@ -139,7 +143,10 @@ def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[G
     if inside(np.array([contact.position for contact in found]), centre[None])[0] < _INSIDE:
         names = {wheel.name for wheel in wheels}
         others = {link: points for link, points in outlines.items() if link not in names}
-        for contact in _lowest_points(others):
+        if not others:
+            seen = outlines_of_links(file.path, arm, resting, visual=resting)
+            others = {link: points for link, points in seen.items() if link not in names}
+        for contact in _lowest_points(others, 0.0):
             above = f"{1e3 * (contact.position[2] - ground):.0f} mm above that of the wheels"
             reason = f"{contact.reason}, {above}, for the wheels alone do not carry the base"
             found.append(GroundContact("caster", np.array([*contact.position[:2], ground]), reason))
@@ -205,8 +212,8 @@ def _links_of(file: UrdfFile, link: str) -> list[str]:
     return [link, *(joint.parent for joint in file.way(link))]
 
 
-def _lowest_points(outlines: Mapping[str, np.ndarray]) -> list[GroundContact]:
-    """The lowest points that are outermost in four directions, which enclose some area; else none."""
+def _lowest_points(outlines: Mapping[str, np.ndarray], area: float = _AREA) -> list[GroundContact]:
+    """The lowest points that are outermost in four directions; none if they enclose less area, m^2."""
     if not outlines:
         return []
     level = min(points[:, 2].min() for points in outlines.values())
@@ -220,7 +227,7 @@ def _lowest_points(outlines: Mapping[str, np.ndarray]) -> list[GroundContact]:
     chosen = dict.fromkeys(np.argmax(low[:, :2] @ _DIAGONALS.T, axis=0).tolist())
     corners = low[[*chosen]]
     x, y = corners[:, 0], corners[:, 1]
-    if abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 2e-3:
+    if abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 2 * area:
         return []
     return [
         GroundContact("foot", np.array([*low[k, :2], level]), f"{rows[k][0]}: among its lowest points")

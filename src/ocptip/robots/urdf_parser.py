@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -30,17 +29,11 @@ _MOST = 3  # lines shown
 def pinocchio_model(file: Path) -> PinocchioModel:
     """The model of a URDF file.
 
-    A limit without effort or velocity has none: so files of makers mean it, and version 1.2 allows it.
-
     Raises:
         InputError: it cannot be read, or Pinocchio refuses it; one line.
     """
     pin_module, (root, text) = load_pinocchio(), xml_of(file)
     require_shallow(root, file)
-    limits = [limit for limit in root.iter("limit") if not {"effort", "velocity"} <= limit.attrib.keys()]
-    for limit in limits:  # parsers of older versions refuse the file; 0 stands for no limit
-        limit.attrib.update({"effort": "0", "velocity": "0"} | limit.attrib)
-    text = ElementTree.tostring(root, "unicode") if limits else text
     with printed() as lines:
         try:
             return pin_module.buildModelFromXML(text)

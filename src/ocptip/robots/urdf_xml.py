@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -70,7 +71,11 @@ def parse_urdf(file: Path) -> ElementTree.Element:
 
 
 def xml_of(file: Path) -> tuple[ElementTree.Element, str]:
-    """The outermost element and the text, in UTF-8; errors as of :func:`parse_urdf`."""
+    """The outermost element and the text, in UTF-8; errors as of :func:`parse_urdf`.
+
+    Two customs of makers are put into what all parsers read. A limit without effort or velocity has none, as
+    version 1.2 allows. A capsule is a cylinder of its length with a ball at either end.
+    """
     text = read_xml_text(file)
     advice = f"a xacro file, not a URDF yet; expand it: xacro {file.name} > robot.urdf, or ocptip init"
     problem, root = None, ElementTree.Element("")
@@ -93,7 +98,40 @@ def xml_of(file: Path) -> tuple[ElementTree.Element, str]:
             problem = advice if re.search(r"<xacro:|xmlns:xacro", text) else f"broken XML: {error}"
     if problem:
         raise InputError(problem, "", str(file))
-    return root, text
+    limits = [limit for limit in root.iter("limit") if not {"effort", "velocity"} <= limit.attrib.keys()]
+    for limit in limits:  # parsers of older versions refuse the file; 0 stands for no limit
+        limit.attrib.update({"effort": "0", "velocity": "0"} | limit.attrib)
+    changed = bool(limits) | _open_capsules(root)
+    return root, ElementTree.tostring(root, "unicode") if changed else text
+
+
+def _open_capsules(root: ElementTree.Element) -> bool:
+    """Replace capsules by their parts in place; whether there are any. Those without numbers stay."""
+    found = False
+    for link, tag in product(root.findall("link"), ("collision", "visual")):
+        for element in link.findall(tag):
+            capsule, origin = element.find("geometry/capsule"), element.find("origin")
+            size = " ".join("" if capsule is None else capsule.get(key, "") for key in ("radius", "length"))
+            own = {"xyz": "0 0 0", "rpy": "0 0 0"} | ({} if origin is None else origin.attrib)
+            numbers = _are_numbers(size, 2) and all(_are_numbers(own[key], 3) for key in ("xyz", "rpy"))
+            if capsule is None or not numbers:
+                continue
+            radius, length = map(float, size.split())
+            (x, y, z), (roll, pitch, yaw) = (map(float, own[key].split()) for key in ("xyz", "rpy"))
+            along = (
+                math.cos(yaw) * math.sin(pitch) * math.cos(roll) + math.sin(yaw) * math.sin(roll),
+                math.sin(yaw) * math.sin(pitch) * math.cos(roll) - math.cos(yaw) * math.sin(roll),
+                math.cos(pitch) * math.cos(roll),
+            )
+            for side in (-0.5, 0.5):
+                end = [at + side * length * part for at, part in zip((x, y, z), along, strict=True)]
+                ball = ElementTree.SubElement(link, tag)
+                ElementTree.SubElement(ball, "origin", xyz=" ".join(map(repr, end)))
+                ElementTree.SubElement(
+                    ElementTree.SubElement(ball, "geometry"), "sphere", radius=f"{radius!r}"
+                )
+            capsule.tag, found = "cylinder", True
+    return found
 
 
 def is_mjcf(text: str) -> bool:

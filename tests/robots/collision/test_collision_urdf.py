@@ -293,7 +293,7 @@ def test_meshes_that_the_file_calls_convex_are_their_hulls(tmp_path):
     [
         ("cylinder", {"radius": "0.1"}),
         ("box", {}),
-        ("capsule", {"radius": "0.1", "length": "0.2"}),
+        ("capsule", {"radius": "0.1", "height": "0.2"}),
         ("cone", {}),
     ],
 )
