@@ -129,7 +129,7 @@ def rows_of(name: str, count: int, together: bool, file: RowFile) -> Iterator[di
         }
 
 
-def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
+def markdown(rows: Sequence[dict[str, Any]], notes: list[str], law: str) -> str:
     """A row per plan and deceleration, and sums."""
     lines = []
     for row in rows:
@@ -172,7 +172,16 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
         f"- From 1.1 times the maximum on, where a moment is negative for {1e3 * CLEAR:g} ms or more: "
         f"{np.sum(tips & expected & above)} tips of {np.sum(expected & above)}.",
     ]
-    text = ["# Cancelled motions in MuJoCo", "", *notes, "", *sums, "", *table(head, lines), ""]
+    text = [
+        f"# Cancelled motions in MuJoCo, joints that stop {law}",
+        "",
+        *notes,
+        "",
+        *sums,
+        "",
+        *table(head, lines),
+        "",
+    ]
     return "\n".join(text) + "\n"
 
 
@@ -180,15 +189,16 @@ def run(out: Path, count: int, names: Sequence[str] | None, together: bool) -> s
     """Compute what is missing, task by task, and write the table."""
     out.mkdir(parents=True, exist_ok=True)
     state, own = source_state(*PLANNING), f"cancel{'_together' * together}"
+    law = "together" if together else "each by itself"
     file = RowFile(out / f"{own}.json", {"instants": count, "step": STEP}, ("task", "factor"), state)
     for name in names or tasks():
         for row in rows_of(name, count, together, file):
             file.put(row)
-            write_text(out / f"{own}.md", text_of(file, state))
-    return text_of(file, state)
+            write_text(out / f"{own}.md", text_of(file, state, law))
+    return text_of(file, state, law)
 
 
-def text_of(file: RowFile, state: str) -> str:
+def text_of(file: RowFile, state: str, law: str) -> str:
     """The table of all rows so far."""
     rows = file.own
     notes = [
@@ -199,7 +209,7 @@ def text_of(file: RowFile, state: str) -> str:
         f"A replay runs from {1e3 * BEFORE:g} ms before the cancel to {1e3 * AFTER:g} ms after the stop. It "
         f"tips where no foot beside some tipping axis carries load for {1e3 * LOST:g} ms."
     ]
-    return markdown(rows, notes) + "\n".join(state_notes([r.get("state") for r in rows], state)) + "\n"
+    return markdown(rows, notes, law) + "\n".join(state_notes([r.get("state") for r in rows], state)) + "\n"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -93,6 +93,9 @@ def _masses(urdf: Path, task: Path) -> dict[str, float]:
     root = ET.parse(urdf).getroot()
     for limit in root.iter("limit"):  # Pinocchio refuses limits without these
         limit.attrib.update({"effort": "0", "velocity": "0"} | limit.attrib)
+    for link in root.iter("link"):  # nor does it know capsules
+        for item in link.findall("collision"):
+            link.remove(item)
     whole = sum(body.mass for body in pin.buildModelFromXML(ET.tostring(root, "unicode")).inertias)
     return {"base_kg": base, "arm_kg": arm, "urdf_kg": whole, "mass_error": abs(base + arm - whole) / whole}
 

@@ -14,13 +14,17 @@ from ocptip.certificate.checks import certified
 from ocptip.certificate.find import certify
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
+from ocptip.motion.objective import TIME
+from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
+from ocptip.robots.kinematics import PointSpeeds
 from ocptip.robots.urdf import arm_from_urdf
-from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path_fit import path_of_motion
 from tests.certificate.test_find import _nod as nod
+from tests.motion.test_task import TWO_JOINTS, URDF
 from tests.places import UR5
 from tests.robots.pinocchio_twin import twin
 
@@ -70,6 +74,26 @@ def test_a_timing_of_a_path_keeps_the_limit_and_is_there_for_a_while(task):
     assert slow.check.worst["tcp_speed_m_s"].value == pytest.approx(0.25, rel=2e-3)
     q, qd, _ = slow.motion.states(np.linspace(0, slow.motion.end, 400))
     assert np.mean(robot.further(q, qd)[:, 0] > 0.249) > 0.3
+
+
+@pytest.mark.parametrize("name", ["tcp", "knee"])
+def test_plans_and_timings_keep_limits_of_tcp_and_elbow(tmp_path, name):
+    """Limits are three quarters of what the fastest motion has."""
+    (tmp_path / "two.urdf").write_text(TWO_JOINTS, encoding="utf-8")
+    (tmp_path / "task.toml").write_text(URDF, encoding="utf-8")
+    task = replace(load_task(tmp_path / "task.toml"), objective=TIME)
+    task = replace(task, limits=replace(task.limits, tolerance=NONE))
+    free = plan_motion(task, starts=1, jobs=1).motion
+    point = PointSpeeds(task.robot.arm, [name])
+    limit = 0.75 * float(np.max(point(*free.states(np.linspace(0, free.end, 2001))[:2])))
+    robot = task.robot.varied(speed_limits={name: limit})
+    slow = plan_motion(replace(task, robot=robot), starts=1, jobs=1)
+    timed = retime(robot, path_of_motion(free).path, task.limits, nodes=40)
+    for motion, check in ((slow.motion, slow.check), (timed.motion, timed.check)):
+        assert check.verified
+        assert motion.end > free.end
+        speeds = point(*motion.states(np.linspace(0, motion.end, 2001))[:2])
+        assert 0.8 * limit < np.max(speeds) <= limit * (1 + 1e-6)
 
 
 def test_a_file_has_speed_limits(tmp_path, capsys, task):
