@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
@@ -24,8 +23,7 @@ from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import CycleTask, Task, refuse_objects
 from ocptip.motion.design import motion_design
 from ocptip.motion.objective import TIME
-from ocptip.motion.output import csv_blocks, joint_trajectory
-from ocptip.motion.plan_files import samples_joined, task_samples
+from ocptip.motion.plan_files import save_bag
 from ocptip.motion.stop_rules import SCENARIOS, Kinds
 from ocptip.motion.stops import stops_by_segment, stops_to_dict
 from ocptip.motion.summary import CheckedMotion, brief
@@ -35,11 +33,7 @@ from ocptip.retiming.retime import least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import TORQUE_WITHIN
 from ocptip.standing.within.design import Design
-from ocptip.trajectories.bags import write_bag
-from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path_fit import path_of_motion
-from ocptip.trajectories.points import Points
-from ocptip.trajectories.sequence import joined
 from ocptip.trajectories.trajectory import Trajectory
 
 NO_STOPS = (
@@ -122,16 +116,7 @@ class Check(CheckedMotion):
         Raises:
             InputError: it exists, cannot be written, or `rosbags` is missing.
         """
-        whole = segments_of(self.task, self.motion)
-        points = [
-            one.points or cast(Points, controller_points(one, "cubic").points) for one in whole.segments
-        ]
-        samples = samples_joined(task_samples(self.task, whole))
-        joints = {"position": samples.angles, "velocity": samples.speeds, "effort": samples.torques}
-        of_joints = re.compile(r"time_s|(q|qd|qdd|tau)\d+_.*")
-        columns = {name: values for name, values in csv_blocks(samples) if not of_joints.fullmatch(name)}
-        message = joint_trajectory(self.task.segments[0].task.robot, joined(points, whole.pauses))
-        write_bag(path, message, samples.times, joints, columns)
+        save_bag(self.task, self.motion, path)
 
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""

@@ -29,7 +29,14 @@ from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance,
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.plan_files import planned_to_dict, run_by, samples_joined, task_samples, write_plan
+from ocptip.motion.plan_files import (
+    planned_to_dict,
+    run_by,
+    samples_joined,
+    save_bag,
+    task_samples,
+    write_plan,
+)
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import (
     cancels_by_segment,
@@ -152,6 +159,10 @@ class Plan(CheckedMotion):
     def require(self, text: str) -> tuple[Outcome, ...]:
         """Return which requirements the plan meets; see `ocptip.api.check.Check.require`."""
         return motion_outcomes(self, text)
+
+    def save_bag(self, path: str | os.PathLike[str]) -> None:
+        """Write the executed motion and its margins over time as a bag, see `ocptip.motion.plan_files`."""
+        save_bag(self.task, self.motion, path)
 
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""

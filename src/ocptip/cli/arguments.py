@@ -159,6 +159,7 @@ TOPIC = argument(
     "NAME",
     "topic of a bag; NAME#2: the second trajectory there (default: the only one of a known type)",
 )
+BAG = argument("--bag", "DIR", "write trajectory and margins over time as a bag of ROS 2 (MCAP)")
 TOPICS = argument(
     "--topic",
     "NAME",

@@ -7,6 +7,7 @@ numerics.
 from __future__ import annotations
 
 from ocptip.cli.arguments import (
+    BAG,
     BASE_LINK,
     CANCEL,
     COLUMNS,
@@ -185,6 +186,7 @@ COMMANDS = (
                     action="store_true",
                 ),
                 time_scale("also check the plan with all times multiplied by F (0.95: faster)"),
+                BAG,
             ),
             GATE,
             OUT,
@@ -322,7 +324,7 @@ COMMANDS = (
                 SENSITIVITIES,
                 time_scale("also check with all times multiplied by F"),
                 argument("--step", "S", "initial spacing of the grid, s (0.01)", type=float, default=0.01),
-                argument("--bag", "DIR", "write trajectory and margins over time as a bag of ROS 2 (MCAP)"),
+                BAG,
             ),
             GATE,
         ),

@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from ocptip.api.plan import NoPlanError
 from ocptip.api.plan import plan as plan_task
 from ocptip.api.tasks import load_task
-from ocptip.basics.errors import InputError, positive_number
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import masses, summary
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
@@ -27,6 +27,7 @@ from ocptip.cli.options import (
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.cycles.task import Task
+from ocptip.trajectories.bags import require_new
 
 
 def run(options: Namespace) -> Report:
@@ -38,8 +39,11 @@ def run(options: Namespace) -> Report:
         positive_number("--seconds", options.seconds)
     step_of(options)
     read_gate(options)
+    if options.bag:
+        with naming("--bag"):
+            require_new(options.bag)
     if len(options.task) > 1:
-        for name in typed(options, "require", "junit"):
+        for name in typed(options, "require", "junit", "bag"):
             raise InputError(f"--{name}: is for one task, got {len(options.task)}")
         return answer_many(options, _asked, planned)
     one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
@@ -90,7 +94,10 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     except NoPlanError as error:
         return _no_plan(one.task, error)
     gate = gate_of(options, plan)
-    return PlanReport(plan, one.directory, not options.no_figures, options.effort, one.digest, **gate)
+    if options.bag:
+        plan.save_bag(options.bag)
+    how = not options.no_figures, options.effort, one.digest, options.bag
+    return PlanReport(plan, one.directory, *how, **gate)
 
 
 def _no_plan(task: Task, error: NoPlanError) -> Answer:

@@ -28,6 +28,7 @@ class PlanReport(GatedReport):
         figures: whether figures are among them.
         effort: whether trajectory.json has torques.
         digest: of all that the plan depends on; None: it is not written.
+        bag: folder that the motion was written to; None: not asked for.
     """
 
     early = True
@@ -36,6 +37,7 @@ class PlanReport(GatedReport):
     figures: bool = True
     effort: bool = False
     digest: str | None = ""
+    bag: str | None = None
 
     @property
     def kept(self) -> bool:
@@ -77,6 +79,7 @@ class PlanReport(GatedReport):
         pairs = zip(plan.task.segments, plan.executions, strict=False)
         more += [f"{run.trajectory_text}{_of(s.name)}" for s, run in pairs if run.trajectory_text]
         more += price_line(plan.price)
+        more += [f"trajectory and margins over time are in the bag {self.bag}"] if self.bag else []
         details = [*self.found(), *check_rows(plan.check, plan.robustness)] if self.verbose else []
         if self.verbose:
             details += (

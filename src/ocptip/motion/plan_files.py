@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -13,7 +14,7 @@ import numpy as np
 
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import plain, versions
-from ocptip.motion.cycles.check import CycleCheck, cycle_check
+from ocptip.motion.cycles.check import CycleCheck, cycle_check, segments_of
 from ocptip.motion.cycles.task import CycleTask, Task, freed_offset
 from ocptip.motion.execution import Execution
 from ocptip.motion.motion_plan import MotionPlan
@@ -31,6 +32,9 @@ from ocptip.motion.output import (
 )
 from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of, stop_keys, tolerance_table
 from ocptip.standing.samples import MotionSamples
+from ocptip.trajectories.bags import write_bag
+from ocptip.trajectories.controllers import controller_points
+from ocptip.trajectories.points import Points
 from ocptip.trajectories.sequence import joined
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -166,6 +170,26 @@ def task_samples(task: Task, motion: Trajectory) -> list[MotionSamples]:
         whole = samples_joined(parts)
         found.append(dataclasses.replace(whole, times=begin + whole.times))
     return found
+
+
+def save_bag(task: Task, motion: Trajectory, path: str | os.PathLike[str]) -> None:
+    """Write trajectory, joint states and the columns of `motion.csv` over time as a bag of ROS 2 (MCAP).
+
+    Args:
+        task, motion: see `task_samples`.
+        path: of the folder, which must not exist; see `ocptip.trajectories.bags.write_bag` for the topics.
+
+    Raises:
+        InputError: it exists, cannot be written, or `rosbags` is missing.
+    """
+    whole = segments_of(task, motion)
+    points = [one.points or cast(Points, controller_points(one, "cubic").points) for one in whole.segments]
+    samples = samples_joined(task_samples(task, whole))
+    joints = {"position": samples.angles, "velocity": samples.speeds, "effort": samples.torques}
+    of_joints = re.compile(r"time_s|(q|qd|qdd|tau)\d+_.*")
+    columns = {name: values for name, values in csv_blocks(samples) if not of_joints.fullmatch(name)}
+    message = joint_trajectory(task.segments[0].task.robot, joined(points, whole.pauses))
+    write_bag(path, message, samples.times, joints, columns)
 
 
 def samples_joined(parts: Sequence[Any]) -> Any:
