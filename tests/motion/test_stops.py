@@ -462,7 +462,7 @@ def test_no_plan_for_stops_says_what_is_wrong_with_the_one_without(monkeypatch, 
     assert main(["plan", "C", "--stop-safe", "path", "--tolerance", "none", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["without_stops"]["energy_J"] == 210.8
-    assert any("GN_stop is" in sentence for sentence in data["without_stops"]["violations"])
+    assert any("tip_over_index_stop is" in sentence for sentence in data["without_stops"]["violations"])
     assert main(["plan", "C", "--stop-safe", "path", "--tolerance", "none"]) == 1
     assert "the plan without stops, 210.8 J" in capsys.readouterr().out
 

@@ -21,7 +21,7 @@ from ocptip.basics.outputs import remove_figures
 from ocptip.basics.write import plain
 from ocptip.certificate.checks import certified
 from ocptip.motion.cancels import SafeDecelerations
-from ocptip.motion.check import check_motion
+from ocptip.motion.check import check_motion, stated
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.cycles.task import Task, refuse_objects
 from ocptip.motion.execution import Execution, execute
@@ -261,7 +261,7 @@ class NoPlanError(PlanningError):
         data |= self.task.robot.masses_to_dict()
         if (plan := self.without_stops) is not None:
             costs = {"energy_J": plan.energy, "duration_s": plan.duration}
-            data["without_stops"] = {**costs, "violations": list(self.broken)}
+            data["without_stops"] = {**costs, "violations": stated(self.broken)}
         if self.largest is not None:
             data["largest_tolerance"] = self.largest.to_dict()
         return data

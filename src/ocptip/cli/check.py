@@ -151,6 +151,12 @@ class CheckReport(GatedReport):
         """Remarks on what a user may not expect of the motion."""
         motion = self.check.motion
         notes = [self.check.retimed] if self.check.retimed else []
+        lost = any(text.startswith(("GN", "GT")) for text in self.check.check.violations)
+        if lost and not (self.check.sensitivities or self.check.task.is_cycle):
+            notes += [
+                "a contact is lost: --sensitivities says what one change of base, load or speed helps, "
+                "--design how wide or heavy the base must be"
+            ]
         notes += [f"trajectory and margins over time are in the bag {self.bag}"] if self.bag else []
         if motion.fit is not None:
             notes += fit_notes(motion.fit, self.check.task.robot)

@@ -7,7 +7,8 @@ around the worst instants until these no longer move. The rest before and after 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any
@@ -228,7 +229,7 @@ class MotionCheck:
             "energy_J": self.energy,
             "duration_s": self.duration,
             "worst": {name: worst.to_dict() for name, worst in self.worst.items()},
-            "violations": list(self.violations),
+            "violations": stated(self.violations),
             "samples": self.samples,
             "stands": self.stands,
             "contacts": self.contacts.to_dict(),
@@ -244,6 +245,15 @@ class MotionCheck:
             "certified": self.certified,
             "certificate": self.certificate.to_dict() if self.certificate else None,
         }
+
+
+_INDEX = re.compile(r"(?<![A-Za-z])(GN|GT)(?=(?:_[a-z_]+)? is\b)")
+_STATED = {"GN": "tip_over_index", "GT": "friction_utilisation"}
+
+
+def stated(violations: Iterable[str]) -> list[str]:
+    """Sentences on broken limits for JSON, with the names of the indices instead of their symbols."""
+    return [_INDEX.sub(lambda found: _STATED[found[1]], text) for text in violations]
 
 
 Prove = Callable[[StandingMechanism, Trajectory, MotionCheck, Limits], MotionCheck]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, Protocol, TypeVar
 
-from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.check import MotionCheck, check_motion, stated
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -77,7 +77,7 @@ class Execution:
             "slower": run.slower,
             "duration_s": run.motion.end,
             "verified": run.check.verified,
-            "violations": list(run.check.violations),
+            "violations": stated(run.check.violations),
         }
 
     @property

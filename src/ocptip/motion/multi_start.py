@@ -1,27 +1,17 @@
 """The search for the cheapest motion of a task: many starts, then random changes, rise times and the proof.
 
-The programs are not convex: Ipopt finds a local optimum near where it begins. Each stage answers one question
-that the one before leaves open, and spends time only where that is likely to pay.
+The programs are not convex: Ipopt finds a local optimum near where it begins. The stages are:
 
-1. Rough programs. From where does a good motion begin? Random starts spread over the local optima. Their
-   smooth programs tell for a small share of the time what each one promises.
-2. Finishing. What does it cost exactly? Only the most promising starts are solved exactly and checked; others
-   follow if none of these is verified.
-3. Basin hopping. Is there a cheaper optimum next to the best? It is likelier there than anywhere else. So
-   changes of the best motion pay more than further starts. Within an uncertainty they do not: there are none.
-4. Rise times. Would the best motion cost less with other ones? They are no variables of the programs, whose
-   structure depends on them. So their neighbours are tried one after the other.
-5. Proof. Does each limit hold at every instant? Only the best motion is proved, since proofs take long.
+1. Rough programs: random starts spread over the local optima; smooth programs rank them.
+2. Finishing: the best ranks are solved exactly and checked; others follow if none of these is verified.
+3. Basin hopping: changes of the best motion; none within an uncertainty.
+4. Rise times: they are no variables of the programs, so their neighbours are tried one after the other.
+   Within an uncertainty with overshoot the first one is about SHORTEST over the share of the margin that is
+   left at rest; twice, half and trapezoidal profiles follow while they cost less.
+5. Proof: of the best motion only.
 
-Jobs end in any order, but what begins depends on their results only: on ranks, and on the best motion after a
-fixed number of changes. So the plan is the same for any number of workers.
-
-Where acceleration steps count with their overshoot, S-curves cost less than trapezoidal profiles: after a
-step the base has to carry up to twice its load; with an S-curve only the effect of delayed joints, which
-falls with the rise time. So plans within such an uncertainty are S-curves if no rise time is given. Their
-rise time is about SHORTEST over the share of the margin that the uncertainty leaves at rest. Then the best
-motion is solved again with twice and half of it, while that costs less. It is also solved with trapezoidal
-profiles where its path promises nearly the same cost.
+Jobs end in any order, but what begins depends on their results only. So the plan is the same for any number
+of workers.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ import numpy as np
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import replace_folder
 from ocptip.basics.write import plain, versions, write_text
+from ocptip.motion.check import stated
 from ocptip.motion.execution import Execution
 from ocptip.motion.source import TASK, TaskSource, source_of
 from ocptip.reserves.equal_compliance import reported_normal_forces
@@ -73,7 +74,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         "duration_s": checked.duration,
         "verified": checked.verified,
         **{key: checked.to_dict()[key] for key in ("certified", "certificate")},
-        "violations": checked.violations,
+        "violations": stated(checked.violations),
         "worst": checked.to_dict()["worst"],
         **plan.task.robot.masses_to_dict(),
         "contacts": checked.contacts.to_dict(),

@@ -15,7 +15,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity
 from ocptip.motion.cancels import SafeDecelerations, safe_decelerations
-from ocptip.motion.check import OF_STOPS, MotionCheck
+from ocptip.motion.check import OF_STOPS, MotionCheck, stated
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.stop_rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
@@ -90,7 +90,7 @@ class Stops:
         return {
             "kinds": self.kinds,
             "verified": self.verified,
-            "violations": list(self.violations),
+            "violations": stated(self.violations),
             "worst": self.worst,
             "safe_speed_by_time": table,
             **({"decelerations": self.decelerations.to_dict()} if self.decelerations else {}),

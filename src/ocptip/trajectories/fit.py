@@ -1,22 +1,16 @@
 """A motion fitted to samples that hold positions only, or rounded, or measured with noise.
 
-Differences of rounded numbers are no accelerations, and splines through samples overshoot at acceleration
-steps of the true motion between two of them. What is wanted is the calmest motion that can have been sampled:
-of all motions with piecewise constant accelerations, at rest at both ends, that pass the samples within a
-tolerance, the one with the minimum total variation of acceleration (the sum of its steps). It does not
-overshoot: overshoot adds variation. The tolerance is half a unit of the last digit of the file. Where noise
-is larger, it is what the noise of as many samples does not exceed.
+Differences of rounded numbers are no accelerations, and splines overshoot at acceleration steps. So the fit
+is the calmest motion: of all with piecewise constant accelerations, at rest at both ends, that pass the
+samples within a tolerance, the one with the minimum total variation of acceleration. The tolerance is half a
+unit of the last digit of the file, or what the noise of as many samples does not exceed.
 
-What a fit cannot know: an acceleration so short that it moves the joint by less than the tolerance (an excess
-a over a time T moves it by about a T^2 / 8), or that begins and ends between two samples. The calmest motion
-has none of these.
+It cannot contain an acceleration that moves the joint by less than the tolerance (an excess a over a time T:
+about a T^2 / 8), or that begins and ends between two samples.
 
-Samples that stay within the tolerance for a while, all joints together, are a standstill: the motion rests
-there, and what lies between two of them is fitted by itself. So cycles can be parted where they rest.
-
-One linear program per joint, whose size grows with the number of samples; solved by Clarabel. Pieces of
-constant acceleration are as long as a step in the middle of one stays within the tolerance: of noisy samples
-a piece has one or several. Switching times of the motion are the ends of pieces with an acceleration step.
+Samples that stay within the tolerance for a while are a standstill; what lies between two of them is fitted
+by itself. Each joint has one linear program (Clarabel). Pieces are as long as an acceleration step in the
+middle of one stays within the tolerance.
 """
 
 from __future__ import annotations

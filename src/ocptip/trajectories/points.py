@@ -1,25 +1,13 @@
 """A motion given by samples, with polynomials between them.
 
-A check is about every instant, samples are at some. Which curve is meant between them decides the verdict:
+A check is about every instant, so the curve between the samples decides the verdict:
 
-- Angles and speeds: the cubic Hermite polynomial of each interval, as trajectory controllers do with points
-  that have positions and speeds. Speeds are continuous, accelerations have steps at samples. A motion of
-  trapezoidal velocity profiles comes back exactly if all its switching times are among the samples. With an
-  acceleration step between two samples, the curve overshoots by up to a third of the step, however dense the
-  samples are.
-- Angles, speeds and accelerations: the quintic one, as those controllers do with such points. Accelerations
-  are continuous; where those of the true motion have a step between two samples, this curve overshoots as
-  well.
-- Angles only: the cubic spline with rest at both ends. Accelerations are continuous. Where those of the true
-  motion have a step, the spline oscillates around it.
-- Angles and a controller's period: straight lines, as those controllers do with such points. Speeds have
-  steps at the corners, which no arm can follow; the drives are assumed to spread every step evenly over one
-  period, half of it before the corner. That is the mean of the lines over one period, whatever the distance
-  of samples: more samples on the same lines change nothing. The motion begins half a period before the first
-  sample, which is at its time 0, so that all times are half a period later.
-
-So samples of velocity profiles without their switching times get another verdict than the commands, usually a
-stricter one. Of a robot that interpolates otherwise, or of a measurement's gaps, it says nothing.
+- Angles and speeds: cubic Hermite polynomials, as trajectory controllers have them. Accelerations step at
+  samples. After a step between two samples the curve overshoots by up to a third of it.
+- Angles, speeds and accelerations: quintic polynomials. They overshoot at such steps as well.
+- Angles only: the cubic spline with rest at both ends. It oscillates around such steps.
+- Angles and a controller's period: straight lines. The drives are assumed to spread each step of the speed
+  over one period, half of it before the corner. So the motion begins half a period before the first sample.
 
 Rounded numbers are differentiated twice: an error e of the angles becomes up to 6 e / h^2 in the
 accelerations between samples h apart. Samples of files are therefore fitted (`ocptip.trajectories.fit`)

@@ -1,22 +1,14 @@
 """Limits of stops: margins while a motion is stopped at any instant, by brakes, along its path, or cancelled.
 
-Brakes (category 0): every joint brakes by itself, see `stops.by_brakes`. Checks cover whole stops. Rows of a
-program are those of the moment when the brakes close, where nearly all stops are worst: what brakes do does
-not depend on the speed, and later fewer joints brake. The accelerations of the arm then follow from the
-torques on the joints in motion, those at rest stay at rest. The check detects what is worse later in a stop,
-and rows are tightened until nothing is. The moving joints, their directions and the worst ends of the brakes'
-intervals are chosen at the start of a solve and kept during it. So rows are smooth, with exact derivatives;
-only the curvature of GT over the wrench is left out.
+Checks evaluate whole stops; rows of a program are of one state of a stop, so that they are smooth. The check
+detects what is worse elsewhere in a stop, and rows are tightened until nothing is. Derivatives are exact but
+for the curvature of GT over the wrench.
 
-Stops along the path (category 1 and 2), see `stops.along_path`: checks and programs evaluate the corners of
-the curve u_min(x). Rows of a program are those of the worst corner, whose choice may change from one x of the
-program to the next.
-
-A cancelled controller: every joint decelerates by itself, see `stops.by_cancel`. Checks evaluate whole stops.
-Rows of a program are those of the worst state of the stop that begins at a node: which one that is, and which
-joints still move then, is chosen where a solve begins, so that rows are smooth, with exact derivatives (the
-curvature of GT over the wrench is left out). Stops within the uncertainty are not rows: where they break a
-limit, the nominal ones are tightened.
+- Brakes (category 0, `stops.by_brakes`): rows are of the moment when the brakes close, which is nearly always
+  the worst. Directions of the joints and the worst brake torques are chosen where a solve begins.
+- Along the path (category 1 and 2, `stops.along_path`): rows are of the worst corner of u_min(x).
+- A cancelled controller (`stops.by_cancel`): rows are of the worst state of the stop that begins at a node.
+  Stops within the uncertainty are not rows: where they break a limit, the nominal ones are tightened.
 """
 
 from __future__ import annotations

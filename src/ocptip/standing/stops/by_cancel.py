@@ -1,22 +1,14 @@
 """Stops by a cancelled trajectory: every joint decelerates at a constant rate, then holds.
 
-So do the controllers of others, as their sources say:
+- ros2_controllers 6.9.0, joint_trajectory_controller.cpp, `decelerate_to_hold_position`
+  (`constraints.decelerate_on_cancel`): each joint stops by itself after |v| / a. Without that option the
+  drives are commanded the present position; the acceleration limits stand for how hard they brake.
+- Universal_Robots_Client_Library 2.14.0, external_control.urscript, `stopj(4.0)`: all joints come to rest
+  together on a straight line in joint space; the slowest has its rate, the others less.
 
-- ros2_controllers 6.9.0, joint_trajectory_controller/src/joint_trajectory_controller.cpp:
-  `decelerate_to_hold_position` (`constraints.decelerate_on_cancel`, per joint `max_deceleration_on_cancel`)
-  takes the speed v of each joint, lets it decelerate at its rate a for |v| / a, and then hold, v^2 / (2 a)
-  further. Joints stop at different times. It does so on a cancel, a preemption, and where a tolerance is
-  violated. Without that option (the default) `set_hold_position` commands the present position: the drives
-  then decelerate as hard as they can, which the acceleration limits stand for here.
-- Universal_Robots_Client_Library 2.14.0, resources/external_control.urscript: `stopj(4.0)`. The URScript
-  manual says of stopj(a): linear in joint space, a in rad/s^2 of the leading axis. So all joints come to rest
-  together on a straight line in joint space: the one that needs the longest at its rate has it, and the
-  others less.
-
-Until the controller reacts the motion goes on as planned. So a stop begins in a state of the motion, and the
-reaction time does not change which states these are: all. Between the stops of two joints all accelerations
-are constant. What acts on the base is evaluated on both sides of every stop of a joint, and at `INSIDE` of
-each time in between.
+Until the controller reacts the motion goes on as planned, so a stop begins in a state of the motion. Between
+the stops of two joints all accelerations are constant. What acts on the base is evaluated on both sides of
+every stop of a joint, and at `INSIDE` of each time in between.
 """
 
 from __future__ import annotations
