@@ -213,6 +213,11 @@ def test_a_plan_is_as_fast_as_the_object_allows_and_says_that_it_is_checked_at_s
     assert found.headline.startswith("CHECKED at samples for the nominal model")
     assert "GN[low]" in found.certificate.sampled
     assert found.check.worst["GT[low]"].value == pytest.approx(0.9, abs=0.02)
+    [outcome] = found.require("friction used <= 50 %")
+    assert not outcome.met
+    assert "nominal of low" in str(outcome)
+    with pytest.raises(InputError, match="object: require tilt does not take objects"):
+        found.require("tilt >= 1 deg")
 
 
 @pytest.mark.parametrize(("one", "most"), [(BOX, TIPS), (SLIPPERY, 0.9 * 0.2 * G)])

@@ -9,6 +9,7 @@ import pytest
 import ocptip
 from ocptip.basics.errors import InputError
 from ocptip.cli.stand import StandReport
+from ocptip.robots.base_motion import BaseMotion
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand
 from tests.places import EXAMPLES
@@ -96,6 +97,13 @@ def test_an_object_that_slides_in_a_tilted_gripper_makes_the_answer_no(task):
     assert found.stable_itself
     assert [own.stable_itself for own in found.objects] == [False, False, True]
     assert "BUT plate, cup ARE NOT STABLE" in StandReport(found).headline
+
+
+def test_on_a_base_that_drives_objects_feel_it_and_their_uncertainty_is_not_checked(task):
+    uncertain, braking = ocptip.Uncertainty(friction=0.2), BaseMotion((2.0, 0.0, 0.0))
+    found = ocptip.stand(task.robot, task.start, uncertainty=uncertain, base_motion=braking)
+    assert found.objects[2].slip.GT[0] == pytest.approx(2.0 / (0.5 * 9.81), rel=1e-6)
+    assert "OBJECTS IN THE NOMINAL MODEL ONLY" in StandReport(found).headline
 
 
 @pytest.mark.parametrize("verb", [ocptip.chart, ocptip.drive])

@@ -11,6 +11,8 @@ from ocptip.motion.margins import (
     TIPPING,
     TORQUE,
     ZERO_MOMENT_POINT,
+    At,
+    MotionMargin,
 )
 from ocptip.motion.summary import CheckedMotion
 
@@ -42,20 +44,33 @@ def motion_outcomes(found: CheckedMotion, text: str) -> tuple[Outcome, ...]:
     return tuple(_outcome(found, wanted) for wanted in read_requirements(text))
 
 
+def _decides(margin: MotionMargin) -> At:
+    """The value that counts: the worst case if it is known."""
+    at = margin.worst_case or margin.nominal
+    assert at is not None  # others are left out
+    return at
+
+
 def _outcome(found: CheckedMotion, wanted: Requirement) -> Outcome:
     if wanted.name in ("duration", "energy"):
         return wanted.compared(getattr(found.check, wanted.name))
     if wanted.name in _MARGINS:
         name, scale = _MARGINS[wanted.name]
-        margin = next((one for one in found.margins if one.name == name), None)
-        value = margin and (margin.worst_case or margin.nominal)
-        if value is None:
+        known = [one for one in found.margins if one.name == name and (one.worst_case or one.nominal)]
+        if name == FOOT_FORCE:
+            known = [one for one in known if not one.object]
+        # Of base and objects the worst counts.
+        sign = 1.0 if all(one.minimum for one in known) else -1.0
+        margin = min(known, key=lambda one: sign * _decides(one).value, default=None)
+        if margin is None:
             return wanted.compared(None)
-        note = "worst case" if margin and margin.worst_case else "nominal"
+        value, of = _decides(margin), f" of {margin.object}" if margin.object else ""
+        note = f"{'worst case' if margin.worst_case else 'nominal'}{of}"
         time = "" if value.time is None else f", {max(value.time, 0.0):.3f} s"
         return wanted.compared(scale * value.value, note=note + time)
     if wanted.name not in _DEVIATIONS:
         raise InputError(f"require: {wanted.name}: not of a motion")
+    found.task.robot.require_no_objects(f"require {wanted.name}")
     deviations = {one.quantity: one for one in found.robustness}
     one = deviations.get(_DEVIATIONS[wanted.name])
     if one is None:

@@ -122,6 +122,8 @@ class StandReport(GatedReport):
         found = self.found
         lost = found.nominally_stable and not found.stable_itself
         about = f" WITHIN {found.within.scope.upper()}" if found.within and found.stable else ""
+        if about and not all(own.within for own in found.objects):
+            about += ", OBJECTS IN THE NOMINAL MODEL ONLY"
         verdict, _, remark = self._answer().partition(".")
         verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
         if found.stable_itself and (fallen := [o.scene.name for o in found.objects if not o.stable_itself]):
