@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -13,10 +14,11 @@ from ocptip.motion.margins import (
     FRICTION,
     TIPPING,
     TORQUE,
+    At,
     critical,
     motion_margins,
 )
-from ocptip.motion.summary import margin_rows, margin_table, violation_words
+from ocptip.motion.summary import at_text, margin_rows, margin_table, violation_words
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
@@ -112,6 +114,13 @@ def test_a_limit_of_the_drives_that_is_reached_has_a_row():
     reached = replace(slow, worst={**slow.worst, "speed_ratio": replace(worst, value=0.997)})
     (row,) = [row for row in margin_rows(task.robot, reached) if row[0] == "Joint speed"]
     assert row[1:] == [f"99.7 % {worst.detail}", "<= 100", "reached"]
+
+
+def test_what_is_infinite_is_said_in_words(task, checked):
+    rows = by_name(motion_margins(task.robot, checked))
+    endless = At(math.inf, 0.0)
+    assert at_text(rows[FRICTION], endless) == "none holds"
+    assert at_text(replace(rows[FRICTION], name=CLEARANCE), endless) == "unlimited"
 
 
 def test_sentences_on_broken_limits_name_the_quantity_and_its_unit():

@@ -244,7 +244,9 @@ def at_text(row: MotionMargin, at: At | None) -> str:
     """A value and when it occurs."""
     if at is None:
         return "-"
-    text = "none holds" if math.isinf(at.value) else _value(row.name, at.value)
+    if math.isinf(at.value):  # no friction holds a base that tips; without solids no clearance is limited
+        return "none holds" if row.name == "friction_used" else "unlimited"
+    text = _value(row.name, at.value)
     # Rounded to the limit, a value could contradict the verdict.
     if row.limit is not None and text == _value(row.name, row.limit) and at.value != row.limit:
         text = _value(row.name, at.value, 6)
