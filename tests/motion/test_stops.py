@@ -16,6 +16,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.result import Certificate
 from ocptip.certificate.trusted.checker import Verdict
 from ocptip.cli.main import main
+from ocptip.cli.options import with_cancel
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.check import check_motion
 from ocptip.motion.multi_start import plan_segment
@@ -449,6 +450,18 @@ def test_stopj_is_checked_and_not_planned_for(capsys, motion_file, case_file):
     path.write_text('case = "A"\n[stops]\ncancel_stopj = 3\ncancel_deceleration_deg_s2 = 90\n')
     with pytest.raises(InputError, match="not beside cancel_stopj"):
         load_task(path)
+
+
+def test_a_typed_deceleration_replaces_that_of_a_file_that_asks_for_cancels(case_file):
+    text = '[stops]\nsafe = "cancel"\ncancel_deceleration_deg_s2 = 90\ncancel_longest = 3\n'
+    task = load_task(case_file(text))
+    typed = with_cancel(task, SimpleNamespace(deceleration="stopj(2)", reaction=5.0)).limits.cancel
+    assert typed == replace(task.limits.cancel, decelerations=(2.0,) * 6, together=True, reaction=0.005)
+    typed = with_cancel(task, SimpleNamespace(deceleration="45", reaction=None)).limits.cancel
+    np.testing.assert_allclose(typed.decelerations, np.pi / 4)
+    assert typed.longest == 3
+    plain = load_task(case_file(text.replace('safe = "cancel"\n', "")))
+    assert with_cancel(plain, SimpleNamespace(deceleration="45", reaction=None)).limits.cancel is None
 
 
 def test_no_plan_for_stops_says_what_is_wrong_with_the_one_without(monkeypatch, capsys, task):

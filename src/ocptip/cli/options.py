@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ocptip.motion.cycles.task import Task
     from ocptip.motion.source import TaskSource
     from ocptip.motion.task import MotionTask
+    from ocptip.standing.arm import Robot
     from ocptip.standing.tolerance import Uncertainty
 
 
@@ -85,7 +86,10 @@ def with_cancel(task: Task, options: Namespace) -> Task:
                     raise InputError(f"expected 1 or {n} numbers, got {len(numbers)}", "--deceleration")
                 scales = np.array([np.pi / 180 if unit == "rad" else 1.0 for unit in units])
                 given["deceleration"] = scales * np.array(numbers)
-        return replace(own, stops=replace(own.stops, **given))
+        stops, limits = replace(own.stops, **given), own.limits
+        if limits.cancel is not None:  # as the file asks for, of an arm
+            limits = replace(limits, cancel=stops.cancel(cast("Robot", own.robot), limits))
+        return replace(own, stops=stops, limits=limits)
 
     return task.each(changed)
 
