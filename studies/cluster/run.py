@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import PlanningError, SolverError
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 from ocptip.basics.write import versions, write_json
 from ocptip.certificate.checks import certified
 from ocptip.motion.plan import plan_motion

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, OcptipError
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of

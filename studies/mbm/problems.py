@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 
 FAMILIES = (
     "bookshelf_small", "bookshelf_tall", "bookshelf_thin", "box", "cage", "table_pick", "table_under_pick",

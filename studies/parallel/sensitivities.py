@@ -24,8 +24,8 @@ from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.kinematics.platform import Kinematics
-from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.projection import Arguments, Projection
+from ocptip.parallel.symbolic.spatial_sx import BlockSystem
 from ocptip.parallel.symbolic.symbols import (
     geometry_symbols,
     inertia_layout,

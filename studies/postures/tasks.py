@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.choices import plainest_cost
-from ocptip.motion.postures import posture_pairs, postures_of
+from ocptip.motion.choices import plainest_cost, posture_pairs, postures_of
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot

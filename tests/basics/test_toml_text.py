@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocptip.basics.toml_text import toml_text, toml_value
+from ocptip.basics.toml import toml_text, toml_value
 from tests.quick import examples
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)

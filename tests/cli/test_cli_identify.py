@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml import Table
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import Table, toml_text
 from ocptip.cli.main import main
 from ocptip.measured.links import identify_links
 from ocptip.motion.plan_files import write_plan

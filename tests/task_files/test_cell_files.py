@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 from ocptip.motion.check import NO_FLOOR, scope_of
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.result import evaluate_placement

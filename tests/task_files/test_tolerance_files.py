@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
 from ocptip.task_files.tolerance import load_tolerance
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, InputWarning
-from ocptip.trajectories.csv_time import time_columns
+from ocptip.trajectories.csv_text import time_columns
 from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.read_csv import ACCELERATION, POSITION, SPEED, columns_of
 

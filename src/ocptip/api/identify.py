@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, doubt, naming, positive_number
 from ocptip.basics.read import read_text
 from ocptip.basics.text import some
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 from ocptip.basics.write import MARK, versions, write_text
 from ocptip.measured.bodies import BASE, PAYLOAD, identify_bodies, tables
 from ocptip.measured.excitation import Excitation, excite

@@ -35,16 +35,8 @@ from ocptip.cli.arguments import (
     stops,
     time_scale,
 )
-from ocptip.cli.command import PLACE, PLAN, START, VERIFY, Command
-from ocptip.cli.machine_commands import MACHINE_COMMANDS
-
-_FOR_PLANS = (
-    "ocptip.motion.plan",
-    "ocptip.certificate.checks",
-    "ocptip.pictures.plan",
-    *("matplotlib.collections", "matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin"),
-)
-"""Modules that are loaded by processes which plan and draw."""
+from ocptip.cli.command import PLAN, START, VERIFY, Command
+from ocptip.cli.machine_commands import FOR_PLANS, MACHINE_COMMANDS
 
 COMMANDS = (
     Command(
@@ -191,7 +183,7 @@ COMMANDS = (
             GATE,
             OUT,
         ),
-        preload=_FOR_PLANS,
+        preload=FOR_PLANS,
         files=("junit",),
     ),
     Command(
@@ -449,47 +441,6 @@ COMMANDS = (
             argument("--out", "FILE", ".html or .pdf (default: ocptip-report-NAME.html)"),
         ),
         files=("out",),
-    ),
-    Command(
-        "place",
-        PLACE,
-        "find base placements for tool poses and process forces",
-        "Finds the best placements of the base for a task file, with all constraints checked.",
-        "0 a verified placement, 1 no placement keeps all constraints",
-        (
-            argument("task", "TASK.toml", "a task, or several", nargs="+"),
-            argument("--starts", "N", "initial placements (default: 5)", type=int, default=5),
-            argument("--jobs", "N", "processes for several tasks (default: one per core)", type=int),
-            SCHEDULER,
-            TOLERANCE,
-            SEED,
-            OUT,
-        ),
-    ),
-    Command(
-        "cell",
-        PLACE,
-        "find base placements for a whole cycle, and plan its motions",
-        "Finds placements of the base, plans the cycle on the best, and ranks them by energy or time.",
-        "0 a placement with a verified plan, 1 none",
-        (
-            argument("task", "TASK.toml", "the cell"),
-            argument("--places", "K", "placements to plan on (default: 3)", type=int, default=3),
-            argument(
-                "--starts",
-                "N",
-                "random initial motions per segment and placement (default: 2)",
-                type=int,
-                default=2,
-            ),
-            SEED,
-            JOBS,
-            objective("as in the task, or energy"),
-            COST_PER_SECOND,
-            TOLERANCE,
-            OUT,
-        ),
-        preload=_FOR_PLANS,
     ),
     *MACHINE_COMMANDS,
 )

@@ -37,8 +37,7 @@ from ocptip.measured.contact_losses import ContactLoss, contact_loss
 from ocptip.measured.time_bases import on_one_clock
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.bags import is_bag, recording_in_bag, refuse_of_other_files
-from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
-from ocptip.trajectories.csv_time import times_of
+from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table, times_of
 from ocptip.trajectories.trajectory import Trajectory
 
 ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT, SWITCH = (

@@ -19,7 +19,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.task import MotionTask, end_refusals
-from ocptip.robots.collision.straight_lines import StraightLines
+from ocptip.robots.collision.bounds import StraightLines
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit
 from ocptip.standing.limit_kinds.kinds import limits_of

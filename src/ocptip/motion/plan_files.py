@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 from ocptip.basics.write import plain, versions
 from ocptip.motion.cycles.check import CycleCheck, cycle_check, segments_of
 from ocptip.motion.cycles.task import CycleTask, Task, freed_offset

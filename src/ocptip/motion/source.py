@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any
 
-from ocptip.basics.toml_text import toml_text
+from ocptip.basics.toml import toml_text
 from ocptip.motion.objective import Objective
 from ocptip.motion.stop_rules import kinds_of
 from ocptip.robots.kinematics import TCP

@@ -22,8 +22,7 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
 from ocptip.reserves.force_sets import ForceSets
-from ocptip.reserves.tip_moments import AddableMoments
-from ocptip.reserves.tipping_axes import GEOMETRY_TOLERANCE, find_axes
+from ocptip.reserves.tip_moments import GEOMETRY_TOLERANCE, AddableMoments, find_axes
 
 _ROUNDING = 1e-11
 REFERENCE_SHARE = 0.1

@@ -19,6 +19,7 @@ import scipy  # subpackages load on first use
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.collision.bounds import steepest_slopes
 from ocptip.robots.collision.gaps import (
     NEVER,
     POSTURES,
@@ -30,7 +31,6 @@ from ocptip.robots.collision.gaps import (
 )
 from ocptip.robots.collision.shapes import Ball, BodyShape, Capsule, HalfSpace, Shape
 from ocptip.robots.collision.spheres import NOTHING, SphereGaps
-from ocptip.robots.collision.steepest import steepest_slopes
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
 

@@ -21,8 +21,7 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
-from ocptip.task_files.ends import end_keys, read_end
-from ocptip.task_files.joints import LOCKED, LOCKED_KEYS
+from ocptip.task_files.joints import LOCKED, LOCKED_KEYS, end_keys, read_end
 from ocptip.task_files.motion import (
     AIM,
     COURSE,

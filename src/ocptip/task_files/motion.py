@@ -18,8 +18,8 @@ from ocptip.basics import schema
 from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
+from ocptip.motion.choices import posture_pairs
 from ocptip.motion.objective import objective_of
-from ocptip.motion.postures import posture_pairs
 from ocptip.motion.source import speed_table
 from ocptip.motion.stop_rules import Kinds, StopRules
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
@@ -33,8 +33,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_cancel import LONGEST
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_kind
-from ocptip.task_files.ends import end_keys, read_end
-from ocptip.task_files.joints import joint_values
+from ocptip.task_files.joints import end_keys, joint_values, read_end
 from ocptip.task_files.motors import GEARS, read_gears
 from ocptip.task_files.objects import OBJECT, with_objects
 from ocptip.task_files.payload import PROCESS, SENSOR, read_process, read_sensor

@@ -8,7 +8,7 @@ from typing import Any
 
 from ocptip.basics import schema
 from ocptip.basics.schema import REQUIRED, Key, Keys
-from ocptip.basics.toml_text import toml_value
+from ocptip.basics.toml import toml_value
 from ocptip.task_files.arm import ARM
 from ocptip.task_files.cell import CELL
 from ocptip.task_files.cycle import CYCLE

@@ -12,8 +12,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.schema import Key
 from ocptip.basics.text import some
-from ocptip.basics.toml import MARK
-from ocptip.basics.toml_text import toml_value
+from ocptip.basics.toml import MARK, toml_value
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.collision.urdf import PACKAGE, geometry_from_urdf, missing_meshes
 from ocptip.robots.ground_contacts import GroundContact
@@ -23,8 +22,8 @@ from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
 from ocptip.task_files.arm import ARM, ARM_LIMITS
-from ocptip.task_files.ends import end_keys
 from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
+from ocptip.task_files.joints import end_keys
 from ocptip.task_files.motors import MOTORS
 from ocptip.task_files.task_scene import ROBOT_BASE, SEGMENT_LIMITS
 

@@ -14,8 +14,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.read import read_text
 from ocptip.trajectories.bags import is_bag, refuse_of_other_files, twists_in_bag
-from ocptip.trajectories.csv_text import TextTable, text_table
-from ocptip.trajectories.csv_time import times_of
+from ocptip.trajectories.csv_text import TextTable, text_table, times_of
 from ocptip.trajectories.pieces import MERGE, Pieces, Side
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion

@@ -11,8 +11,7 @@ import numpy as np
 
 from ocptip.basics.errors import LARGEST, InputError, doubt_degrees, refuse_huge
 from ocptip.basics.text import some
-from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
-from ocptip.trajectories.csv_time import times_of
+from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table, times_of
 from ocptip.trajectories.points import REST, Points
 from ocptip.trajectories.trajectory import Trajectory
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.symbolic.block_solver import BlockSystem, adjugate
+from ocptip.parallel.symbolic.spatial_sx import BlockSystem, adjugate
 
 
 def symbolic(matrix: np.ndarray) -> list[list[cs.SX]]:

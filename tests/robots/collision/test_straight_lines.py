@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ocptip.published.arms import load_arm
+from ocptip.robots.collision.bounds import LAST, StraightLines
 from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import Ball, Box, Cylinder, Hull
-from ocptip.robots.collision.straight_lines import LAST, StraightLines
 from ocptip.robots.geometry import Pillar, Solid, Wall, floor
 from tests.motion.among_boxes import task_among
 

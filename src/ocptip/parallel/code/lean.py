@@ -32,8 +32,8 @@ from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.terms import FORMS
 from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters, leg_base_parameters
-from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.projection import Arguments, Plans, Projection
+from ocptip.parallel.symbolic.spatial_sx import BlockSystem
 from ocptip.parallel.symbolic.symbols import (
     CENTRAL,
     InertiaLayout,

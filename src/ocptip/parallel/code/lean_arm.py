@@ -16,8 +16,7 @@ from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.mdh import moved_inertia, rotation_angles
 from ocptip.parallel.description.platform import BodyInertia
-from ocptip.parallel.symbolic.leg_dynamics import chain_motion, efforts_and_base
-from ocptip.parallel.symbolic.leg_jacobian import LegModel
+from ocptip.parallel.symbolic.leg_dynamics import LegModel, chain_motion, efforts_and_base
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, plus, turn, vector
 from ocptip.robots.model import ArmModel
 

@@ -14,13 +14,15 @@ from ocptip.basics.write import Record
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.symbolic.leg_dynamics import (
+    LegModel,
+    LegPlan,
     actuator_row,
     can_inject,
     coupling_force,
     driven_force,
+    leg_jacobian,
     leg_motion,
 )
-from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan, leg_jacobian
 from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, leg_model
 
 _KINDS = {

@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.parallel.description.mdh import moved_inertia, row_frame
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, MDHRow, RobotDescription
-from ocptip.parallel.symbolic.leg_jacobian import LegPlan
+from ocptip.parallel.symbolic.leg_dynamics import LegPlan
 from ocptip.parallel.symbolic.projection import Arguments, Projection
 from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, inertia_layout, inertia_values
 

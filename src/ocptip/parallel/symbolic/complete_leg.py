@@ -11,10 +11,15 @@ import scipy.linalg
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.kinematics.leg_solver import LegSolver
-from ocptip.parallel.symbolic.block_solver import BlockSystem
-from ocptip.parallel.symbolic.leg_dynamics import ChainState, chain_drift, chain_motion, leg_efforts
-from ocptip.parallel.symbolic.leg_jacobian import LegModel, point_columns
-from ocptip.parallel.symbolic.spatial_sx import Vector, dot, minus, unit, zero
+from ocptip.parallel.symbolic.leg_dynamics import (
+    ChainState,
+    LegModel,
+    chain_drift,
+    chain_motion,
+    leg_efforts,
+    point_columns,
+)
+from ocptip.parallel.symbolic.spatial_sx import BlockSystem, Vector, dot, minus, unit, zero
 
 _HEAVY = 1e-12
 Wrench = tuple[Vector, Vector]

@@ -20,10 +20,8 @@ from ocptip.parallel.analysis.singularity import elimination_order
 from ocptip.parallel.description.robot_description import RobotDescription, SerialLeg
 from ocptip.parallel.kinematics.leg_solver import LegSolver
 from ocptip.parallel.kinematics.platform import Kinematics
-from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.complete_leg import CompleteLeg, Scalars, chosen_equations, idle_inertia
-from ocptip.parallel.symbolic.leg_dynamics import chain_motion, leg_efforts
-from ocptip.parallel.symbolic.leg_jacobian import LegModel
+from ocptip.parallel.symbolic.leg_dynamics import LegModel, chain_motion, leg_efforts
 from ocptip.parallel.symbolic.platform_sx import (
     PlatformState,
     euler_rates,
@@ -32,7 +30,7 @@ from ocptip.parallel.symbolic.platform_sx import (
     potential_energy,
     reduced,
 )
-from ocptip.parallel.symbolic.spatial_sx import Vector, dot, minus, plus, unit, vector
+from ocptip.parallel.symbolic.spatial_sx import BlockSystem, Vector, dot, minus, plus, unit, vector
 from ocptip.parallel.symbolic.symbols import (
     JOINT_TERMS,
     coupling_entries,

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import casadi as cs
 
 from ocptip.numerics.vectors import cross_terms as cross
-from ocptip.parallel.symbolic.block_solver import solve_dense
-from ocptip.parallel.symbolic.leg_jacobian import LegModel
+from ocptip.parallel.symbolic.leg_dynamics import LegModel
 from ocptip.parallel.symbolic.spatial_sx import (
     Rotation,
     Vector,
@@ -18,6 +17,7 @@ from ocptip.parallel.symbolic.spatial_sx import (
     minus,
     plus,
     scaled,
+    solve_dense,
     spin_moment,
     times,
     turn,

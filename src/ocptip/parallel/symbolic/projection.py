@@ -17,17 +17,17 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.leg_dynamics import (
+    LegModel,
+    LegPlan,
     LegState,
     actuator_row,
     coupling_force,
     driven_force,
     leg_motion,
 )
-from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan
 from ocptip.parallel.symbolic.platform_sx import PlatformState, platform_motion, platform_wrench, reduced
-from ocptip.parallel.symbolic.spatial_sx import Vector, minus, plus
+from ocptip.parallel.symbolic.spatial_sx import BlockSystem, Vector, minus, plus
 from ocptip.parallel.symbolic.symbols import (
     InertiaLayout,
     coupling_entries,

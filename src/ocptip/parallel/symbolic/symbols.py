@@ -23,7 +23,7 @@ from ocptip.parallel.description.robot_description import (
     RobotDescription,
     SerialLeg,
 )
-from ocptip.parallel.symbolic.leg_jacobian import LegModel
+from ocptip.parallel.symbolic.leg_dynamics import LegModel
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, Vector, plus, turn, vector
 
 CENTRAL = ("JXX", "JXY", "JXZ", "JYY", "JYZ", "JZZ", "CX", "CY", "CZ", "M")

@@ -17,8 +17,7 @@ from ocptip.contact.support import Support
 from ocptip.placement.limits.limit import Symbols
 from ocptip.placement.limits.twice import Twice
 from ocptip.reserves.force_sets import ForceSets
-from ocptip.reserves.tip_moments import Addable, AddableMoments
-from ocptip.reserves.tipping_axes import TippingAxis
+from ocptip.reserves.tip_moments import Addable, AddableMoments, TippingAxis
 
 
 def wrench_of_forces(at: Symbols) -> Twice:

@@ -12,7 +12,9 @@ from copy import copy
 import numpy as np
 
 from ocptip.numerics.jit.compiled import compiled
+from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.shapes import Box, HalfSpace, Shape, enclosing_capsule
+from ocptip.robots.model import ArmModel
 
 _TINY = 1e-12
 _ROUNDED = 1e-8  # m: of bounds by planes, which may be exact
@@ -139,3 +141,103 @@ def between_lines(first, second):
         apart = first[0, i] - second[0, i] + s * along - t * across
         square += apart * apart
     return np.sqrt(square)
+
+
+_ENDLESS = 1e6  # m: stands for infinite, of arms whose sliding joints have no limits
+
+
+def steepest_slopes(
+    arm: ArmModel, pairs: np.ndarray, bodies: np.ndarray, across: np.ndarray, about: np.ndarray
+) -> np.ndarray:
+    """Upper bounds (m, n), m/rad (sliding joints: 1), of the slopes of distances in any posture.
+
+    A distance changes at most by what the joints between its two bodies move one relative to the other.
+
+    Args:
+        arm: whose links carry the solids.
+        pairs: (m, 2) numbers of solids.
+        bodies: (s,) numbers of the solids' links, counted from 0; -1: at rest.
+        across: (s,), m: largest distance of a point of the solid from the axis of its link's joint.
+        about: (s,), m: largest distance of a point of the solid from its link's origin.
+    """
+    if not len(pairs):
+        return np.zeros((0, arm.n))
+    arms = _lever_arms(arm, bodies, across, about)
+    low, high = np.sort(bodies[pairs], axis=1).T
+    outer = np.where(bodies[pairs[:, 0]] == high, pairs[:, 0], pairs[:, 1])
+    joints = np.arange(arm.links)
+    moves = (joints > low[:, None]) & (joints <= high[:, None])
+    slopes = np.where(moves, arms[outer], 0.0)
+    slopes = np.minimum(slopes, _ENDLESS)
+    return slopes if arm.coupling is None else slopes @ np.abs(arm.coupling.matrix)
+
+
+def _lever_arms(arm: ArmModel, bodies: np.ndarray, across: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """Largest distance (s, L), m, of any point of solids from the axis of each joint; 1 where it slides."""
+    ranges, lengths = _slide_ranges(arm), np.linalg.norm(arm.offsets, axis=1)
+    beside = np.linalg.norm(arm.offsets[:, :2], axis=1)  # of the next origin from the axis
+    found = np.zeros((len(bodies), arm.links))
+    for solid, body in enumerate(bodies):
+        beyond = about[solid]  # distance of any point from the origin of the link behind the joint
+        for joint in range(body, -1, -1):
+            turning = across[solid] if joint == body else beside[joint] + beyond
+            found[solid, joint] = 1.0 if arm.slides[joint] else turning
+            beyond += ranges[joint] + (0.0 if joint == body else lengths[joint])
+    return found
+
+
+def _slide_ranges(arm: ArmModel) -> np.ndarray:
+    """(L,), m: how far a sliding joint may be from its zero position; 0 of joints that turn."""
+    most = np.maximum(np.abs(arm.limits.angle_min), np.abs(arm.limits.angle_max))
+    if arm.coupling is not None:
+        most = np.abs(arm.coupling.ratios) * most[arm.coupling.leaders] + np.abs(arm.coupling.offsets)
+    return np.where(arm.slides, most, 0.0)
+
+
+FIRST = 0.1
+"""m: what solids move at most between the first sample and the ends of its interval."""
+
+LAST = 5e-4
+"""m: of the smallest intervals. A line that is nearer to the clearance than this counts as not clear."""
+
+
+class StraightLines:
+    """Decides which states of a mechanism, and straight lines between them, keep a clearance.
+
+    Args:
+        collision: its distances.
+        clearance: m, that every distance keeps.
+
+    Attributes:
+        tested: number of states whose distances were computed.
+    """
+
+    def __init__(self, collision: Collisions, clearance: float) -> None:
+        self._collision, self._clearance = collision, clearance
+        self.tested = 0
+
+    def free(self, q: np.ndarray) -> bool:
+        """Whether the state q (n,) keeps the clearance."""
+        self.tested += 1
+        needed = np.full(len(self._collision.labels), self._clearance)
+        return self._collision.proved(q[None], self._clearance, needed) is not None
+
+    def clear(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Whether every state from begin to end, (n,) each, keeps the clearance; False: not proved."""
+        swept = self._collision.approach((end - begin)[None])[0]
+        most = float(np.max(swept, initial=0.0))
+        count = max(1, int(np.ceil(most / (2 * FIRST))))
+        half, middles = 0.5 / count, (np.arange(count) + 0.5) / count
+        while middles.size:
+            needed = self._clearance + half * swept
+            self.tested += len(middles)
+            states = begin + middles[:, None] * (end - begin)
+            kept = self._collision.proved(states, self._clearance, needed)
+            if kept is None:
+                return False
+            open_ones = middles[~kept]
+            half *= 0.5
+            if open_ones.size and half * most < LAST:
+                return False
+            middles = np.concatenate([open_ones - half, open_ones + half])
+        return True

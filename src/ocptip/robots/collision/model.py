@@ -10,6 +10,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
+from ocptip.robots.collision.bounds import steepest_slopes
 from ocptip.robots.collision.distances import RESTING, Distances
 from ocptip.robots.collision.gaps import (
     MEETING,
@@ -30,7 +31,6 @@ from ocptip.robots.collision.shapes import (
     MeshFile,
     Shape,
 )
-from ocptip.robots.collision.steepest import steepest_slopes
 from ocptip.robots.geometry import FLOOR, CollisionModel, Floor, Obstacle, floors_among, in_closed_form
 from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, joint_states

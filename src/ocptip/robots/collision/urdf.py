@@ -15,8 +15,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.read import parse_xml, read_xml_text, require_readable
 from ocptip.basics.text import some
-from ocptip.robots.collision.on_meshes import Raw, touches_on_meshes
-from ocptip.robots.collision.parts import convex_parts, with_few_neighbours
+from ocptip.robots.collision.parts import Raw, convex_parts, touches_on_meshes, with_few_neighbours
 from ocptip.robots.collision.shapes import (
     ArmGeometry,
     Ball,
