@@ -25,7 +25,7 @@ from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
-from ocptip.standing.objects import Object, carrier_expressions, carrier_motions
+from ocptip.standing.objects import Object, carrier_expressions, carrier_motions, cup
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
@@ -115,6 +115,24 @@ def test_a_box_on_a_slide_tips_at_half_its_length_over_the_height_of_its_centre_
     np.testing.assert_allclose(at.slip.GT, [a / (0.6 * G)], rtol=1e-6)
     assert state_of(robot, 0.999 * G / 3).interfaces[1].states.persistent.all()
     assert not state_of(robot, 1.001 * G / 3).interfaces[1].states.persistent.any()
+
+
+def test_a_cup_holds_by_its_force_peels_at_its_rim_and_slides_at_its_friction():
+    rim, a, force = 0.02, 3.0, 30.0
+    held = dataclasses.replace(BOX, contacts=cup((0, 0, 0), rim, force, 0.6), friction=None)
+    at = state_of(on_a_slide([held]), a).interfaces[1]
+    peel = (2.0 * (G * rim - a * 0.15) + force * rim) * np.cos(np.pi / 8)
+    assert at.tip.margins.min() == pytest.approx(peel, rel=1e-9)
+    assert at.slip.GT[0] == pytest.approx(2.0 * a / (0.6 * (2.0 * G + force)), rel=1e-4)
+    upside_down = np.diag([1.0, -1.0, -1.0])
+    for share, holds in ((0.98, False), (1.02, True)):
+        contacts = cup((0, 0, 0), rim, share * 2.0 * (G + 1.0), 0.6)
+        hanging = dataclasses.replace(held, contacts=contacts, rotation=upside_down)
+        robot = on_a_slide([hanging])
+        rises = BaseMotion(acceleration=(0.0, 0.0, 1.0))
+        still = np.zeros((1, 1))
+        states = Instants.of_states(robot, still, still, still, base_motion=rises).interfaces[1].states
+        assert states.persistent[0] == holds
 
 
 def test_the_interface_under_a_stack_carries_all_that_stand_on_it():

@@ -106,6 +106,19 @@ def test_on_a_base_that_drives_objects_feel_it_and_their_uncertainty_is_not_chec
     assert "OBJECTS IN THE NOMINAL MODEL ONLY" in StandReport(found).headline
 
 
+def test_cups_have_the_data_of_their_makers(tmp_path):
+    cups = "".join(
+        f"[[object.cup]]\nposition = [{x}, 0.0, 0.0]\nradius = 0.02\n{what}\n"
+        for x, what in ((0.05, "vacuum = 60e3"), (-0.05, "force = 50.0"))
+    )
+    robot = load_task(written(tmp_path, TRAY[: TRAY.index("[[object]]", 20)] + cups)).robot
+    forces = [contact.clamp_force for contact in robot.interfaces[1].support.contacts]
+    assert len(forces) == 8
+    assert sum(forces) == pytest.approx(50 + 60e3 * np.pi * 0.02**2)
+    with pytest.raises(InputError, match=r"object\[1\].cup\[1\].*force"):
+        load_task(written(tmp_path, TRAY[: TRAY.index("[[object]]", 20)] + "[[object.cup]]\nradius = 0.02\n"))
+
+
 @pytest.mark.parametrize("verb", [ocptip.chart, ocptip.drive])
 def test_what_takes_no_objects_says_so(verb, task):
     with pytest.raises(

@@ -20,6 +20,7 @@ from ocptip.basics.errors import InputError, bounded_array, positive_number, rot
 from ocptip.basics.frozen import settle
 from ocptip.basics.text import did_you_mean
 from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import RigidBody, union
@@ -34,6 +35,8 @@ GRIPPER, BASE = CARRIERS = ("gripper", "base")
 
 ROUND = 8
 """Contacts of a round footprint, on its edge: their polygon has 92 % of its radius."""
+
+_PULL_FRICTION = 1e-5  # of what pulls an object onto a cup: none, but clamps need some
 
 _NAME = re.compile(r"[\w-]+")
 
@@ -138,6 +141,38 @@ class Object:
     ) -> Self:
         usual = {"inertia": inertia, "contacts": edge, "center_of_mass": (0.0, 0.0, height / 2)}
         return cls(name=name, mass=mass, top=height, **{**usual, **others})
+
+
+def cup(
+    position: ArrayLike, radius: float, force: float, friction: float, points: int = ROUND
+) -> list[ForceConstantHalfRigidClamp]:
+    """A suction cup or a round magnet: it holds an object on its rim, and pulls it with a constant force.
+
+    The pull has no friction; that of the rim grows with what presses on it. A moment peels the rim, a force
+    across and a torsion slide it.
+
+    Args:
+        position: (3,), m, of the middle of the rim, object axes; the rim is at right angles to z.
+        radius: of the rim, m.
+        force: N, with which it holds: of a cup pressure difference times area, as makers print it.
+        friction: coefficient of the rim.
+        points: contacts on the rim.
+
+    Raises:
+        InputError: a value cannot be used; names it.
+    """
+    middle, turns = bounded_array("position", position, (3,)), 2 * np.pi * np.arange(points) / points
+    edge = positive_number("radius", radius) * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
+    share = positive_number("force", force) / points
+    return [
+        ForceConstantHalfRigidClamp(
+            position=middle + place,
+            clamp_force=share,
+            friction_upper=positive_number("friction", friction),
+            friction_lower=_PULL_FRICTION,
+        )
+        for place in edge
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,25 @@ import numpy as np
 from ocptip.basics import schema
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.objects import Object
+from ocptip.standing.objects import ROUND, Object, cup
 
+_SEVERAL = 4  # contacts on the rim of each of several cups
+
+CUP = Keys(
+    "cup",
+    "A suction cup or round magnet that holds the object, instead of contacts that only press.",
+    {
+        "position": schema.vector("Middle of the rim, object axes.", "m", 3, default=[0, 0, 0]),
+        "radius": schema.number("Radius of the rim.", "m", bound="> 0"),
+        "force": schema.number("Holding force.", "N", bound="> 0", otherwise="vacuum times area"),
+        "vacuum": schema.number("Pressure below that around it.", "Pa", bound="> 0", otherwise="`force`"),
+        "area": schema.number("Effective area.", "m^2", bound="> 0", otherwise="of the rim"),
+    },
+    one_of=[("force", "vacuum")],
+)
 OBJECT = Keys(
     "object",
     "A rigid object that only contacts hold; z of its frame points away from what it stands on.",
@@ -37,6 +52,7 @@ OBJECT = Keys(
             words="list of positions",
             otherwise="edge of the shape",
         ),
+        "cup": schema.tables(CUP, "Suction cups or magnets with the object's friction."),
         "position": schema.vector(
             "Origin, gripper or base axes; on an object from the middle of its top.",
             "m",
@@ -45,7 +61,7 @@ OBJECT = Keys(
         ),
         **schema.rotation("Axes of the object to these axes", default="parallel"),
     },
-    at_most_one=[("box", "cylinder")],
+    at_most_one=[("box", "cylinder"), ("contacts", "cup")],
 )
 
 
@@ -68,12 +84,26 @@ def _object(table: Table) -> Object:
     shape = table.one_of("box")
     size = table[shape] if shape else np.zeros(0)
     if not shape:
-        for key in ("inertia", "contacts"):
+        for key in ("inertia", *(() if "cup" in table else ("contacts",))):
             table.require(key, "an object without box or cylinder needs it")
     given |= table.given("center_of_mass", "inertia", "contacts")
+    if table.one_of("contacts") == "cup":
+        cups = table.tables("cup")
+        points = ROUND if len(cups) == 1 else _SEVERAL
+        held = [_cup(own, given["friction"], points) for own in cups]
+        given |= {"contacts": [contact for rim in held for contact in rim], "friction": None}
     table.close()
     with table.at(size=shape or ""):
         if not shape:
             return Object(**given)
         make = {"box": Object.box, "cylinder": Object.cylinder}[shape]
         return make(size=size, **given)
+
+
+def _cup(table: Table, friction: float, points: int) -> list[ForceConstantHalfRigidClamp]:
+    radius, area = table["radius"], table["area"]
+    if table.one_of("force") == "force":
+        force = table["force"]
+    else:
+        force = table["vacuum"] * (np.pi * radius**2 if area is None else area)
+    return table.make(cup, table["position"], radius, force, friction, points)
