@@ -1,0 +1,1 @@
+"""Bases that drive in MuJoCo, on wheels with hinges."""
