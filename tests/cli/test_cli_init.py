@@ -168,7 +168,9 @@ def test_meshes_are_found_by_the_end_of_their_path(tmp_path, monkeypatch, capsys
     (tmp_path / "given").mkdir()
     (tmp_path / "arm_meshes").rename(tmp_path / "given/arm_meshes")
     assert main(["init", urdf.name, "--out", "a.toml"]) == 0
-    assert "2 mesh files missing" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "2 mesh files missing" in said
+    assert "names a folder that contains elsewhere/" in said
     assert main(["init", urdf.name, "--out", "b.toml", "--package-dirs", "given"]) == 0
     assert "missing" not in capsys.readouterr().out
     assert 'package_dirs = ["given"]' in Path("b.toml").read_text()

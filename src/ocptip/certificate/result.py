@@ -204,7 +204,9 @@ class Certificate:
         bounds = claims(self.verdict, on_time=set(LATE) <= set(self.sampled))
         found = f"at every instant {bounds} ({self.verdict.intervals} intervals)"
         found += "" if self.kept else "; beyond the limits"
-        return found + (f"; sampled only: {', '.join(self.sampled)}" if self.sampled else "")
+        return found + (
+            f"; sampled only: {', '.join(map(result_title, self.sampled))}" if self.sampled else ""
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, without the intervals."""

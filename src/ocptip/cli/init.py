@@ -18,6 +18,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import named
 from ocptip.cli.motion_summary import brief_notes
 from ocptip.cli.options import naming_options
+from ocptip.robots.collision.urdf import package_folder
 from ocptip.robots.conversion import Converted, converted
 from ocptip.task_files.reference import json_schema
 from ocptip.task_files.template import SCHEMA, TaskTemplate, task_template
@@ -93,7 +94,9 @@ class InitReport(Report):
         if missing is None:
             yield "collision", "not checked, for the URDF has no collision geometry; see sphere_radius"
         elif missing:
-            yield "collision", f"{len(missing)} mesh files missing: {some(missing, 2)}"
+            folder = package_folder(missing)
+            hint = f"; --package-dirs or package_dirs names a folder that contains {folder}" if folder else ""
+            yield "collision", f"{len(missing)} mesh files missing: {some(missing, 2)}{hint}"
 
 
 def run(options: Namespace) -> InitReport:

@@ -71,7 +71,7 @@ def geometry_from_urdf(
     if meshes is None:
         return None
     if missing := [name for name, found in meshes.items() if found is None]:
-        hint = f"package_dirs has to name a folder that contains {_package(missing)}"
+        hint = f"package_dirs has to name a folder that contains {package_folder(missing)}"
         if not any(name.startswith(PACKAGE) for name in missing):
             hint = f"names are relative to {file.name}"
         names = some([repr(name) for name in missing], 2)
@@ -185,10 +185,10 @@ def collision_meshes(
     return {name: find_mesh(name, file, folders) for name in names}
 
 
-def _package(names: Iterable[str]) -> str:
-    """The folder of the package of the first of some names of meshes that has one."""
+def package_folder(names: Iterable[str]) -> str:
+    """The folder of the package of the first of some names of meshes that has one; empty if none has."""
     packages = (name.removeprefix(PACKAGE).lstrip("/").split("/")[0] for name in names if PACKAGE in name)
-    return f"{next(packages, '')}/"
+    return next((f"{package}/" for package in packages), "")
 
 
 def missing_meshes(
