@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,6 +58,19 @@ def test_four_feet_and_another_robot():
     assert found.verified, found.check.violations
     assert found.jerk_ratio == pytest.approx(1.0, abs=0.02)
     assert found.motion.end > found.fastest
+
+
+def test_limits_of_jerk_count_without_being_asked_for():
+    task, limits = tripod(), Limits()
+    path, jerk = random_path(task, 3, 0.1), tuple(5 * task.robot.limits.acceleration)
+    asked = retime(task.robot, path, limits, nodes=30, jerk=jerk)
+    for jerks in (jerk, tuple(2 * np.array(jerk))):
+        found = retime(
+            task.robot, path, replace(limits, jerk=jerks), nodes=30, jerk=jerk if jerks != jerk else None
+        )
+        assert found.motion.end == pytest.approx(asked.motion.end, rel=1e-6)
+        assert found.check.worst["jerk_ratio"].value <= 1
+    assert "jerk_ratio" not in asked.check.worst
 
 
 def test_refusals():

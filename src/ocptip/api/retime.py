@@ -29,8 +29,6 @@ from ocptip.pictures.phase_plane import draw_phase_plane
 from ocptip.retiming.retime import Retimed
 from ocptip.retiming.retime import retime as time_path
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import Limits
-from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.path import load_path, path_along, refuse_early
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.path_fit import FittedPath
@@ -69,9 +67,10 @@ class Timing:
         """Time a path; arguments are those of :func:`retime`."""
         robot, limits = task.robot, task.limits
         stage("timing the path ...")
-        most = _jerk(robot, limits, jerk)
-        if jerk is None and not limits.jerk and most is not None and fit.path.bends.size:
-            task, most = _beyond_jerk_limits(task, fit), None
+        most = None if jerk is None else jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0)
+        limited = np.isfinite(robot.limits.jerk).any() and most is None and not limits.jerk
+        if limited and fit.path.bends.size:
+            task = _beyond_jerk_limits(task, fit)
             robot = task.robot
         timed = time_path(robot, fit.path, limits, task.objective, jerk=most)
         stage("checking the timing ...")
@@ -109,14 +108,6 @@ class Timing:
             return self.fit.tool[:1]
         robot = self.task.robot
         return np.array([tool_distance(robot.arm, self.fit)] if isinstance(robot, Robot) else [])
-
-
-def _jerk(robot: StandingMechanism, limits: Limits, jerk: float | None) -> np.ndarray | None:
-    """(n,) rad/s^3, m/s^3: what is asked for, within all limits; None: there is no limit."""
-    most = limits.jerks(robot.limits)
-    if jerk is not None:
-        most = np.minimum(most, jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0))
-    return most if np.isfinite(most).any() else None
 
 
 def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:

@@ -154,8 +154,9 @@ def retime(
         nodes: intervals between nodes; default 300 (cheapest or with delayed joints 100), and more for paths
             on which a joint turns back more than five times.
         ends: ds/dt at start and end, 1/s, for stretches of longer motions.
-        jerk: maximum of each joint, (n,) or one for all, rad/s^3 or m/s^3; accelerations are then continuous.
-            A second stage, nowhere faster than the first, a local solution. None: not limited.
+        jerk: maximum of each joint, (n,) or one for all, rad/s^3 or m/s^3, beside the limits of jerk that
+            joints and `limits` have. Where there is one, accelerations are continuous: a second stage,
+            nowhere faster than the first, a local solution.
 
     Raises:
         InputError: the path does not fit the robot, or cannot be timed: says where, and by which limit; or
@@ -166,7 +167,7 @@ def retime(
     if path.joints != robot.n:
         raise InputError(f"path: has {path.joints} joints, the {robot.kind} has {robot.n}")
     speeds = [positive_number("ends", speed, zero_allowed=True) for speed in ends]
-    own_jerk = None if jerk is None else _limits_of_jerk(robot, jerk)
+    own_jerk = _limits_of_jerk(robot, limits, jerk)
     coupled = LateJoints.wanted(limits.tolerance)
     usual = FASTEST_NODES if objective.name == "time" and not coupled else CHEAPEST_NODES
     usual = usual if own_jerk is None else min(usual, JERK_NODES)
@@ -380,14 +381,15 @@ def _long_enough(motion: Trajectory, limits: Limits) -> Trajectory:
     return motion.time_scaled(max(1.0, limits.min_duration / motion.end))
 
 
-def _limits_of_jerk(robot: StandingMechanism, jerk: ArrayLike) -> np.ndarray:
-    """(n,), rad/s^3 or m/s^3; infinite: not limited."""
-    values = np.asarray(jerk, dtype=float)
+def _limits_of_jerk(robot: StandingMechanism, limits: Limits, jerk: ArrayLike | None) -> np.ndarray | None:
+    """(n,), rad/s^3 or m/s^3, of all; infinite: not limited. None: none is."""
+    values = np.asarray(np.inf if jerk is None else jerk, dtype=float)
     if values.shape not in ((), (robot.n,)):
         raise InputError(f"jerk: expected 1 or {robot.n} numbers, got {values.size}")
     if not np.all(values > 0):
         raise InputError(f"jerk: must be > 0, got {values.min():.6g}")
-    return np.broadcast_to(values, robot.n)
+    most = np.minimum(values, limits.jerks(robot.limits))
+    return most if jerk is not None or np.isfinite(most).any() else None
 
 
 def _within_peaks(
