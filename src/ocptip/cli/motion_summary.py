@@ -131,7 +131,8 @@ def motion_text(
         [line for name, text in details for line in wrapped(name, [text], widest)],
     ]
     text = "\n\n".join("\n".join(part) for part in parts if part)
-    return "\n".join([text, *required, *files_lines(written, _following())])
+    following = "ocptip check {0}" if checked.objects else _following()  # view and stops take no objects
+    return "\n".join([text, *required, *files_lines(written, following)])
 
 
 def proof_lines(checked: MotionCheck) -> list[str]:

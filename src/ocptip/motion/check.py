@@ -222,6 +222,12 @@ class MotionCheck:
         more = f"; not seen, for their solids mostly overlap: {some(unseen, 3)}" if unseen else ""
         return f"{found['pairs']} pairs ({found['source']}), minimum {gap}; {floor_text(found)}{more}"
 
+    def objects_to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: `objects` with the contacts of each; nothing without any."""
+        return (
+            {"objects": {name: own.to_dict() for name, own in self.objects.items()}} if self.objects else {}
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
@@ -233,11 +239,7 @@ class MotionCheck:
             "samples": self.samples,
             "stands": self.stands,
             "contacts": self.contacts.to_dict(),
-            **(
-                {"objects": {name: own.to_dict() for name, own in self.objects.items()}}
-                if self.objects
-                else {}
-            ),
+            **self.objects_to_dict(),
             "feet": self.feet.to_dict() if self.feet else None,
             **({"drives": self.drives.to_dict()} if self.drives else {}),
             "collision": self.collision,

@@ -78,6 +78,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         "worst": checked.to_dict()["worst"],
         **plan.task.robot.masses_to_dict(),
         "contacts": checked.contacts.to_dict(),
+        **checked.objects_to_dict(),
         **({"feet": checked.feet.to_dict()} if checked.feet else {}),
         **({"drives": checked.drives.to_dict()} if checked.drives else {}),
         "collision": checked.collision,
