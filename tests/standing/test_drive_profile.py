@@ -13,6 +13,7 @@ from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.contact.support import Support
 from ocptip.robots.motors import DCMotors
+from ocptip.standing.objects import Object
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.torques import maximum_torques
@@ -113,6 +114,19 @@ def test_a_block_tips_where_statics_say_while_it_brakes(share, stands):
     found = ocptip.motion.check.check_motion(robot.driving(profile), motion, ocptip.Limits(GN=1, GT=1))
     assert found.stands == stands
     assert found.contacts.moment.value == pytest.approx(21 * (G * 0.3 - brakes * 0.5), rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.24, True), (0.26, False)])
+def test_a_box_on_the_deck_tips_where_statics_say(task, share, verdict):
+    # 0.1 m wide and 0.4 m high, it tips at g 0.05 / 0.2.
+    box = Object.box("crate", 1.0, (0.1, 0.2, 0.4), friction=2.0, on="base", position=(0, 0.5, 0.6))
+    robot, brakes = task.robot.carrying([box]), share * G
+    own = task.each(lambda one: dataclasses.replace(one, robot=robot))
+    speeds = np.array([[0.3 * brakes, 0, 0], [0, 0, 0], [0, 0, 0]])
+    profile = DriveProfile.of_velocities(np.array([0, 0.3, 0.4]), speeds)
+    found = ocptip.check(own, "start", drive_profile=profile).check
+    assert found.stands == verdict
+    assert found.objects["crate"].moment.value == pytest.approx(G * 0.05 - brakes * 0.2, rel=1e-9)
 
 
 def test_what_comes_after_the_motion_of_the_arm_counts(task):
