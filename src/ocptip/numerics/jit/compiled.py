@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property, update_wrapper
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -14,7 +16,13 @@ import numpy as np
 
 from ocptip.numerics.jit.private import complaint, trusted
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
 _interpreting = False  # in all of this process, see `interpreted`
+_held = set[str]()  # source files whose kernels this process compiles now
 
 
 class Kernel:
@@ -42,6 +50,7 @@ class Kernel:
         except RuntimeError:
             return self._compiler()
         _watch(made, self._files())
+        _compile_once(made, self._function.__code__.co_filename)
         return made
 
     def _compiler(self, **options: Any) -> Any:
@@ -114,6 +123,37 @@ def interpreted() -> Iterator[None]:
             yield
     finally:
         _interpreting = before
+
+
+def _compile_once(made: Any, source: str) -> None:
+    """Let one process at a time compile kernels of a source file: others wait, and load what it has kept.
+
+    Workers begin with the same kernels, and each would compile them.
+    """
+    kept = getattr(getattr(getattr(made, "_cache", None), "_cache_file", None), "_index_path", None)
+    if kept is None or os.path.exists(kept):
+        return
+    compile_it = made.compile
+
+    def alone(signature: Any) -> Any:
+        with _alone(source):
+            return compile_it(signature)
+
+    made.compile = alone
+
+
+@contextmanager
+def _alone(source: str) -> Iterator[None]:
+    """Hold a file's lock, which ends with the process, unless this process holds it already."""
+    threads = import_module("numba.core.compiler_lock").global_compiler_lock
+    with threads, ExitStack() as held:  # that of the threads first, or one would wait for it with the other
+        if fcntl is not None and source not in _held:
+            with suppress(OSError):
+                file = held.enter_context(open(source, "rb"))
+                fcntl.flock(file, fcntl.LOCK_EX)
+            _held.add(source)
+            held.callback(_held.discard, source)
+        yield
 
 
 def _watch(made: Any, files: Iterable[str]) -> None:
