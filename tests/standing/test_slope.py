@@ -38,6 +38,8 @@ def test_a_high_base_tips_and_a_smooth_one_slides(turn):
     assert tips.downhill @ outward / np.linalg.norm(outward) == pytest.approx(1.0)
     assert slides.angle == pytest.approx(np.arctan(0.1), abs=1e-4)
     assert (slides.loss, slides.contacts) == ("slides", ())
+    assert slides.tips == pytest.approx(tips.angle, abs=1e-4)
+    assert tips.tips == tips.angle
 
 
 def test_a_push_does_not_turn_with_the_floor_and_what_has_no_answer_has_none():

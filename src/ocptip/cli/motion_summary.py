@@ -14,7 +14,14 @@ from ocptip.cli.layout import changes_table, files_lines, segment_table, stop_ta
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops import Stops
-from ocptip.motion.summary import CheckedMotion, margin_table, rises, robustness_lines, violation_words
+from ocptip.motion.summary import (
+    CheckedMotion,
+    margin_table,
+    proof_lines,
+    rises,
+    robustness_lines,
+    violation_words,
+)
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -133,13 +140,6 @@ def motion_text(
     text = "\n\n".join("\n".join(part) for part in parts if part)
     following = "ocptip check {0}" if checked.objects else _following()  # view and stops take no objects
     return "\n".join([text, *required, *files_lines(written, following)])
-
-
-def proof_lines(checked: MotionCheck) -> list[str]:
-    """The proved bounds, for the table has values at samples; nothing without a proof."""
-    if not checked.proved_while_moving:
-        return []
-    return ["", *wrapped("Proof", [f"{checked.certificate}; the table has values at samples"])]
 
 
 def _following() -> str:

@@ -305,7 +305,10 @@ def _slope_text(slope: FloorSlope) -> str:
         return f">= {angle} of the floor in any direction, nominal"
     about = f" about contacts {' and '.join(map(str, slope.contacts))}" if slope.contacts else ""
     downhill = f"downhill {towards(slope.downhill)}"
-    return f"{angle} of the floor, nominal, {downhill}; beyond it the base {slope.loss}{about}"
+    also = ""
+    if slope.loss != "tips" and slope.tips is not None:
+        also = f", if friction held it would tip at {quantity(float(np.degrees(slope.tips)), 'deg', 3)}"
+    return f"{angle} of the floor, nominal, {downhill}; beyond it the base {slope.loss}{about}{also}"
 
 
 def _feet_text(feet: Shared) -> str:

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ocptip.basics.text import WIDTH, quantity, table
+from ocptip.basics.text import WIDTH, quantity, table, wrapped
 from ocptip.motion.check import MotionCheck, broken_in_stops
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
@@ -195,7 +195,7 @@ def brief(title: str, found: CheckedMotion) -> str:
         *(f"Broken  {text}" for text in found.broken),
         "",
     ]
-    rows += margin_table(found.task.robot, checked)
+    rows += [*margin_table(found.task.robot, checked), *proof_lines(checked)]
     return "\n".join([*rows, "", *robustness_lines(found.robustness)])
 
 
@@ -269,6 +269,13 @@ def _value(name: str, value: float, digits: int = 3) -> str:
     if name in _UNITS:
         return quantity(value, _UNITS[name], digits)
     return quantity(1e3 * value, "mm", digits) if name in _LENGTHS else quantity(100 * value, "%", digits)
+
+
+def proof_lines(checked: MotionCheck) -> list[str]:
+    """The proved bounds, for the table has values at samples; nothing without a proof."""
+    if not checked.proved_while_moving:
+        return []
+    return ["", *wrapped("Proof", [f"{checked.certificate}; the table has values at samples"])]
 
 
 def motion_line(

@@ -29,17 +29,21 @@ class FloorSlope:
         downhill: (3,) the worst direction, base axes.
         loss: beyond it the base "tips" or "slides"; empty where no slope up to `MOST_TILT` loses a contact.
         contacts: of the axis about which it tips, from 1.
+        tips: rad, the smallest slope on which it tips if friction holds; None off one plane, and where it
+            does on none up to `MOST_TILT`.
     """
 
     angle: float
     downhill: np.ndarray
     loss: str
     contacts: tuple[int, ...] = ()
+    tips: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, the angle in degrees."""
         angle = {"angle_deg": float(np.degrees(self.angle)), "downhill": self.downhill.tolist()}
-        return {**angle, "loss": self.loss or None, "contacts": list(self.contacts)}
+        tips = None if self.tips is None else float(np.degrees(self.tips))
+        return {**angle, "loss": self.loss or None, "contacts": list(self.contacts), "tips_at_deg": tips}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +140,33 @@ def largest_slope(
                 across = np.cross(gravity, worst) / np.linalg.norm(gravity)
     if not worst.any():
         return FloorSlope(angle, worst, "")
-    return FloorSlope(angle, worst, *_loss(footing, wrench(tilted(gravity, worst, angle + 2 * _CLOSE))))
+    loss, contacts = _loss(footing, wrench(tilted(gravity, worst, angle + 2 * _CLOSE)))
+    tips = angle if loss == "tips" else _tips(footing, gravity, wrench, [*sides, *around(gravity)])
+    return FloorSlope(angle, worst, loss, contacts, tips)
+
+
+def _tips(
+    footing: Footing,
+    gravity: np.ndarray,
+    wrench: Callable[[np.ndarray], np.ndarray],
+    sides: Sequence[np.ndarray],
+) -> float | None:
+    """The smallest slope, rad, downhill along one of some sides, on which a base on one plane tips."""
+    if (moments := footing.tip_over.affine_moments) is None:
+        return None
+    slope, offset = moments
+
+    def falls(side: np.ndarray, angle: float) -> bool:
+        return bool(np.min(slope @ wrench(tilted(gravity, side, angle)) + offset) < 0)
+
+    high = None
+    for side in sides:
+        if falls(side, high or MOST_TILT):
+            low, high = 0.0, high or MOST_TILT
+            while high - low > _CLOSE:
+                middle = (low + high) / 2
+                low, high = (low, middle) if falls(side, middle) else (middle, high)
+    return high
 
 
 def _loss(footing: Footing, wrench: np.ndarray) -> tuple[str, tuple[int, ...]]:
