@@ -99,13 +99,13 @@ def test_a_robot_on_springs_stands_whatever_its_feet_carry():
 @pytest.mark.parametrize("flaw", ["unsolved", "moving"])
 def test_without_verified_contact_states_nothing_stands(monkeypatch, flaw):
     robot, motion = reference("A", "printed")
-    evaluate = check_module._evaluate
+    evaluate = check_module.evaluate_limits
 
     def flawed(*arguments):
         found = evaluate(*arguments)
         return replace(found, **({"unsolved": [0.5]} if flaw == "unsolved" else {"lost": ("base",)}))
 
-    monkeypatch.setattr(check_module, "_evaluate", flawed)
+    monkeypatch.setattr(check_module, "evaluate_limits", flawed)
     checked = check_motion(robot, motion)
     assert max(checked.worst[name].value for name in ("GN", "GT")) < 0.9
     assert not checked.verified
@@ -199,7 +199,7 @@ def test_bad_limits_are_named(bad):
 def test_parts_that_fit_into_memory_give_the_same(monkeypatch):
     task = experiment_task("B", "effective")
     whole, counts = check_motion(task.robot, task.reference, task.limits), []
-    monkeypatch.setattr(check_module, "_PART", 50)
+    monkeypatch.setattr("ocptip.motion.sampled_limits._PART", 50)
     parts = check_motion(
         task.robot, task.reference, task.limits, progress=lambda done, total, _: counts.append((done, total))
     )

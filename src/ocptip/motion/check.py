@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -18,14 +17,21 @@ import numpy as np
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import some
 from ocptip.motion.proof import Proof
+from ocptip.motion.sampled_limits import (
+    MIN_POINTS,
+    IntervalValues,
+    evaluate_limits,
+    instants_of,
+    refinements,
+    worse_contacts,
+)
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
 from ocptip.standing.elastic.feet import FeetMotion, on_its_feet
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
-from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limit_kinds.limit import SAMPLED, Limit, Sampled, Worst
+from ocptip.standing.limit_kinds.limit import SAMPLED, Sampled, Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WithinTolerance, worst_of_sampled
@@ -47,15 +53,8 @@ OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
 OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
 """Ends of the names of worst values in stops."""
 
-_MIN_POINTS = 5
 _UNTIL_1 = ("GN", "GT")
-_PART = 10_000  # instants that are evaluated at once
 _ROUNDS = 8
-_NEAREST = 6
-_FRESH = 9
-_RELATIVE_TOLERANCE = 1e-9
-_CONTINUOUS = 1e-3
-"""Maximum relative change (of itself, or of 1) of a continuous quantity across a switching time (0.3 us)."""
 
 
 def scope_of(collision: dict[str, Any]) -> str:
@@ -292,7 +291,7 @@ def check_motion(
         knots = robot.acts.knots
         edges = np.array([motion.end, *knots[(knots > motion.end + MERGE) & (knots < end)], end])
         pieces = np.vstack([pieces, np.column_stack([edges[:-1], edges[1:]])])
-    instants = end / step + _MIN_POINTS * len(pieces)
+    instants = end / step + MIN_POINTS * len(pieces)
     if not instants <= MOST_INSTANTS:
         raise InputError(
             f"step: the motion lasts {end:.4g} s, which would be {instants:.2g} instants at steps of "
@@ -301,8 +300,8 @@ def check_motion(
         )
     limits = limits or Limits()
     kinds = limits_of(robot, limits)
-    grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
-    grids += [_Grid(t, t, step) for t in (-INSIDE, end + INSIDE)]
+    grids = [IntervalValues(left + INSIDE, right - INSIDE, step) for left, right in pieces]
+    grids += [IntervalValues(t, t, step) for t in (-INSIDE, end + INSIDE)]
     samples, unsolved, uncertified, lost = 0, [], [], dict[str, None]()
     contacts = tuple[ContactMargins, ...]()
     todo, ends = [grid.times for grid in grids], np.empty(0, dtype=int)
@@ -313,22 +312,22 @@ def check_motion(
         if progress is not None:
             progress(samples, samples + count, None)
         samples += count
-        found = _evaluate(robot, motion, kinds, todo, limits.GT)
+        found = evaluate_limits(robot, motion, kinds, todo, limits.GT)
         unsolved += found.unsolved
         uncertified += found.uncertified
         lost |= dict.fromkeys(found.lost)
         # The grid is refined for the limits that are asked for; what is counted must not depend on them.
         further = tuple(own.uncounted for own in found.contacts) if contacts else found.contacts
-        contacts, ends = _worse(contacts, further) if contacts else further, found.ends
+        contacts, ends = worse_contacts(contacts, further) if contacts else further, found.ends
         for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
             if len(times):
                 grid.add(times, values)
-        todo = _refinements(grids)
+        todo = refinements(grids)
     names = [own.name for own in robot.interfaces]
     times = np.concatenate([grid.times for grid in grids])
     values = np.concatenate([grid.values for grid in grids])
     holding, worst = not (lost or unsolved), list[Worst]()
-    sampled = Sampled(described, motion, times, lambda time: _instants(robot, motion, np.array([time])))
+    sampled = Sampled(described, motion, times, lambda time: instants_of(robot, motion, np.array([time])))
     rows = zip(kinds, np.split(values, ends, axis=1), strict=True)
     for limit, own in sorted(rows, key=lambda row: row[0].scenario):
         of_limit = limit.worst(own, sampled)
@@ -373,128 +372,3 @@ def _nearest(motion: Trajectory, worst: list[Worst]) -> np.ndarray:
     """Coordinates (n,) at the smallest distance."""
     times = [w.time for w in worst if w.name == "clearance_m"]
     return motion.states(np.array(times))[0][0]
-
-
-class _Grid:
-    """Sampled values of one interval, (N, m), in the order of the limits."""
-
-    def __init__(self, left: float, right: float, step: float) -> None:
-        if right <= left:
-            self.times = np.array([0.5 * (left + right)])
-        else:
-            points = max(_MIN_POINTS, int(np.ceil((right - left) / step)) + 1)
-            self.times = np.linspace(left, right, points)
-        self.values = np.empty((0, 0))
-
-    def add(self, times: np.ndarray, values: np.ndarray) -> None:
-        """Put new values among the old ones, sorted by time."""
-        if len(self.values):
-            times, values = np.concatenate([self.times, times]), np.vstack([self.values, values])
-        order = np.argsort(times, kind="stable")
-        self.times, self.values = times[order], values[order]
-
-
-@dataclass
-class _Found:
-    """Values (N, m) at instants; `ends` are the columns at which the limits' values are split.
-
-    Attributes:
-        lost: names of base and objects that lose a contact.
-        contacts: of base and objects.
-        unsolved: times without a contact state, s.
-        uncertified: times at which GT is an upper bound beyond the limit, s.
-    """
-
-    values: np.ndarray
-    ends: np.ndarray
-    unsolved: list[float]
-    uncertified: list[float]
-    lost: tuple[str, ...]
-    contacts: tuple[ContactMargins, ...]
-
-    def split(self, todo: list[np.ndarray]) -> list[np.ndarray]:
-        """By the instants' grids."""
-        return np.split(self.values, np.cumsum([len(times) for times in todo])[:-1])
-
-
-def _instants(robot: StandingMechanism, motion: Trajectory, times: np.ndarray) -> Instants:
-    return Instants.of_states(robot, *motion.states(times), times)
-
-
-def _evaluate(
-    robot: StandingMechanism,
-    motion: Trajectory,
-    limits: tuple[Limit, ...],
-    todo: list[np.ndarray],
-    most: float,
-) -> _Found:
-    """Values at the listed instants of all grids, in parts that fit into memory; GT may be `most`."""
-    times = np.concatenate(todo)
-    parts = np.array_split(times, 1 + len(times) // _PART)
-    found = [_evaluated(robot, motion, limits, part, most) for part in parts]
-    return _Found(
-        values=np.vstack([one.values for one in found]),
-        ends=found[0].ends,
-        unsolved=[time for one in found for time in one.unsolved],
-        uncertified=[time for one in found for time in one.uncertified],
-        lost=tuple(name for one in found for name in one.lost),
-        contacts=reduce(_worse, [one.contacts for one in found]),
-    )
-
-
-def _evaluated(
-    robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...], times: np.ndarray, most: float
-) -> _Found:
-    at = _instants(robot, motion, times)
-    measured = [limit.measure(at) for limit in limits]
-    values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
-    values[np.isnan(values)] = np.inf
-    unsolved, uncertified, lost = [], [], []
-    for own in at.interfaces:
-        GT, certified = own.largest_slip.GT, own.largest_slip.solved
-        kept = certified | (most >= GT)  # an upper bound within the limit keeps it
-        uncertified += times[own.states.persistent & ~kept].tolist()
-        unsolved += times[~own.states.solved].tolist()
-        lost += [own.footing.name] * bool(np.any(own.states.solved & ~own.states.persistent))
-    contacts = tuple(ContactMargins.of(own, times) for own in at.interfaces)
-    return _Found(values, ends, unsolved, uncertified, tuple(lost), contacts)
-
-
-def _worse(
-    first: tuple[ContactMargins, ...], second: tuple[ContactMargins, ...]
-) -> tuple[ContactMargins, ...]:
-    """The worse of both, interface by interface."""
-    return tuple(one.worse(other) for one, other in zip(first, second, strict=True))
-
-
-def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
-    """New instants around the largest local maxima of each quantity, where neighbours still differ.
-
-    An end of an interval is none where the quantity goes on rising continuously in the next interval.
-    """
-    new: list[list[np.ndarray]] = [[] for _ in grids]
-    first, last = (np.array([grid.values[at] for grid in grids]) for at in (0, -1))
-    with np.errstate(invalid="ignore"):  # infinite values
-        joined = np.abs(first[1:] - last[:-1]) <= _CONTINUOUS * np.maximum(1.0, np.abs(last[:-1]))
-    nothing = np.full((1, first.shape[1]), -np.inf)
-    sizes = np.array([len(grid.times) for grid in grids])
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    values = np.concatenate([grid.values for grid in grids])
-    before, after = np.vstack([nothing, values[:-1]]), np.vstack([values[1:], nothing])
-    before[starts[:-1]] = np.concatenate([nothing, np.where(joined, last[:-1], -np.inf)])
-    after[starts[1:] - 1] = np.concatenate([np.where(joined, first[1:], -np.inf), nothing])
-    peaks = (values >= before) & (values >= after) & np.isfinite(values)
-    for column, v in enumerate(values.T):
-        rows = np.flatnonzero(peaks[:, column])
-        for row in rows[np.argsort(-v[rows], kind="stable")[:_NEAREST]]:
-            g = int(np.searchsorted(starts, row, side="right")) - 1
-            grid, i = grids[g], int(row - starts[g])
-            lo, hi = max(i - 1, 0), min(i + 1, len(grid.times) - 1)
-            spread = v[row] - min(grid.values[lo, column], grid.values[hi, column])
-            wide = grid.times[hi] - grid.times[lo] > 1e-7
-            if wide and spread > _RELATIVE_TOLERANCE * max(1.0, abs(v[row])):
-                new[g].append(np.linspace(grid.times[lo], grid.times[hi], _FRESH + 2)[1:-1])
-    return [
-        np.setdiff1d(np.concatenate(parts), grid.times) if parts else np.empty(0)
-        for grid, parts in zip(grids, new, strict=True)
-    ]

@@ -35,12 +35,20 @@ from ocptip.motion.planner.attempt import Attempt, Rough
 from ocptip.motion.planner.jobs import Job, Jobs
 from ocptip.motion.planner.one_start import Search, free_ends
 from ocptip.motion.task import MotionTask, refusals, require_plannable
-from ocptip.motion.tolerated import tolerable, too_much
+from ocptip.motion.tolerated import SPACING
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
+from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.worst_case import left_at_rest
+from ocptip.standing.limits import Limits
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.standing.within.in_motion import worst_of_cases
+from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
+from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.trajectories.trajectory import Trajectory
 
+_ROUGHLY = 0.02  # share: how closely the factor of an uncertainty is known that a motion can have
 SHORTEST = 0.05
 """Minimum rise time that is chosen, s: about a period of elastic parts; shorter ones let them ring as steps
 do.
@@ -368,3 +376,28 @@ def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     error = ToleranceError(f"{ending} {within}; {why}")
     error.too_much, error.factor = alone, factor
     return error
+
+
+def tolerable(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> float:
+    """The largest factor on a whole uncertainty with which a motion keeps its limits, 0 to 1."""
+    return largest(limits.tolerance, _keeper(robot, motion, limits), _ROUGHLY)
+
+
+def too_much(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> tuple[Uncertainty, float, str]:
+    """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
+    kept = _keeper(robot, motion, limits)
+    found = culprit(limits.tolerance, IN_MOTION, kept)
+    return *found, culprit_words(*found) if kept(Uncertainty()) else UNDESCRIBED
+
+
+def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Callable[[Uncertainty], bool]:
+    """Whether a motion keeps its contacts within an uncertainty."""
+    cases = worst_case_of(robot, limits.tolerance)
+    kinds = limits_of(robot, limits)
+    times = motion.both_sides(SPACING)
+
+    def kept(tolerance: Uncertainty) -> bool:
+        found = worst_of_cases(cases.within(tolerance), motion, times)
+        return all(worst.excess <= 0 for limit in kinds for worst in limit.within(found))
+
+    return kept

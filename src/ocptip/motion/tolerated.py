@@ -28,20 +28,12 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.footing import Footing
-from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limits import Limits
-from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.slope import around, tilted
-from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.in_motion import worst_of_cases
-from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
-from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SPACING = 0.01  # s: between instants, at most
 FIRST = 20  # wrenches beyond half spaces that are looked at before the others
 _NEIGHBOURS = 32  # wrenches that share a box
-_ROUGHLY = 0.02  # share: how closely the factor of an uncertainty is known that a motion can have
 CLOSE = 2e-3  # of a value: how near the bisection gets
 MOST_LATE = 6  # joints of which every subset may be late
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
@@ -430,28 +422,3 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
         return _Case(loads, np.repeat(events, 4), f"delayed: {', '.join(names)}")
 
     return [case(subset) for subset in subsets]
-
-
-def tolerable(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> float:
-    """The largest factor on a whole uncertainty with which a motion keeps its limits, 0 to 1."""
-    return largest(limits.tolerance, _keeper(robot, motion, limits), _ROUGHLY)
-
-
-def too_much(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> tuple[Uncertainty, float, str]:
-    """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
-    kept = _keeper(robot, motion, limits)
-    found = culprit(limits.tolerance, IN_MOTION, kept)
-    return *found, culprit_words(*found) if kept(Uncertainty()) else UNDESCRIBED
-
-
-def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Callable[[Uncertainty], bool]:
-    """Whether a motion keeps its contacts within an uncertainty."""
-    cases = worst_case_of(robot, limits.tolerance)
-    kinds = limits_of(robot, limits)
-    times = motion.both_sides(SPACING)
-
-    def kept(tolerance: Uncertainty) -> bool:
-        found = worst_of_cases(cases.within(tolerance), motion, times)
-        return all(worst.excess <= 0 for limit in kinds for worst in limit.within(found))
-
-    return kept

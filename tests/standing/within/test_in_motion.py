@@ -10,7 +10,7 @@ from ocptip.certificate.describe import motion_data
 from ocptip.certificate.trusted.forms import K
 from ocptip.certificate.trusted.late import Late
 from ocptip.motion.check import check_motion
-from ocptip.motion.tolerated import tolerable, too_much
+from ocptip.motion.multi_start import tolerable, too_much
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.reserves.tipping import TipMap
