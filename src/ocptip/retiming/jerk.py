@@ -74,7 +74,7 @@ class _Program:
             raise InputError(
                 f"jerk: the path's curvature has a step at s = {step:.4f} of {end:.4f}, "
                 "and so would accelerations. Retime points or samples of the motion instead "
-                "(trajectory.json, motion.csv): --path-tolerance 0.1 smooths them; or leave out --jerk"
+                "(trajectory.json, motion.csv): --path-tolerance 0.1 smooths them; or leave out the limit"
             )
 
     def start(self) -> np.ndarray:
