@@ -1,0 +1,1 @@
+"""Objects on trays, in stacks and on cups, against independent programs."""
