@@ -217,6 +217,8 @@ class _ManoeuvreSearch:
         if self._cases.axes and tip_over.affine_moments is None:
             raise InputError("contacts: a base that drives needs contacts on one plane")
         curved = np.any(manoeuvres.square) or np.any(manoeuvres.linear[:, 3:6])
+        # Loads inside the friction pyramids need no cone program.
+        self._facets = self._cases.footing.slip.half_spaces(1.0)
         self._shares = np.array(_INSIDE if curved else (0.0, 1.0))
 
     @property
@@ -348,7 +350,8 @@ class _ManoeuvreSearch:
         start, slope, bend = coefficients
         key = start.tobytes()
         if key not in held:
-            held[key] = rays.farthest(0 * start, start)
+            inside = self._facets is not None and bool(np.all(self._facets @ start <= 0))
+            held[key] = (1.0, 0 * start) if inside else rays.farthest(0 * start, start)
         share, normal = held[key]
         if share < _HELD:
             return 0.0, normal
