@@ -31,6 +31,7 @@ from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
+from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.pieces import MERGE
@@ -446,6 +447,15 @@ def test_where_no_start_succeeds_the_nearest_one_is_described(case_b, scripted):
     message = r"none of 6 starts gave a verified motion; start 1: GN is 0\.99\d* at .* s, must be <= 0\.9$"
     with pytest.raises(PlanningError, match=message):
         plan_motion(case_b, starts=6, jobs=1)
+
+
+def test_where_cancels_break_limits_it_says_when_and_what_may_help(case_b, scripted):
+    rates = tuple(case_b.robot.limits.acceleration.tolist())
+    limits = dataclasses.replace(case_b.limits, GN=1.0, cancel=Cancel(rates, GN=0.5))
+    scripted(case_b.reference)
+    message = r"start 0: GN_cancel is \d.* at .* s \(.*\), must be <= 0\.5.*; cancels: a lower --decel"
+    with pytest.raises(PlanningError, match=message):
+        plan_motion(dataclasses.replace(case_b, limits=limits), starts=1, jobs=1)
 
 
 def test_where_no_start_gives_a_motion_the_reason_is_told(case_b, scripted):

@@ -352,6 +352,16 @@ class ToleranceError(PlanningError):
         return len(self.too_much.given) == 1
 
 
+def _for_cancels(task: MotionTask, why: str) -> str:
+    """What may help where the reason of a refusal names limits of cancels; else nothing."""
+    if task.limits.cancel is None or "cancel" not in why:
+        return ""
+    return (
+        "; cancels: a lower --deceleration spares the contacts, a higher one the joint range and the "
+        "duration of stops; ocptip check --stops cancel of a plan without --stop-safe shows what is safe"
+    )
+
+
 def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     """Says how the starts ended, what the nearest one lacks, and how much of an uncertainty there can be."""
     moving = [(a.result, a.motion, a.check) for a in attempts if a.motion is not None and a.check is not None]
@@ -359,10 +369,11 @@ def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
         first = attempts[0].result.status
         return PlanningError(
             f"none of {len(attempts)} starts gave a motion; the first: {first}; more starts, another seed or "
-            "less strict limits may help"
+            f"less strict limits may help{_for_cancels(task, first)}"
         )
     nearest, _, check = min(moving, key=lambda one: (len(one[2].violations), one[0].energy, one[0].number))
     why = f"start {nearest.number}: {'; '.join(check.violations)}"
+    why += _for_cancels(task, why)
     ending = f"none of {len(attempts)} starts gave a verified motion"
     if not task.limits.tolerance.given:
         return PlanningError(f"{ending}; {why}")
