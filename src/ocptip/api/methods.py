@@ -1,10 +1,12 @@
-"""How a motion is searched: directly, or along a path among obstacles; which method suits a task."""
+"""How a motion is searched, directly or along a path among obstacles; and what runs it then."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from types import ModuleType
 from typing import Literal, TypeVar, cast
@@ -13,11 +15,16 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.basics.text import quantity
+from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import Task
+from ocptip.motion.execution import Execution, execute
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
+from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
+from ocptip.trajectories.controllers import Controller
+from ocptip.trajectories.velocity_profiles import checked_rise_times
 
 T = TypeVar("T")
 Method = Literal["direct", "path", "smooth"]
@@ -30,6 +37,20 @@ NEARLY = 0.02
 
 _STATES = 60  # of the straight line
 _FIRST = 0.6  # of the time, for a method after which another one follows
+
+
+Runner = Controller | Literal["ramps"]
+"""The executor of a motion: a controller that interpolates between points, or `"ramps"`: drives that are
+commanded with trapezoidal velocity profiles.
+"""
+
+Ask = Kinds | Literal["given"]
+"""Stops of these kinds, or of those that the task gives brake torques for."""
+
+RISE_TIME = 0.02
+"""s, for controllers that need one and where none is asked for."""
+SLOWER_ALONG_PATH = 1.004
+"""Factor of the times of a timed path that is tried first; cubics between points then keep the limits."""
 
 
 def searched(
@@ -182,3 +203,83 @@ def in_time(compute: Callable[[], T], otherwise: T, budget: TimeBudget) -> T:
             return compute()
     except TimeIsUpError:
         return otherwise
+
+
+def prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:
+    """The task whose plans suit the controller, and keep their limits in the stops asked for."""
+    if stops:
+        kinds = None if stops == "given" else stops
+        task = task.each(lambda own: replace(own, limits=own.stops.safe(own.limits, own.robot, kinds)))
+    for own in task.segments:
+        if own.task.limits.cancel is not None and own.task.limits.cancel.together:
+            raise InputError("stop_safe: stopj is checked, not planned for; give a deceleration per joint")
+    if task.is_cycle:
+        if rise_time is not None and controller != "quintic":
+            raise InputError("rise_time: cycles have trapezoidal profiles; only for --controller quintic")
+        return task
+    if rise_time is not None:
+        task = replace(task, rise_times=checked_rise_times(rise_time, task.robot.n))
+    rises = cast(MotionTask, task).rise_times or (0.0,)
+    limited = np.isfinite(cast(MotionTask, task).limits.jerks(task.robot.limits)) & (np.array(rises) == 0)
+    if rise_time is not None and limited.any():
+        names = ", ".join(task.robot.names[j] for j in np.flatnonzero(limited))
+        raise InputError(f"rise_time: 0 exceeds any jerk limit, and joints {names} have one; leave it out")
+    if controller == "quintic" and not all(cast(Sequence[float], rises)):
+        if rise_time is not None:
+            raise InputError(f"rise_time: must be > 0 for --controller quintic, got {rise_time:g}")
+        task = replace(task, rise_times=RISE_TIME)
+    return task
+
+
+def executed(
+    planned: MotionPlan,
+    *,
+    controller: Runner,
+    rate: float | None,
+    rise_time: float | None,
+    budget: TimeBudget,
+) -> list[Execution]:
+    """What runs each segment, with its proof if there is time for it."""
+    step, executions = None if rate is None else 1 / rate, list[Execution]()
+    for part in planned.parts:
+        robot, motion, limits = part.task.robot, part.motion, part.task.limits
+        if planned.task.is_cycle and controller == "quintic":  # segments are planned as ramps
+            least = rise_time or RISE_TIME  # jerk limits may ask for more
+            motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
+        along_path = motion.timing is not None  # no drive runs that as it is
+        if controller == "ramps" and not along_path:
+            run = Execution.of_drives(robot, motion, limits, part.check)
+        else:
+            runner = cast(Controller, "cubic" if controller == "ramps" else controller)
+            first = SLOWER_ALONG_PATH if along_path else 1.0
+            run = execute(robot, motion, limits, runner, step=step, first=first)
+        prove = partial(certified, robot, run.motion, run.check, limits)
+        executions.append(replace(run, check=in_time(prove, run.check, budget)))
+    return executions
+
+
+def better_smoothed(
+    planned: MotionPlan,
+    executions: list[Execution],
+    run: Callable[[MotionPlan], list[Execution]],
+    budget: TimeBudget,
+) -> tuple[MotionPlan, list[Execution]]:
+    """The better of a plan along a path, with its execution, and of that along the smoothed path.
+
+    One that is proved is not replaced by one that is not. Without time the plan stays as it is.
+    """
+
+    def smoother() -> tuple[MotionPlan, list[Execution]] | None:
+        plan = plans_along_paths().smoothed_plan(planned)
+        return None if plan is None else (plan, run(plan))
+
+    objective, before = planned.task.segments[0].task.objective, executions[0].check
+    found = in_time(smoother, None, budget)
+    path = {**planned.options["path"], "smoothed": False}
+    if found is not None:
+        after = found[1][0].check
+        costs = [objective.cost(one.energy, one.duration) for one in (before, after)]
+        path["smoothed_costs_more"] = costs[1] / costs[0] - 1
+        if after.verified and after.certified >= before.certified and costs[1] < costs[0]:
+            planned, executions, path["smoothed"] = *found, True
+    return replace(planned, options={**planned.options, "path": path}), executions

@@ -8,11 +8,22 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from ocptip.api.methods import ALONG_PATH, Method, in_time, of_segments, plans_along_paths, searched
+from ocptip.api.methods import (
+    ALONG_PATH,
+    Ask,
+    Method,
+    Runner,
+    better_smoothed,
+    executed,
+    in_time,
+    of_segments,
+    prepared,
+    searched,
+)
 from ocptip.api.motion_requirements import motion_outcomes
 from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import TaskLike, load_task
@@ -24,7 +35,7 @@ from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import check_motion, stated
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.cycles.task import Task, refuse_objects
-from ocptip.motion.execution import Execution, execute
+from ocptip.motion.execution import Execution
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
@@ -37,7 +48,6 @@ from ocptip.motion.plan_files import (
     task_samples,
     write_plan,
 )
-from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import (
     cancels_by_segment,
     cancels_to_dict,
@@ -55,23 +65,11 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Reserves, Sensitivity, motion_sensitivities
 from ocptip.standing.within.in_motion import worst_contacts
 from ocptip.standing.within.worst_case import WorstCase
-from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.trajectory import Trajectory
-from ocptip.trajectories.velocity_profiles import checked_rise_times
 
-RISE_TIME = 0.02
-"""s, for controllers that need one and where none is asked for."""
-SLOWER_ALONG_PATH = 1.004
-"""Factor of the times of a timed path that is tried first; cubics between points then keep the limits."""
 SPACING = 0.01
 """s, between the instants of sensitivities."""
 
-Runner = Controller | Literal["ramps"]
-"""The executor of a motion: a controller that interpolates between points, or `"ramps"`: drives that are
-commanded with trapezoidal velocity profiles.
-"""
-Ask = Kinds | Literal["given"]
-"""Stops of these kinds, or of those that the task gives brake torques for."""
 Progress = Callable[[int, int, float | None], None]
 
 
@@ -117,11 +115,11 @@ class Plan(CheckedMotion):
         """
         task, say, budget = planned.finished, stage or silent, budget or TimeBudget(None)
         say("proving what is run ...")
-        run = partial(_executed, controller=controller, rate=rate, rise_time=rise_time, budget=budget)
+        run = partial(executed, controller=controller, rate=rate, rise_time=rise_time, budget=budget)
         executions = run(planned)
         if smooth:
             say("smoothing the path ...")
-            planned, executions = _smoothed(planned, executions, run, budget)
+            planned, executions = better_smoothed(planned, executions, run, budget)
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
         pairs = zip(executions, checked.segments, strict=True)
@@ -327,7 +325,7 @@ def plan(
     for name, numbers in {"time_scale": time_scale, **given}.items():
         for number in numbers:
             positive_number(name, number)
-    task = _prepared(load_task(task), controller, rise_time, stops)
+    task = prepared(load_task(task), controller, rise_time, stops)
     refuse_objects(task, *["sensitivities"] * sensitivities)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
@@ -378,88 +376,8 @@ def plan(
     return Plan.of(planned, **known, **how_run)
 
 
-def _executed(
-    planned: MotionPlan,
-    *,
-    controller: Runner,
-    rate: float | None,
-    rise_time: float | None,
-    budget: TimeBudget,
-) -> list[Execution]:
-    """What runs each segment, with its proof if there is time for it."""
-    step, executions = None if rate is None else 1 / rate, list[Execution]()
-    for part in planned.parts:
-        robot, motion, limits = part.task.robot, part.motion, part.task.limits
-        if planned.task.is_cycle and controller == "quintic":  # segments are planned as ramps
-            least = rise_time or RISE_TIME  # jerk limits may ask for more
-            motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
-        along_path = motion.timing is not None  # no drive runs that as it is
-        if controller == "ramps" and not along_path:
-            run = Execution.of_drives(robot, motion, limits, part.check)
-        else:
-            runner = cast(Controller, "cubic" if controller == "ramps" else controller)
-            first = SLOWER_ALONG_PATH if along_path else 1.0
-            run = execute(robot, motion, limits, runner, step=step, first=first)
-        prove = partial(certified, robot, run.motion, run.check, limits)
-        executions.append(replace(run, check=in_time(prove, run.check, budget)))
-    return executions
-
-
-def _smoothed(
-    planned: MotionPlan,
-    executions: list[Execution],
-    run: Callable[[MotionPlan], list[Execution]],
-    budget: TimeBudget,
-) -> tuple[MotionPlan, list[Execution]]:
-    """The better of a plan along a path, with its execution, and of that along the smoothed path.
-
-    One that is proved is not replaced by one that is not. Without time the plan stays as it is.
-    """
-
-    def smoother() -> tuple[MotionPlan, list[Execution]] | None:
-        plan = plans_along_paths().smoothed_plan(planned)
-        return None if plan is None else (plan, run(plan))
-
-    objective, before = planned.task.segments[0].task.objective, executions[0].check
-    found = in_time(smoother, None, budget)
-    path = {**planned.options["path"], "smoothed": False}
-    if found is not None:
-        after = found[1][0].check
-        costs = [objective.cost(one.energy, one.duration) for one in (before, after)]
-        path["smoothed_costs_more"] = costs[1] / costs[0] - 1
-        if after.verified and after.certified >= before.certified and costs[1] < costs[0]:
-            planned, executions, path["smoothed"] = *found, True
-    return replace(planned, options={**planned.options, "path": path}), executions
-
-
 def silent(text: str) -> None:
     """Show nothing, where nobody wants to know what is done next."""
-
-
-def _prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:
-    """The task whose plans suit the controller, and keep their limits in the stops asked for."""
-    if stops:
-        kinds = None if stops == "given" else stops
-        task = task.each(lambda own: replace(own, limits=own.stops.safe(own.limits, own.robot, kinds)))
-    for own in task.segments:
-        if own.task.limits.cancel is not None and own.task.limits.cancel.together:
-            raise InputError("stop_safe: stopj is checked, not planned for; give a deceleration per joint")
-    if task.is_cycle:
-        if rise_time is not None and controller != "quintic":
-            raise InputError("rise_time: cycles have trapezoidal profiles; only for --controller quintic")
-        return task
-    if rise_time is not None:
-        task = replace(task, rise_times=checked_rise_times(rise_time, task.robot.n))
-    rises = cast(MotionTask, task).rise_times or (0.0,)
-    limited = np.isfinite(cast(MotionTask, task).limits.jerks(task.robot.limits)) & (np.array(rises) == 0)
-    if rise_time is not None and limited.any():
-        names = ", ".join(task.robot.names[j] for j in np.flatnonzero(limited))
-        raise InputError(f"rise_time: 0 exceeds any jerk limit, and joints {names} have one; leave it out")
-    if controller == "quintic" and not all(cast(Sequence[float], rises)):
-        if rise_time is not None:
-            raise InputError(f"rise_time: must be > 0 for --controller quintic, got {rise_time:g}")
-        task = replace(task, rise_times=RISE_TIME)
-    return task
 
 
 def _without_stops(task: Task, how: Mapping[str, Any], budget: TimeBudget) -> MotionPlan | None:
