@@ -37,6 +37,7 @@ AT_REST = 0.2
 
 _SAG = 5e-4  # rad or m: distance of chords, which are tested, from the blend between them
 _HALVINGS = 6  # of a blend at most; a corner that none rounds stays, and the motion stops there
+_WITH_EXTRA = 0.25  # of the states are for paths that are farther away; then the clearance is enough
 _FIRST = 20_000  # states of the first search
 _FURTHER = 8_000  # states after which a path is taken as it is; before, others are searched
 _RANGES = (1.0, 0.4)  # rad or m: longest line that a tree grows by at once, at first and after a failure
@@ -125,10 +126,11 @@ def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) ->
         ends = [[q for q in own if lines.free(q)] for own in (starts, goals)]
         if not all(ends):
             continue
-        found = _shortest(task, lines, *ends, seed=seed, deadline=deadline)
+        how = {"seed": seed, "deadline": deadline, "most": int(MOST_STATES * (_WITH_EXTRA if more else 1))}
+        found = _shortest(task, lines, *ends, **how)
         if found is not None and lines.broken(found):
             lines.at_rest = True
-            found = _shortest(task, lines, *ends, seed=seed, deadline=deadline)
+            found = _shortest(task, lines, *ends, **how)
         if found is not None:
             return rounded(found, lines)
         tested += lines.tested
@@ -184,14 +186,16 @@ def _shortest(
     *,
     seed: int,
     deadline: float,
+    most: int,
 ) -> np.ndarray | None:
-    """Corners (N, n) of the quickest of several paths; None: there is none.
+    """Corners (N, n) of the quickest of several paths, of at most that many states; None: there is none.
 
     The time that a random search takes varies by a factor of a hundred: one that takes long is begun again
     with twice the number of states, and after a quick one there is time for others.
     """
     speed = np.where(np.isfinite(task.robot.limits.speed), task.robot.limits.speed, 1.0)
-    states, paths, end, failures = _FIRST, list[np.ndarray](), lines.tested + MOST_STATES, 0
+    states, paths, begin, failures = _FIRST, list[np.ndarray](), lines.tested, 0
+    end = begin + most
     for turn in count():
         until = min(lines.tested + states, end)
         own = np.random.SeedSequence([seed, turn]).generate_state(1)[0]
@@ -202,7 +206,7 @@ def _shortest(
             states, failures = 2 * states, failures + 1
         else:
             paths.append(found)
-        enough = bool(paths) and (lines.tested > end - MOST_STATES + _FURTHER or len(paths[-1]) == 2)
+        enough = bool(paths) and (lines.tested > begin + _FURTHER or len(paths[-1]) == 2)
         if enough or lines.tested >= end or time.perf_counter() > deadline:
             break
 
