@@ -152,7 +152,8 @@ class CheckReport(GatedReport):
         motion = self.check.motion
         notes = [self.check.retimed] if self.check.retimed else []
         lost = any(text.startswith(("GN", "GT")) for text in self.check.check.violations)
-        if lost and not (self.check.sensitivities or self.check.task.is_cycle):
+        given = self.check.sensitivities or self.check.check.objects  # which these options do not take
+        if lost and not (given or self.check.task.is_cycle):
             notes += [
                 "a contact is lost: --sensitivities says what one change of base, load or speed helps, "
                 "--design how wide or heavy the base must be"
