@@ -18,13 +18,14 @@ import numpy as np
 
 from ocptip.certificate.trusted.described import Intervals
 from ocptip.certificate.trusted.forms import Form, K, U, alike, length
-from ocptip.certificate.trusted.late import ALIKE, Late, Rows
+from ocptip.certificate.trusted.late import ALIKE, Ends, Late, Rows
 from ocptip.certificate.trusted.plain import JUMP, require
 
 _APART = 1e-9  # s: boxes begin so much after the delay, so that no joint of theirs is still in the motion
 
 CREEP = 1e-6  # rad/s or m/s: joints that are not faster hold at once
 MOST = 200_000  # boxes
+_CELLS = 8  # of the time before a cancel in which joints may still be
 _SPLITS = "ta."  # a box is halved in t, or in the time after t, or it is one of the cover
 
 
@@ -145,22 +146,26 @@ class Cancelled:
         early = np.broadcast_to((first < 0) & (delay > 0), low.shape)  # it may still be in the motion
         moves, rests = ~still & (first < longest), still | (last > shortest)
         slower, unsure = -sign * rate, np.where(still | (sign != 0), 0.0, rate)
-        known = at, early, slower, unsure, moves, rests & (first <= longest)
-        middle, off = self._accelerations(*known, 0.0)  # without overshoot
-        centre, spread = self._accelerations(*known, self._late.overshoot)
+        known = boxes, at, slower, unsure, moves, rests & (first <= longest)
+        columns = np.flatnonzero(early[0])
+        ago, motion = self._before(boxes.some(columns), at.ends[:, columns])
+        centre, spread = self._accelerations(*known, columns, motion)
 
-        # while it decelerates: from the state at t, as long as the acceleration is between its bounds
+        # while it decelerates: from the state at t
         e = np.zeros((length(1), *low.shape))
         e[0], e[K] = 0.5 * (first + last), 0.5 * (last - first)
         after = Form(e, np.broadcast_to(U * (1 + np.abs(first) + np.abs(last)), low.shape) + 0.0)
-        own = np.where(early, middle, slower)
-        reach = np.where(early, np.maximum(np.abs(first), np.abs(last)), 0.0) * (1 + U)
+        faster, further = after * slower, after * after * (0.5 * slower)
+        if len(columns):  # or in the motion, before t
+            since = _decelerating(*(part[:, columns] for part in known[2:]), 0.0)
+            changes = _changes(ago, motion, last[columns], since)
+            for form, change in zip((faster, further), changes, strict=True):
+                form.c[..., columns], form.r[..., columns] = change.c, change.r
         over = np.where(early, 0.0, np.maximum(last - shortest, 0.0)) * (1 + U)  # it may have rested so long
         jump = np.where(early, JUMP, 0.0)
-        qd = after * own + at.qd
-        qd = _moved(qd, slower * -0.5 * over, off * reach + 0.5 * rate * over + 100 * jump + creep)
-        q = after * after * (0.5 * own) + at.qd * after + at.q
-        loose = 0.5 * off * reach**2 + 0.25 * rate * over**2 + jump * (1 + 100 * reach) + creep * (1 + last)
+        qd = _moved(faster + at.qd, slower * -0.5 * over, 0.5 * rate * over + 100 * jump + creep)
+        q = further + at.qd * after + at.q
+        loose = 0.25 * rate * over**2 + jump * (1 + 100 * delay) + creep * (1 + last)
         q = _moved(q, slower * -0.25 * over**2, loose)
 
         # at rest: from the place where it rests, as long as it may still have been moving
@@ -176,46 +181,55 @@ class Cancelled:
         states = _chosen(resting, halted, q), _chosen(resting, speed, qd)
         return self._placed([*states, Form.of(centre)], spread, at.ends)
 
+    def _before(self, boxes: Boxes, ends: np.ndarray) -> tuple[np.ndarray, Ends]:
+        """Times before t, (C + 1, B), s, from a delay to none, and bounds of accelerations (n, C, B) of the
+        motion in between.
+        """
+        blur = U * (1 + np.abs(ends).sum(axis=0))
+        shares = np.linspace(1.0, 0.0, _CELLS + 1)[:, None]
+        ago = (self._late.delay + U - boxes.first) * shares
+        pieces = np.broadcast_to(boxes.piece, ago[1:].shape)
+        parts = ends[0] - blur - ago[:-1], ends[1] + blur - ago[1:], pieces
+        found = self._late.accelerations(*(part.ravel() for part in parts))
+        return ago, tuple(part.reshape(len(part), *pieces.shape) for part in found)  # type: ignore[return-value]
+
     def _accelerations(
         self,
+        boxes: Boxes,
         at: Intervals,
-        early: np.ndarray,
         slower: np.ndarray,
         unsure: np.ndarray,
         moves: np.ndarray,
         halts: np.ndarray,
-        share: float,
+        columns: np.ndarray,
+        motion: Ends,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Middle and half widths of accelerations (n, B): of the motion where it is early, decelerating, at
         rest, and all of them with the overshoot of steps that are less than the delay ago.
 
         Args:
-            early: it may still be in the motion.
             slower, unsure: its deceleration, plus or minus.
             moves: it may decelerate.
             halts: it may have come to rest less than the delay ago, or rest.
-            share: by which a step is exceeded.
+            columns: of the boxes in which it may still be in the motion.
+            motion: bounds of its accelerations there.
         """
-        none = np.full(early.shape, np.inf)
-        before = [none, -none, np.zeros(early.shape), np.zeros(early.shape)]
-        if np.any(early):
-            columns = np.flatnonzero(early[0])
-            blur = U * (1 + np.abs(at.ends[:, columns]).sum(axis=0))
-            given = self._late.accelerations(at.ends[0, columns] - blur, at.ends[1, columns] + blur)
-            for own, part in zip(before, given, strict=True):
-                own[:, columns] = part
-        low, high, less, more = before
-        less, more = (part * bool(share) for part in (less, more))
-        begun = slower - unsure, slower + unsure  # just after it was cancelled
-        slowest, fastest = at.qdd.range  # of the motion at t, from where the step is
-        step = [share * (now - then) * early for now, then in zip(begun, (fastest, slowest), strict=True)]
-        extra = [np.minimum(0.0, less + step[0]), np.maximum(0.0, more + step[1])]
-        least = np.where(moves, begun[0] + extra[0], np.inf)
-        most = np.where(moves, begun[1] + extra[1], -np.inf)
-        stop = [share * -begun[1] * moves, share * -begun[0] * moves]  # steps to rest
-        least = np.where(halts | ~moves, np.minimum(least, extra[0] + np.minimum(stop[0], 0.0)), least)
-        most = np.where(halts | ~moves, np.maximum(most, extra[1] + np.maximum(stop[1], 0.0)), most)
-        least, most = np.minimum(least, low + less), np.maximum(most, high + more)
+        share, extra = self._late.overshoot, np.zeros((2, *slower.shape))
+        low, high = np.full(slower.shape, np.inf), np.full(slower.shape, -np.inf)
+        if len(columns):
+            low[:, columns], high[:, columns] = np.min(motion[0], axis=1), np.max(motion[1], axis=1)
+            start, end = at.ends[:, columns]
+            blur = U * (1 + np.abs(start) + np.abs(end))
+            start = start + boxes.first[columns]  # what was a delay before that is over
+            if share:
+                extra[..., columns] = self._late.exceeded(start - blur, end + blur, boxes.piece[columns])
+            low, high = low + extra[0], high + extra[1]
+            slowest, fastest = (part[:, columns] for part in at.qdd.range)  # at t, from where the step is
+            begun = (slower - unsure)[:, columns], (slower + unsure)[:, columns]
+            extra[0][:, columns] = np.minimum(0.0, extra[0][:, columns] + share * (begun[0] - fastest))
+            extra[1][:, columns] = np.maximum(0.0, extra[1][:, columns] + share * (begun[1] - slowest))
+        least, most = _decelerating(slower, unsure, moves, halts, share, *extra)
+        least, most = np.minimum(least, low), np.maximum(most, high)
         half = 0.5 * (most - least) * (1 + U) + U * (np.abs(least) + np.abs(most))
         return 0.5 * (least + most), np.where(most > least, half, 0.0)
 
@@ -247,6 +261,74 @@ class Cancelled:
             q, qd, qdd = forms
             found.append(Rows(here, here, np.ones((n, len(here))), q, qd, qdd, ends[:, here]))
         return found
+
+
+def _decelerating(
+    slower: np.ndarray,
+    unsure: np.ndarray,
+    moves: np.ndarray,
+    halts: np.ndarray,
+    share: float,
+    less: np.ndarray | float = 0.0,
+    more: np.ndarray | float = 0.0,
+) -> Ends:
+    """Minimum and maximum accelerations (n, B) since the cancel, with overshoot; see `_accelerations`."""
+    begun = slower - unsure, slower + unsure
+    stop = -share * begun[1] * moves, -share * begun[0] * moves  # steps to rest
+    least = np.where(moves, begun[0] + less, np.inf)
+    most = np.where(moves, begun[1] + more, -np.inf)
+    rest = less + np.minimum(stop[0], 0.0), more + np.maximum(stop[1], 0.0)
+    least = np.where(halts | ~moves, np.minimum(least, rest[0]), least)
+    return least, np.where(halts | ~moves, np.maximum(most, rest[1]), most)
+
+
+def _changes(ago: np.ndarray, motion: Ends, last: np.ndarray, since: Ends) -> tuple[Form, Form]:
+    """Changes of speed from t to a time near it, and of position beyond what the speed at t gives.
+
+    Args:
+        ago: (C + 1, B) times before t, s, from the longest to 0.
+        motion: (n, C, B) bounds of accelerations in between.
+        last: (B,), s: the longest time after t.
+        since: (n, B) bounds of accelerations there.
+
+    Returns:
+        Forms (n, B) in the place e between all times.
+    """
+    ahead = last * np.linspace(0.0, 1.0, _CELLS + 1)[1:, None]
+    times = np.concatenate([-ago, ahead])  # (E, B)
+    width = np.diff(times, axis=0)
+    middle, half = 0.5 * (times[0] + times[-1]), 0.5 * (times[-1] - times[0])
+
+    # bounds of the speed at these times, between which they are linear: backwards from t, and forward
+    least, most = (
+        np.concatenate([one, np.repeat(other[:, None], _CELLS, axis=1)], axis=1) * width
+        for one, other in zip(motion[::-1], since, strict=True)
+    )
+    low, high = (np.cumsum(np.pad(steps, ((0, 0), (1, 0), (0, 0))), axis=1) for steps in (least, most))
+    low, high = (part - part[:, [len(ago) - 1]] for part in (low, high))
+
+    # a parabola near them; any will do
+    e = (times - middle) / half
+    powers = e ** np.arange(3)[:, None, None]
+    weighted = powers * (np.pad(width, ((1, 0), (0, 0))) + np.pad(width, ((0, 1), (0, 0))))
+    A = np.einsum("ieb,jeb->bij", weighted, powers) + (1e-9 * half)[:, None, None] * np.eye(3)
+    c = np.linalg.solve(A, np.einsum("ieb,neb->bin", weighted, 0.5 * (low + high))).transpose(1, 2, 0)
+    fit = np.einsum("inb,ieb->neb", c, powers)
+    above, below = np.max(high - fit, axis=1), np.min(low - fit, axis=1)
+    bend = np.abs(c[2]) * np.max(0.5 * width / half, axis=0) ** 2  # between these times
+    size = np.sum(np.abs(least) + np.abs(most), axis=1) + np.sum(np.abs(c), axis=0)
+    radius = (0.5 * (above - below) + bend) * (1 + U) + U * size
+    c[0] += 0.5 * (above + below)
+    one = np.zeros((length(1), *c.shape[1:]))
+    one[K] = 1.0
+    place, zero = Form(one, np.zeros(c.shape[1:])), -middle / half
+
+    speed = place * (place * c[2] + c[1]) + c[0]
+    way = place * (place * (place * (c[2] / 3) + 0.5 * c[1]) + c[0])
+    begun = zero * (zero * (zero * (c[2] / 3) + 0.5 * c[1]) + c[0])
+    way = (way + -begun) * half
+    far = np.max(np.abs(times), axis=0)
+    return Form(speed.c, speed.r + radius), Form(way.c, way.r + radius * far * (1 + U) + U * half * size)
 
 
 def _moved(form: Form, by: np.ndarray, radius: np.ndarray) -> Form:

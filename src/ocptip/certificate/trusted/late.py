@@ -13,7 +13,7 @@ continued beyond its end. Plain data and NumPy only.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from math import comb, prod
 from typing import Any
@@ -29,6 +29,7 @@ SLACK = (
 REST = 1.0  # s before and after a motion: what else is looked at if nothing is late
 MOST = 1e5  # combinations of branches of all intervals
 ALIKE = (1, 3)  # numbers of boxes from which rows go with others
+Ends = tuple[np.ndarray, np.ndarray]
 _SMALL = 1e-5  # of a joint's greatest acceleration: changes below it are bounds of errors, not jumps
 
 
@@ -127,9 +128,10 @@ class Late:
         return found, blur
 
     def _changes(
-        self, starts: np.ndarray, ends: np.ndarray
+        self, starts: np.ndarray, ends: np.ndarray, pieces: np.ndarray | None = None
     ) -> tuple[list[range], list[np.ndarray], np.ndarray]:
-        """Changes at switching times in intervals from start to end, (N,), s, and in the delay before them.
+        """Changes at switching times in intervals from start to end, (N,), s, and in the delay before them;
+        of pieces (N,) only those before them.
 
         Returns:
             The numbers of their switching times; for each interval which are acceleration steps, (times, n);
@@ -137,6 +139,8 @@ class Late:
         """
         first = np.searchsorted(self.events, starts - self.delay, "right")
         after = np.searchsorted(self.events, ends)
+        after = after if pieces is None else np.minimum(after, pieces)
+        first = np.minimum(first, after)
         counts = np.maximum(after - first, 0)
         owner = np.repeat(np.arange(len(starts)), counts)
         event = np.arange(len(owner)) + np.repeat(first - np.cumsum(counts) + counts, counts)
@@ -215,24 +219,36 @@ class Late:
         q, qd = self._placed(states, chosen, np.zeros(len(states[0].r)))
         return q, qd
 
-    def accelerations(
-        self, starts: np.ndarray, ends: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Bounds (n, N) of the accelerations of delayed joints without overshoot, and of what that adds to
-        them, over intervals from start to end, (N,), s.
+    def accelerations(self, starts: np.ndarray, ends: np.ndarray, pieces: np.ndarray) -> Ends:
+        """Minimum and maximum accelerations (n, N) of the motion from start to end, (N,), s, and in no later
+        piece than `pieces`, (N,).
         """
-        boxes, less, more = [], [], []
-        changes = zip(starts.tolist(), ends.tolist(), *self._changes(starts, ends), strict=True)
+        first = np.minimum(np.searchsorted(self.events, starts, "left"), pieces)
+        counts = np.minimum(np.searchsorted(self.events, ends, "right"), pieces) - first + 1
+        begin = np.cumsum(counts) - counts
+        owner = np.repeat(np.arange(len(counts)), counts)
+        piece = np.arange(len(owner)) + np.repeat(first - begin, counts)
+        middle, rate = 0.5 * self._times[piece].sum(axis=1), self._rate[piece]
+        low, high = (np.clip((times[owner] - middle) * rate, -1, 1) for times in (starts, ends))
+        blur = U * (np.abs(starts) + np.abs(ends))[owner] * rate + 2 * U * np.abs(middle) * rate
+        u = Form.of(0.5 * (low + high), 0.5 * (high - low), radius=blur)
+        k = np.arange(2, self._c.shape[2])[:, None]
+        value = polynomial(np.moveaxis(self._c[piece], 0, 2)[:, 2:] * (k * (k - 1)), u) * rate**2
+        least, most = value.range
+        return np.minimum.reduceat(least, begin, axis=1), np.maximum.reduceat(most, begin, axis=1)
+
+    def exceeded(self, starts: np.ndarray, ends: np.ndarray, pieces: np.ndarray) -> Ends:
+        """Minimum and maximum, (n, N), of what overshoot adds to accelerations at steps from the delay before
+        a start to an end, (N,), s, and before a piece.
+        """
+        less, more = [], []
+        changes = zip(starts.tolist(), ends.tolist(), *self._changes(starts, ends, pieces), strict=True)
         for start, end, inside, jumps, smooth in changes:
             for joint in range(self.joints):
                 parts = self._branches(joint, start, end, inside, jumps[:, joint], smooth[joint])
                 less.append(min(0.0, *(part.more - part.loose[2] for part in parts)))
                 more.append(max(0.0, *(part.more + part.loose[2] for part in parts)))
-                boxes.append(_Box(joint, start, end, [replace(part, more=0.0) for part in parts]))
-        (_, _, value), spread = self._boxes(boxes)
-        low, high = value.range
-        found = low - spread, high + spread, np.array(less), np.array(more)
-        return tuple(part.reshape(-1, self.joints).T for part in found)  # type: ignore[return-value]
+        return tuple(np.reshape(part, (-1, self.joints)).T for part in (less, more))  # type: ignore[return-value]
 
     def _combined(
         self, starts: np.ndarray, ends: np.ndarray, apart: np.ndarray | None
