@@ -134,6 +134,19 @@ class Form:
         r = A * other.r + B * self.r + self.r * other.r + cut + U * A * B
         return Form(c, r * (1 + U) + TINY)
 
+    def half(self, k: int, side: float) -> Form:
+        """Where the number e_k, counted from 0, has this sign, -1 or 1: in its place within this half."""
+        c, (m, i, j) = self.c.copy(), numbers_of(len(self.c))
+        mixed, square = np.flatnonzero((i == k) != (j == k)), K + 2 * m + np.flatnonzero((i == k) & (j == k))
+        places = [(0, K + k), (1, K + m + k), *((K + i[p] + j[p] - k, K + 2 * m + p) for p in mixed)]
+        for place, own in places:
+            c[place] += 0.5 * side * self.c[own]
+            c[own] *= 0.5
+        c[0] += 0.25 * self.c[square][0]
+        c[K + k] += 0.5 * side * self.c[square][0]
+        c[square] *= 0.25
+        return Form(c, (self.r + 4 * U * self.size) * (1 + U) + TINY)
+
     @property
     def range(self) -> tuple[np.ndarray, np.ndarray]:
         """A lower and an upper bound: the minimum and the maximum Bernstein coefficient, and the errors."""

@@ -38,6 +38,7 @@ from ocptip.certificate.trusted.late import Rows
 _NODES = np.linspace(-1.0, 1.0, ORDER + 1)  # Bernstein coefficients of s
 _AT_ONCE = 8000  # functionals times rows
 _ROWS = 200  # whose terms are made at once: those of more leave the processor's cache, and take twice as long
+_HALVINGS = 2  # of numbers e where a bound is short
 _BY_ROW = ("size", "error", "middle", "spread", "centre", "half")
 
 
@@ -84,6 +85,16 @@ class Terms:
         by_row = {name: np.concatenate([getattr(g, name) for g in groups], axis=-1) for name in _BY_ROW}
         parts, process = beside([g.parts for g in groups]), beside([g.process for g in groups])
         return replace(groups[0], parts=parts, process=process, **by_row)
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(3, T): ends of the weights, and masses."""
+        return np.array([self.low, self.high, self.masses])
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers e there are."""
+        return numbers_of(len(self.parts.c))[0]
 
     def in_box(self, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """As `Within.least`, of any wrench of the boxes: quicker, and as a rule less."""
@@ -205,10 +216,12 @@ class Within:
         count = max(1, _AT_ONCE // max(1, len(h)))
         parts = [slice(k, k + count) for k in range(0, h.shape[2], count)]
         return np.concatenate(
-            [self._least(terms.some(k), h[..., k], constant[..., k], closely) for k in parts], axis=1
+            [self._least(terms.some(k), h[..., k], constant[..., k], _HALVINGS * closely) for k in parts],
+            axis=1,
         )
 
-    def _least(self, terms: Terms, h: np.ndarray, constant: np.ndarray, closely: bool) -> np.ndarray:
+    def _least(self, terms: Terms, h: np.ndarray, constant: np.ndarray, halvings: int) -> np.ndarray:
+        """With this number of halvings of numbers e where signs of terms are in doubt; 0: a coarse bound."""
         middle = np.einsum("air,tir->tar", h, terms.middle)
         spread = np.einsum("air,tir->tar", np.abs(h), terms.spread)
         low, high = terms.low[:, None, None], terms.high[:, None, None]
@@ -220,12 +233,40 @@ class Within:
         error = np.einsum("air,ir->ar", np.abs(h), terms.error) + 4 * U * size
         error = error + self._pushed_base(h, weights, sure)
         bound = self._weighted(terms, h, constant, weights) - (np.sum(doubt, axis=0) + error) * (1 + U)
+        if not halvings:
+            return bound
         short = (bound < 0) & (bound + np.sum(np.sort(doubt, axis=0)[-2:], axis=0) >= 0)
-        if closely and len(rows := np.flatnonzero(np.any(short, axis=0))):
+        if len(rows := np.flatnonzero(np.any(short, axis=0))):
             some = terms.some(rows), h[..., rows], constant[..., rows]
             closer = self._at_ends(*some, weights[..., rows], doubt[..., rows], error[:, rows])
             bound[:, rows] = np.where(short[:, rows], np.maximum(bound[:, rows], closer), bound[:, rows])
+        short = (bound < 0) & (bound + 2 * np.sum(doubt, axis=0) >= 0)
+        if terms.numbers and len(rows := np.flatnonzero(np.any(short, axis=0))):
+            some = terms.some(rows), h[..., rows], constant[..., rows], doubt[..., rows]
+            bound[:, rows] = np.maximum(bound[:, rows], self._in_halves(*some, halvings - 1))
         return bound
+
+    def _in_halves(
+        self, terms: Terms, h: np.ndarray, constant: np.ndarray, doubt: np.ndarray, halvings: int
+    ) -> np.ndarray:
+        """The same, each row in halves of the number that does most for the terms in doubt."""
+        c, (low, high, masses) = terms.parts.c, terms.ends
+        strength = []
+        for k in range(terms.numbers):
+            does = np.einsum("air,tir->tar", h, self._middle(0.0 * masses, c[K + k]))
+            does = np.where(doubt > 0, (high - low)[:, None, None] * np.abs(does), 0.0)
+            strength.append(np.max(np.sum(does, axis=0), axis=0))
+        chosen, found = np.argmax(strength, axis=0), np.empty(doubt.shape[1:])
+        for k in np.unique(chosen):
+            rows = np.flatnonzero(chosen == k)
+            some = terms.some(rows)
+            halves = [
+                self._terms(terms.ends, some.parts.half(k, side), some.process.half(k, side), terms.tool)
+                for side in (-1.0, 1.0)
+            ]
+            own = h[..., rows], constant[..., rows], halvings
+            found[:, rows] = np.min([self._least(half, *own) for half in halves], axis=0)
+        return found
 
     def _at_ends(
         self,
@@ -292,29 +333,35 @@ class Within:
         by_node = _NODES.reshape(-1, 1, 1, 1)
         slopes = [X[K + k] + by_node * X[K + m + k] for k in range(m)]
         bends = X[K + 2 * m :]
-        push, far = self._own["push"], self._size + self._off
+        push = self._own["push"]
         reach = np.linalg.norm(at[push_], axis=1)
         unit = at[push_] / np.maximum(reach, 1e-300)[:, None]
         pushed = [slope[free] - push * np.sum(unit * slope[push_], axis=1) for slope in slopes]
-        turns = [self._off * np.linalg.norm(slope[:, 1:4], axis=1) for slope in slopes]
+        tilted = self._off * np.linalg.norm(bends[:, 1:4], axis=1)
+        turns = [
+            self._off * np.linalg.norm(slope[:, 1:4], axis=1)
+            + np.sum(tilted[i == k], axis=0)
+            + np.sum(tilted[j == k], axis=0)
+            for k, slope in enumerate(slopes)
+        ]
         bent = np.linalg.norm(bends[push_], axis=1)
         moved = sum(np.linalg.norm(slope[push_], axis=1) for slope in slopes) + np.sum(bent, axis=0)
         lost = push * (
             np.minimum(2 * moved, 0.5 * moved**2 / np.maximum(reach, 1e-300)) + np.sum(bent, axis=0)
         )
         lost = lost + np.sum(np.abs(bends[free]), axis=0)
-        best = np.full(reach.shape, np.inf)
+        best, gravity = np.full(reach.shape, np.inf), self._gravity
         for pace in self._paces:
             here, found = at[:, :4].copy(), at[free] - push * reach - lost
-            size = pace * np.abs(bends[:, 0]) + far * np.linalg.norm(bends[:, 1:4], axis=1)
-            sides = []
-            for k, (slope, other, turn) in enumerate(zip(slopes, pushed, turns, strict=True)):
-                way = pace * slope[:, 0] + np.tensordot(self._gravity, slope[:, 1:4], axes=(0, 1)) + other
-                side = np.where(way > 0, -1.0, 1.0)
-                change = np.sum(size[i == k], axis=0) + np.sum(size[j == k], axis=0)
-                found = found + side * other - 2 * np.maximum(turn + change - np.abs(way), 0.0)
+            bent = pace * bends[:, 0] + np.tensordot(gravity, bends[:, 1:4], axes=(0, 1))
+            linear = [
+                pace * slope[:, 0] + np.tensordot(gravity, slope[:, 1:4], axes=(0, 1)) + other
+                for slope, other in zip(slopes, pushed, strict=True)
+            ]
+            sides, beyond = _sides(linear, bent, i, j)
+            for side, slope, other, turn, more in zip(sides, slopes, pushed, turns, beyond, strict=True):
+                found = found + side * other - 2 * np.maximum(turn + more, 0.0)
                 here += side[:, None] * slope[:, :4]
-                sides.append(side)
             for bend, first, second in zip(bends, i, j, strict=True):
                 here += (sides[first] * sides[second])[:, None] * bend[:4]
             best = np.minimum(best, pace * here[:, 0] + self._under_cap(here[:, 1:]) + found)
@@ -332,6 +379,41 @@ class Within:
         inside = (along < 0) & (across * np.cos(self._tilt) <= -along * np.sin(self._tilt))
         rim = along * np.cos(self._tilt) - across * np.sin(self._tilt)
         return np.where(inside, -np.hypot(along, across), rim)
+
+
+def _sides(
+    linear: list[np.ndarray], bends: np.ndarray, i: np.ndarray, j: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Ends of m numbers e in [-1, 1] near the minimum of linear . e + sum of bend e_i e_j.
+
+    The numbers differ from these ends by 2 x, x in [0, 1]. A product of two x is at most any mean of both:
+    here the number that does more counts more.
+
+    Args:
+        linear: m slopes, (V, A, R) each.
+        bends: (pairs, A, R) of the pairs i <= j.
+
+    Returns:
+        The ends, (V, A, R) each; and half the slope over each x by which it may become less.
+    """
+    m, size = len(linear), [np.max(np.abs(way), axis=0) for way in linear]
+    between, squares = np.zeros((m, m, *bends.shape[1:])), bends[i == j]
+    between[i, j] = between[j, i] = bends
+    between[np.arange(m), np.arange(m)] = 0.0
+    sides = np.array([np.where(way > 0, -1.0, 1.0) for way in linear])
+    bent = [k for k in range(m) if between[k].any()]
+    for k in bent:
+        way = linear[k] + np.einsum("jar,jvar->var", between[k], sides)
+        sides[k] = np.where(way > 0, -1.0, 1.0)
+    beyond = [
+        side * way + 2 * np.maximum(x, 0.0) for side, way, x in zip(sides, linear, squares, strict=True)
+    ]
+    for k in bent:
+        both = size[k] + np.array(size)
+        share = np.where(both > 0, size[k] / np.where(both > 0, both, 1.0), 0.5)
+        fixed = np.sum(share * np.abs(between[k]), axis=0)
+        beyond[k] += fixed + sides[k] * np.einsum("jar,jvar->var", (1 - share) * between[k], sides)
+    return list(sides), beyond
 
 
 def _wrench(sizes: np.ndarray, gravity: np.ndarray, pace: float, masses: np.ndarray) -> np.ndarray:
