@@ -9,7 +9,7 @@ from ocptip.certificate.describe import motion_data
 from ocptip.certificate.find import certify
 from ocptip.certificate.find_cancels import cancel_claims
 from ocptip.certificate.result import Undecided
-from ocptip.certificate.trusted.cancelled import Cancelled
+from ocptip.certificate.trusted.cancelled import Boxes, Cancelled
 from ocptip.certificate.trusted.checker import check_certificate
 from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Late
@@ -81,6 +81,30 @@ def test_states_are_in_their_boxes(delay):
                 for joint, value in enumerate(values):
                     low, high = _ends(form, joint, row, s, e)
                     assert low <= value <= high
+
+
+def test_steps_of_the_motion_that_overshoot_are_in_their_boxes():
+    """Draws of the attack, in small boxes about their times: of the motion, of cancels, and of rests."""
+    rng, (_, motion) = np.random.default_rng(5), _swing("B")
+    data = {"motion": motion_data(motion), "model": {"decelerations_on_cancel": RATES.tolist()}}
+    tolerance = {"delay": 0.02, "speed": 0.0, "overshoot": 0.85}
+    joints, times = worlds.LateJoints(data["motion"], tolerance), np.array(data["motion"]["times"])
+    drawn = [claims._cancelled(data, joints, rng) for _ in range(400)]
+    piece, t, after = map(np.array, zip(*(when for when, _ in drawn), strict=True))
+    begin, end = times[piece].T
+    u, wide = 2 * (t - begin) / (end - begin) - 1, rng.uniform(1e-6, 1e-2, (4, len(t)))
+    first, last = np.maximum(after - wide[2], 0.0), after + wide[3]
+    boxes = Boxes(piece, np.maximum(u - wide[0], -1.0), np.minimum(u + wide[1], 1.0), first, last)
+    cancelled, seen = Cancelled(data["motion"], RATES, Late(data["motion"], 0.02, 0.85)), 0
+    boxes_of_rest = cancelled.rested(boxes)
+    for rows in cancelled.rows(boxes):
+        states = np.array([drawn[k][1] for k in rows.number])[~boxes_of_rest[rows.number]]
+        for form, values in zip((rows.q, rows.qd, rows.qdd), states.transpose(1, 2, 0), strict=True):
+            low, high = (part[:, ~boxes_of_rest[rows.number]] for part in form.range)
+            assert np.all(low - 1e-9 <= values)
+            assert np.all(values <= high + 1e-9)
+        seen += len(states)
+    assert seen > 300
 
 
 def _cancels(GN, rate=3.0, **changes):

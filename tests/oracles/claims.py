@@ -46,7 +46,7 @@ def falsehood(data, rng, samples):
             if asked is not None and (found := _gaps(model, asked, state[0], rng)):
                 return f"{found} with late joints at {late}"
             if "decelerations_on_cancel" in model:
-                t, stopped = _cancelled(data, joints, rng)
+                (_, t, _), stopped = _cancelled(data, joints, rng)
                 wrench = _numbers(worlds.loads(_acting(model, t), world, stopped))[1]
                 asked = (bounds[f"{key}_cancel_worst_case"] for key in ("GN", "GT"))
                 if found := _contacts(model, wrench, *asked, weak):
@@ -148,10 +148,11 @@ def _gaps(model, asked, q, rng):
 
 
 def _cancelled(data, joints, rng):
-    """When a motion is cancelled, and coordinates, speeds and accelerations (3, n) at some time after it.
+    """Where a motion is cancelled (piece, s), how long after that it is, s, and coordinates, speeds and
+    accelerations (3, n).
 
     Every joint is at a time of its own, by up to the delay earlier: in the motion, decelerating or at rest;
-    or just after a step of its acceleration, with overshoot.
+    or just after a step of its acceleration, with overshoot of that and of steps less than the delay before.
     """
     rates = np.array(data["model"]["decelerations_on_cancel"], dtype=float)
     pieces = np.flatnonzero(np.diff(joints.times, axis=1)[:, 0] > 0)
@@ -159,14 +160,25 @@ def _cancelled(data, joints, rng):
     t = float(rng.choice([*joints.times[piece], rng.uniform(*joints.times[piece])]))
     begun = np.array([joints._at(piece, t, j) for j in range(joints.n)]).T
     rests = np.abs(begun[1]) / rates * (np.abs(begun[1]) > 1e-6)
-    after, state = rng.uniform(0.0, np.max(rests) + joints.delay), np.empty((3, joints.n))
+    longest = joints.delay + np.max(rests) * (rng.random() < 0.7)  # else joints may be in the motion
+    after, state = rng.uniform(0.0, longest), np.empty((3, joints.n))
     for j, (q, v, acting) in enumerate(begun.T):
         slower = -np.sign(v) * rates[j] * (rests[j] > 0)
-        steps = [when for when in (0.0, rests[j]) if after - joints.delay <= when <= after]
+        low = after - joints.delay
+        earlier = [k for k, e in enumerate(joints.events[:piece]) if e >= t + low and joints.jumps[k, j]]
+        steps = [(float(joints.events[k]) - t, joints.steps[k, j]) for k in earlier]
+        steps += [(when, step) for when, step in ((0.0, slower - acting), (rests[j], -slower)) if when >= low]
+        steps = [(when, step) for when, step in steps if when <= after]
         if steps and rng.random() < 0.5:
-            when = float(rng.choice(steps))
-            step = slower - acting if when == 0.0 else -slower
-            more = (slower if when == 0.0 else 0.0) + joints.more * step * rng.integers(2)
+            last = int(rng.integers(len(steps)))
+            first = int(rng.integers(last + 1))
+            when, exceeded = steps[last][0], joints.more * sum(step for _, step in steps[first : last + 1])
+            exceeded *= int(rng.integers(2))
+            if last < len(earlier):
+                state[:, j] = joints._at(earlier[last] + 1, t + when, j)
+                state[2, j] += exceeded
+                continue
+            more = (slower if when == 0.0 and rests[j] > 0 else 0.0) + exceeded
         else:
             when, more = after - rng.uniform(0, joints.delay), None
         if when < 0:
@@ -176,7 +188,7 @@ def _cancelled(data, joints, rng):
         own = min(when, rests[j])
         state[:, j] = q + v * own + slower * own**2 / 2, v + slower * own, slower * (when < rests[j])
         state[2, j] = state[2, j] if more is None else more
-    return t, state
+    return (piece, t, after), state
 
 
 def _outside(model, margin, q):
