@@ -59,7 +59,7 @@ WHOLE = {  # parts of a command: the functions that do them
     "search": "ocptip.api.plan.plan_motion",
     "controller": "ocptip.motion.execution.execute",
     "tolerated": "ocptip.api.plan.robustness",
-    "figures": "ocptip.pictures.frame.Drawing.save",
+    "figures": "ocptip.pictures.frame.png",
 }
 STAGES = ("case", "building s", "start", "coarse", "fine", "exact", "check", "all but building")
 
