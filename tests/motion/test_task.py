@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from ocptip.api.postures import resting_posture
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.objective import TIME, priced
@@ -14,11 +15,14 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.motors import DCMotors, PowerMaps
+from ocptip.robots.payload import Payload
 from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import NONE
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.task_scene import NO_BASE_SHAPE
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
+from tests.places import EXAMPLES
 
 FEET = """\
 [base]
@@ -523,3 +527,15 @@ def test_motions_that_have_to_take_longer_than_any_that_is_planned_are_refused()
     limits = dataclasses.replace(task.limits, min_duration=31.0, max_duration=31.0)
     reasons = refusals(dataclasses.replace(task, limits=limits))
     assert reasons == ("duration: is 31 s, 30 s is the longest motion that is planned",)
+
+
+def test_a_payload_that_is_too_heavy_has_the_possible_one_beside_it():
+    """It is the smaller one of those that `stand` has at start and goal."""
+    task = load_task(EXAMPLES / "tasks/ur5_cart.toml", NONE)
+    heavy = task.robot.varied(arm=task.robot.arm.with_payload(Payload(60.0)))
+    task = dataclasses.replace(task, robot=heavy)
+    with pytest.raises(InputError, match="cannot be planned") as error:
+        require_plannable(task)
+    ends = (resting_posture(task, name).largest_payload(NONE) for name in ("start", "goal"))
+    least = min(one.mass_kg for one in ends if one is not None)
+    assert f"possible is a payload of {least:.3g} kg instead of 60 kg (" in str(error.value)
