@@ -157,7 +157,8 @@ class Cancelled:
         after = Form(e, np.broadcast_to(U * (1 + np.abs(first) + np.abs(last)), low.shape) + 0.0)
         faster, further = after * slower, after * after * (0.5 * slower)
         if len(columns):  # or in the motion, before t
-            since = _decelerating(*(part[:, columns] for part in known[2:]), 0.0)
+            own = (part[:, columns] for part in known[2:])
+            since = _decelerating(*own, share=0.0)
             changes = _changes(ago, motion, last[columns], since)
             for form, change in zip((faster, further), changes, strict=True):
                 form.c[..., columns], form.r[..., columns] = change.c, change.r
@@ -228,7 +229,7 @@ class Cancelled:
             begun = (slower - unsure)[:, columns], (slower + unsure)[:, columns]
             extra[0][:, columns] = np.minimum(0.0, extra[0][:, columns] + share * (begun[0] - fastest))
             extra[1][:, columns] = np.maximum(0.0, extra[1][:, columns] + share * (begun[1] - slowest))
-        least, most = _decelerating(slower, unsure, moves, halts, share, *extra)
+        least, most = _decelerating(slower, unsure, moves, halts, share=share, less=extra[0], more=extra[1])
         least, most = np.minimum(least, low), np.maximum(most, high)
         half = 0.5 * (most - least) * (1 + U) + U * (np.abs(least) + np.abs(most))
         return 0.5 * (least + most), np.where(most > least, half, 0.0)
@@ -268,6 +269,7 @@ def _decelerating(
     unsure: np.ndarray,
     moves: np.ndarray,
     halts: np.ndarray,
+    *,
     share: float,
     less: np.ndarray | float = 0.0,
     more: np.ndarray | float = 0.0,
