@@ -1,11 +1,14 @@
 """Enclosures hold what they claim: against ball arithmetic, on purpose at the edge of what rounds."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocptip.certificate.trusted.forms import ORDER, Form, cos_sin, linear
+from ocptip.certificate.trusted.forms import ORDER, Form, K, cos_sin, length, linear, numbers_of
+from ocptip.certificate.trusted.within import _sides
 
 flint = pytest.importorskip("flint")
 from tests.oracles import arm_in_balls as balls  # noqa: E402
@@ -60,3 +63,35 @@ def test_range_is_that_of_the_polynomial_at_its_ends():
     low, high = f.range
     assert high[0] == pytest.approx(0.8, abs=1e-12)  # at s = -1, where Bernstein coefficients are exact
     assert low[0] == pytest.approx(-0.2, abs=1e-12)
+
+
+@pytest.mark.parametrize("m", [1, 3])
+def test_halves_of_a_number_are_the_form_there(m):
+    rng, (_, i, j) = np.random.default_rng(m), numbers_of(length(m))
+
+    def at(form, s, e):
+        c = form.c[:, 0]
+        slopes = c[K : K + m] + s * c[K + m : K + 2 * m]
+        return c[:K] @ s ** np.arange(K) + slopes @ e + c[K + 2 * m :] @ (e[i] * e[j])
+
+    form = Form(rng.normal(size=(length(m), 1)), np.zeros(1))
+    for k in range(m):
+        for side in (-1.0, 1.0):
+            s, e = rng.uniform(-1, 1), rng.uniform(-1, 1, m)
+            whole = np.where(np.arange(m) == k, 0.5 * (side + e), e)
+            assert at(form.half(k, side), s, e) == pytest.approx(at(form, s, whole), abs=1e-13)
+
+
+def test_no_numbers_give_less_than_the_ends_and_what_goes_beyond_them():
+    """Sums of numbers in [-1, 1] and of their products, at corners and inside."""
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        m = int(rng.integers(1, 6))
+        i, j = np.triu_indices(m)
+        slopes = rng.normal(size=m) * 10 ** rng.uniform(-2, 1, m)
+        bends = rng.normal(size=len(i)) * (rng.random(len(i)) < 0.6)
+        ends, beyond = _sides(list(slopes[:, None, None, None]), bends[:, None, None], i, j)
+        bound = np.ravel(ends) @ slopes + bends @ (np.ravel(ends)[i] * np.ravel(ends)[j])
+        bound -= 2 * np.sum(np.maximum(beyond, 0.0))
+        e = np.vstack([list(product([-1.0, 1.0], repeat=m)), rng.uniform(-1, 1, (200, m))])
+        assert np.min(e @ slopes + (e[:, i] * e[:, j]) @ bends) >= bound - 1e-12
