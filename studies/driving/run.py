@@ -31,6 +31,8 @@ from studies.driving.wheels import RADIUS, ROUGH, driven, on_wheels, tips_at
 SEED, BEND, RATE, LEAST, MOST = 0, 3.0, 0.15, 0.3, 10.0
 """Seed; radius of curves, m; how fast the speed grows in them, m/s^2; limits that are simulated."""
 
+ON_AXIS = 1e-3  # m
+
 SLOPES = {"brake": (-1, 0.0), "accelerate": (1, 0.0), "brake downhill": (-1, 0.05)}
 
 
@@ -89,11 +91,15 @@ def curve(robot: Robot, q: np.ndarray, side: int) -> tuple[float, float] | None:
 
 
 def _predicted(robot: Robot, q: np.ndarray, kind: Manoeuvres) -> tuple[float, np.ndarray] | None:
-    """The limit, and the contacts of its axis."""
+    """The limit, and the contacts on its axis, from 1: of twin wheels more than two."""
     found = largest_manoeuvres(robot, q, kind)
     if not LEAST < found.tip[0] < MOST or found.slip[0] < found.tip[0]:
         return None
-    return float(found.tip[0]), found.contacts[0]
+    places = np.array([contact.position for contact in robot.support.contacts])
+    first, second = places[found.contacts[0] - 1]
+    along = (second - first) / np.linalg.norm(second - first)
+    away = np.linalg.norm(np.cross(places - first, along), axis=1)
+    return float(found.tip[0]), 1 + np.flatnonzero(away < ON_AXIS)
 
 
 def rows_of(path: Path, postures: int, seed: int) -> Iterator[dict[str, Any]]:

@@ -46,14 +46,15 @@ def on_wheels(robot: Robot, q: np.ndarray, axes: np.ndarray) -> mujoco.MjModel:
         centre = _vector(np.add(contact.position, [0, 0, RADIUS]))
         joint = f'<joint name="w{k}" axis="{_vector(axis)}"/>' if hinged else ""
         grip = f'friction="{ROUGH} 0 0" condim="3"' if hinged else 'friction="0 0 0" condim="1"'
-        geom = f'<geom type="sphere" size="{RADIUS}" {grip} solref="0.004 1" priority="1"/>'
+        # Twin wheels would touch each other: they only have contact with the ground.
+        geom = f'<geom type="sphere" size="{RADIUS}" {grip} solref="0.004 1" priority="1" conaffinity="0"/>'
         wheels += f'<body pos="{centre}">{joint}{own}{geom}</body>'
         # Stiff enough for the mass that wheels follow their speeds, but stiffer ones chatter.
         motors += f'<velocity joint="w{k}" kv="{GAIN * robot.mass:.6g}"/>' if hinged else ""
     option = f'timestep="{STEP}" integrator="implicitfast" cone="elliptic" impratio="10"'
     return mujoco.MjModel.from_xml_string(f"""
     <mujoco><option gravity="{_vector(support.gravity)}" {option}/>
-      <worldbody><geom type="plane" size="0 0 1"/>
+      <worldbody><geom type="plane" size="0 0 1" contype="0"/>
         <body name="base"><freejoint/>{_inertial(support.mass, support.center_of_mass, support.inertia)}
           {bodies}{wheels}</body></worldbody>
       <actuator>{motors}</actuator></mujoco>""")
@@ -76,7 +77,7 @@ def tips_at(
         wheel_speeds: function of time, rad/s of each wheel with a hinge; before it the base settles.
         initial: m/s and rad/s, forward and about z.
         seconds: after which this ends; the result is infinite if the force is still large then.
-        axis: (2,) contacts of the axis, from 1.
+        axis: contacts on the axis, from 1.
     """
     data, force = mujoco.MjData(model), np.zeros(6)
     times = STEP * np.arange(int((SETTLE + seconds) / STEP)) - SETTLE
