@@ -40,13 +40,14 @@ ELSEWHERE = {
     "cli/examples.py": {"read_bytes"},  # of the package
     "cli/many.py": {"loads"},  # what this process made
     "motion/planner/jobs.py": {"loads"},  # likewise
-    "numerics/jit/compiled.py": {"read_bytes"},  # the kernels' source
+    "numerics/jit/compiled.py": {"read_bytes", "open"},  # the kernels' source, also to lock it
     "numerics/jit/native.py": {"load"},  # an instruction
     "numerics/jit/private.py": {"open", "fdopen"},  # machine code, with rules of its own
     "parallel/code/codegen.py": {"read_bytes"},  # what this process made
     "published/arms.py": {"loads", "read_text"},  # of the package
     "robots/conversion.py": {"from_xml_path"},  # MuJoCo reads its own format, after require_readable
     "robots/urdf_parser.py": {"load"},  # meshes, after require_readable
+    "trajectories/bag_types.py": {"parse"},  # definitions of messages, as texts out of a bag that was read
 }
 
 

@@ -126,7 +126,7 @@ def given_motion(
     if not isinstance(motion, Trajectory) and task is not None and not _is_file(motion):
         driven = _driving(load_task(task, base=base), drive_profile)
         if driven.robot.acts.end:
-            return _held(driven, motion)
+            return _held(driven, cast("ArrayLike | str", motion))
     if drive_profile is not None:
         how = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
         name, task, found = given_motion(motion, task, base=base, **how)

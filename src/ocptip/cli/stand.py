@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.api.stand import Standing, stand
+from ocptip.api.stand import stand
+from ocptip.api.standing import Standing
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import (
     NOISE,
