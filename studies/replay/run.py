@@ -28,7 +28,8 @@ from ocptip.basics.write import versions, write_text
 from ocptip.motion.task import MotionTask
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
-from ocptip.standing.simulation.replay import LIFTED, SLID, Replay, Simulator
+from ocptip.standing.simulation.objects import LIFTED, SLID
+from ocptip.standing.simulation.replay import Replay, Simulator
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.trajectories.trajectory import Trajectory

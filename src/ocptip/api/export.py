@@ -45,7 +45,7 @@ def export(
     if mjcf is None and urdf is None:
         raise InputError("mjcf, urdf: name a file for at least one of them", "")
     folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
-    parts, name = folder.parts("export writes"), folder.task.name
+    parts, name = folder.parts("export writes", objects=urdf is None), folder.task.name
     files = {}
     with naming(str(folder.path if isinstance(plan, PlanFolder) else plan)):
         for number, part in enumerate(parts, 1):

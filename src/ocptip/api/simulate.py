@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from ocptip.basics.text import quantity
 from ocptip.basics.write import plain, versions, write_json
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import remarks
+from ocptip.standing.simulation.objects import predicted_objects
 from ocptip.standing.simulation.replay import Compared, Replay, Simulator, compared, simulator_numbers
 from ocptip.standing.simulation.world import World
 from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
@@ -59,10 +60,11 @@ def simulate(
     if step > _LONGEST_STEP:
         raise InputError(f"step: at most {_LONGEST_STEP:g} s, got {step:g}")
     folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
-    parts = folder.parts("simulate replays")
+    parts = folder.parts("simulate replays", objects=True)
     with naming(str(folder.path if isinstance(plan, PlanFolder) else plan)):
         replay = Simulator(parts, step=step).run(world)
-        return Simulated(folder.task.name, world.parts(parts), replay, compared(parts, replay))
+        there = world.parts(parts)
+        return Simulated(folder.task.name, there, replay, compared(parts, replay), predicted_objects(there))
 
 
 def _changes(
@@ -107,16 +109,18 @@ class Simulated:
         parts: what it does in its world.
         replay: what happened.
         library: what the library says of it; None where it does not.
+        kept: the library says whether each object keeps its contacts, by name.
     """
 
     name: str
     parts: tuple[Part, ...]
     replay: Replay
     library: Compared | None
+    kept: dict[str, bool] = field(default_factory=dict)
 
     @property
     def stable(self) -> bool:
-        """Whether no foot lifts, slides or falls in the simulator."""
+        """Whether no foot and no object lifts, slides or falls in the simulator."""
         return self.replay.stands
 
     def __repr__(self) -> str:
@@ -139,6 +143,15 @@ class Simulated:
                 "rms_least_N": own.rms_least,
                 "rms_N": own.rms,
             }
+        objects = {
+            name: {
+                "stands": moved.stays,
+                "lift_m": moved.lift,
+                "slide_m": moved.slide,
+                "library": {"stands": self.kept[name]},
+            }
+            for name, moved in seen.objects.items()
+        }
         return {
             "task": self.name,
             "stands": seen.stands,
@@ -149,6 +162,7 @@ class Simulated:
             "least_forces_N": seen.forces[at, np.arange(len(at))].tolist(),
             "times_s": seen.times[at].tolist(),
             "library": library,
+            **({"objects": objects} if objects else {}),
             "simulator": simulator_numbers(self.parts[0].robot, seen.step),
             "remarks": remarks(self.parts),
             "versions": versions(("numpy", "mujoco")),

@@ -15,7 +15,8 @@ from ocptip.cli.layout import named, under
 from ocptip.cli.options import naming_options
 from ocptip.standing.parts import owners
 from ocptip.standing.simulation.mjcf import remarks
-from ocptip.standing.simulation.replay import LIFTED, SLID, simulator_numbers
+from ocptip.standing.simulation.objects import LIFTED, SLID
+from ocptip.standing.simulation.replay import simulator_numbers
 
 _OF_WORLD = ("stiffness", "damping", "payload", "friction", "speed")
 
@@ -47,17 +48,20 @@ class SimulateReport(ResultReport):
 
     @property
     def good(self) -> bool:
-        """Whether no foot lifts, slides or falls in the simulator."""
+        """Whether no foot and no object lifts, slides or falls in the simulator."""
         return self.found.stable
 
     def to_text(self) -> str:
         """Verdict, forces, lifts and slides."""
         seen, own = self.found.replay, self.found.library
         limits = f"{1e3 * LIFTED:g} mm high, none slides by more than {1e3 * SLID:g} mm"
-        verdict = f"STABLE in the simulator. No foot gets {limits}"
+        what = "No foot and no object" if seen.objects else "No foot"
+        verdict = f"STABLE in the simulator. {what} gets {limits}"
         if not seen.stands:
             verdict = f"{'FALLS' if seen.falls else 'NOT STABLE'} in the simulator"
         lines = [f"{self.found.name}   {verdict}.", "", *self._table(), ""]
+        if seen.objects:
+            lines += [*self._objects(), ""]
         rows = [("scenario", seen.world.text() or "nominal")]
         if own is not None:
             stands = "no contact is lost" if own.stands else "a contact is lost"
@@ -87,6 +91,13 @@ class SimulateReport(ResultReport):
             lengths = [f"{1e3 * x:.3f} mm" for x in (seen.heights[:, k].max(), seen.slides[k])]
             rows.append([f"{k + 1}", force, self._when(seen.times[at]), *theirs, *lengths])
         return table(rows, left=())
+
+    def _objects(self) -> list[str]:
+        rows = [["object", "lift", "slide", "library"]]
+        for name, moved in self.found.replay.objects.items():
+            answer = "keeps its contacts" if self.found.kept[name] else "loses a contact"
+            rows.append([name, f"{1e3 * moved.lift:.3f} mm", f"{1e3 * moved.slide:.3f} mm", answer])
+        return table(rows, left=(0, 3))
 
     def _when(self, time: float) -> str:
         """An instant, in a cycle with the segment that it is in."""

@@ -218,6 +218,13 @@ class Robot(StandingMechanism):
         arm, support = loaded(self.arm, self.support, objects)
         return self.varied(arm=arm, support=support, objects=tuple(objects))
 
+    def without_objects(self) -> Self:
+        """The robot without its objects and their loads."""
+        if not self.objects:
+            return self
+        arm, support = loaded(self.arm, self.support, self.objects, -1)
+        return self.varied(arm=arm, support=support, objects=())
+
     @property
     def interfaces(self) -> tuple[Footing, ...]:
         """See `StandingMechanism.interfaces`."""

@@ -38,6 +38,8 @@ ROUND = 8
 
 _PULL_FRICTION = 1e-5  # of what pulls an object onto a cup: none, but clamps need some
 
+_ROUNDED = 1e-9  # share of a mass or an inertia that is rounding
+
 _NAME = re.compile(r"[\w-]+")
 
 
@@ -268,24 +270,44 @@ def carried_objects(objects: Sequence[Object], gravity: np.ndarray) -> tuple[Car
     return tuple(found.values())
 
 
-def loaded(arm: ArmModel, support: Support, objects: Sequence[Object]) -> tuple[ArmModel, Support]:
+def loaded(
+    arm: ArmModel, support: Support, objects: Sequence[Object], sign: int = 1
+) -> tuple[ArmModel, Support]:
     """The arm with the objects on its gripper as a part of its payload; the base with those on its deck.
+
+    Args:
+        arm, support, objects: as they are.
+        sign: -1: takes off what has been loaded.
 
     Raises:
         InputError: a name occurs twice, or an object stands on nothing.
     """
     loads: dict[str, list[RigidBody]] = {name: [] for name in CARRIERS}
     for own in carried_objects(objects, support.gravity):
-        loads[own.carrier].append(own.bodies[own.object.name])
+        mass, center, inertia = own.bodies[own.object.name]
+        loads[own.carrier].append((sign * mass, center, sign * inertia))
     if loads[GRIPPER]:
         payload = arm.payload
         held = [(payload.mass, payload.center_of_mass, payload.inertia)] if payload else []
-        arm = arm.with_payload(Payload(*reduce(union, [*held, *loads[GRIPPER]])))
+        if sign > 0:
+            left = Payload(*reduce(union, [*held, *loads[GRIPPER]]))
+        else:
+            left = _what_remains(held[0], reduce(union, loads[GRIPPER]))
+        arm = arm.with_payload(left)
     if loads[BASE]:
         base = support.mass, support.center_of_mass, support.inertia
         mass, center, inertia = reduce(union, loads[BASE], base)
         support = support.varied(mass=mass, center_of_mass=center, inertia=inertia)
     return arm, support
+
+
+def _what_remains(held: RigidBody, taken: RigidBody) -> Payload | None:
+    """What is held less what is taken, whose mass and inertia are negative; nothing but rounding: None."""
+    if held[0] + taken[0] < _ROUNDED * held[0]:
+        return None
+    mass, center, inertia = union(held, taken)
+    extended = np.abs(inertia).max() > _ROUNDED * np.abs(held[2]).max()
+    return Payload(mass, center, 0.5 * (inertia + inertia.T) if extended else np.zeros((3, 3)))
 
 
 def carrier_motions(

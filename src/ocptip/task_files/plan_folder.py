@@ -37,16 +37,17 @@ class PlanFolder:
     motion: Trajectory
     data: dict[str, Any]
 
-    def parts(self, does: str) -> tuple[Part, ...]:
+    def parts(self, does: str, *, objects: bool = False) -> tuple[Part, ...]:
         """The motions of an arm: one, or those of a cycle.
 
         Args:
             does: what is done with it, such as "view shows".
+            objects: it takes those that only contacts hold.
 
         Raises:
             InputError: it is of another mechanism.
         """
-        robots = arms_of(self.task, does, self.path)
+        robots = arms_of(self.task, does, self.path, objects=objects)
         if len(self.motion.segments) < len(robots):
             raise InputError(
                 f"holds {len(self.motion.segments)} of {len(robots)} segments", "", str(self.path)
@@ -76,13 +77,13 @@ def arm_of(task: Task, does: str, path: Path) -> Robot:
     return arms_of(task, does, path)[0]
 
 
-def arms_of(task: Task, does: str, path: Path) -> list[Robot]:
+def arms_of(task: Task, does: str, path: Path, *, objects: bool = False) -> list[Robot]:
     """The arm of a motion, or those of a cycle's segments; InputError names the file of another mechanism."""
     robots = [segment.task.robot for segment in task.segments]
     arms = [robot for robot in robots if isinstance(robot, Robot)]
     if len(arms) < len(robots):
         raise InputError(f"is of a parallel robot; {does} arms", "", str(path))
-    for arm in arms:
+    for arm in [] if objects else arms:
         arm.require_no_objects(does.partition(" ")[0])
     return arms
 

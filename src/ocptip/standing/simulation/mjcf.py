@@ -11,7 +11,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
@@ -22,16 +21,26 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.steps import Modes
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.objects import GRIPPER
 from ocptip.standing.parts import Part
+from ocptip.standing.simulation.elements import (
+    RIGID,
+    SENSOR,
+    SOLE,
+    STEP,
+    add,
+    inertial,
+    quaternion,
+    text,
+    upright,
+)
+from ocptip.standing.simulation.objects import OBJECT_BODY, add_objects, object_states
 from ocptip.standing.simulation.world import jaws_of, pressed
 from ocptip.trajectories.trajectory import Trajectory
 
 BASE, PAYLOAD, PROCESS = "base", "payload", "process"
 _COMPONENTS = tuple(f"{PROCESS} {what} {axis}" for what in ("force", "moment") for axis in "xyz")
 _AXES = "base axes"  # at the start: those of the world
-SOLE = 1e-3  # m: radius of the sphere that touches the ground
-SENSOR = 2.5e-3  # m: so far below a sole is what measures its force, not that of an opposite jaw
-STEP = 1e-4  # s
 FOOT_BODY = "foot"  # begins the name of a compliant foot
 FOOT = 0.03  # mass of a compliant foot over that of the base, from which it is taken
 JAW_BODY = "jaw"  # begins the name of what presses a clamp
@@ -40,9 +49,6 @@ _KEYS = 0.02  # s between keyframes
 _SERVO = 2 * np.pi * 20.0  # rad/s: natural frequency of the actuators
 _POINT = 1e-9  # kg m^2: moments of a point mass
 _CONSTANT = 1e-9  # 1/rad, 1/m: relative stiffness of a spring of almost constant torque
-RIGID = {"solref": [5 * STEP, 1.0], "solimp": [0.9, 0.9, 1e-3, 0.5, 2.0]}
-"""Contact of a stiff foot: 0.5 ms, critically damped. Much stiffer contacts chatter, softer ones swing."""
-
 ON_SPRINGS = {"solref": [2 * STEP, 1.0], "solimp": [0.97, 0.97, 1e-3, 0.5, 2.0]}
 """Contact of a sole on springs, which is lighter."""
 
@@ -59,6 +65,8 @@ def require_exportable(robot: StandingMechanism) -> Robot:
         )
     if robot.drive_profile is not None:
         raise InputError("drive_profile: simulations are of a base that rests, not of one that drives")
+    if robot.objects and robot.support.elastic is not None:
+        raise InputError("object: simulations with objects are of stiff feet, not of compliant ones")
     for number, contact in enumerate(robot.support.contacts):
         jaws_of(contact, number)
     return robot
@@ -78,10 +86,11 @@ def to_mjcf(
     Raises:
         InputError: there is no model for a simulator of its links or of a contact.
     """
-    robot = require_exportable(robot if motion is None else robot.during(motion))
+    loaded = require_exportable(robot if motion is None else robot.during(motion))
+    robot = loaded.without_objects()
     start = motion.start if motion else np.zeros(robot.n)
     root = ET.Element("mujoco", model=name)
-    root.append(ET.Comment(f" {'; '.join(remarks_of(robot))} "))
+    root.append(ET.Comment(f" {'; '.join(remarks_of(loaded))} "))
     _settings(root, robot)
     world = add(root, "worldbody")
     add(world, "site", name=_AXES)
@@ -90,11 +99,12 @@ def to_mjcf(
     contact, sensors = ET.Element("contact"), ET.Element("sensor")
     _feet(world, base, contact, sensors, robot, start)
     bodies = real_bodies(robot.arm)
-    _arm(base, robot, bodies)
+    link = _arm(base, robot, bodies)
+    add_objects(root, {BASE: base, GRIPPER: link}, contact, sensors, loaded, start)
     root.append(contact)
     _drives(root, robot, bodies, start)
     root.append(sensors)
-    _keyframes(root, robot, bodies, motion, begin)
+    _keyframes(root, loaded, bodies, motion, begin)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -122,6 +132,11 @@ def remarks_of(robot: Robot) -> list[str]:
         found.append(
             f"the jaw that presses contact {numbers} is a body for the simulator; it slides along the normal "
             f"without weight, has {JAW:g} of the base's mass, and a spring of almost constant force pushes it"
+        )
+    if robot.objects:
+        found.append(
+            f"objects are free bodies {OBJECT_BODY + robot.objects[0].name!r} ... on small spheres; each "
+            "touches only what carries it, on 60 x 60 mm around each contact; tendons pull cups"
         )
     if rotors := real_bodies(robot.arm).rotors:
         joints = ", ".join(f"{rotor.joint + 1}" for rotor in rotors)
@@ -166,7 +181,7 @@ def _base(world: ET.Element, support: Support) -> ET.Element:
         raise InputError(f"base: no body has its mass {mass:.4g} kg and principal moments {values} kg m^2")
     base = add(world, "body", name=BASE, pos=text(support.center_of_mass))
     add(base, "freejoint", name=BASE)
-    _inertial(base, (mass, moved, inertia))
+    inertial(base, (mass, moved, inertia))
     for arm in support.arms:
         _stick(base, np.zeros(3), arm)
     return base
@@ -201,7 +216,7 @@ def _feet(
         if elastic is not None:
             body = add(base, "body", name=f"{FOOT_BODY}{k + 1}", pos=text(place))
             mass = FOOT * support.mass
-            _inertial(body, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
+            inertial(body, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
             for c in np.flatnonzero(springs_of(support)[k]):
                 stiffness = elastic.stiffness[k, c]
                 add(
@@ -212,14 +227,14 @@ def _feet(
             place = np.zeros(3)
         for jaw, side in zip(jaws_of(own, k), ("", "_lower"), strict=False):
             foot, floor = jaw.name("foot") + side, jaw.name("ground") + side
-            at = {"pos": text(own.position), "quat": text(_upright(jaw.normal))}
+            at = {"pos": text(own.position), "quat": text(upright(jaw.normal))}
             grey = {"rgba": "0.8 0.8 0.8 1"}
             if jaw.force:
                 slider = add(world, "body", name=jaw.name(JAW_BODY), gravcomp="1", **at)
                 joint = add(slider, "joint", name=jaw.name(JAW_BODY), type="slide", axis="0 0 1")
                 _spring(joint, jaw.force, 0.0)
                 mass = JAW * support.mass
-                _inertial(slider, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
+                inertial(slider, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
                 # A plane must not move; the face of this box is where the plane would be.
                 add(slider, "geom", name=floor, type="box", size="0.03 0.03 0.01", pos="0 0 -0.01", **grey)
             else:
@@ -234,8 +249,8 @@ def _feet(
             add(sensors, "framepos", name=f"{foot}_place", objtype="site", objname=foot)
 
 
-def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> None:
-    """Links, rotors and payload."""
+def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> ET.Element:
+    """Links, rotors and payload; returns the last link."""
     arm = robot.arm
     armatures = np.zeros(arm.links)
     leads = np.arange(arm.n) if arm.coupling is None else arm.coupling.leads
@@ -246,7 +261,7 @@ def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> None:
         _stick(parent, np.zeros(3) if k else place, place)
         if k:
             rotation = arm.rotations[k]
-        at = {"pos": text(place), "quat": text(_quaternion(rotation))}
+        at = {"pos": text(place), "quat": text(quaternion(rotation))}
         for rotor in bodies.rotors:
             if rotor.joint == k:
                 _rotor(parent, arm.chain_names[k], rotor.mass, rotor.axial, rotor.transverse, at, rotor.ratio)
@@ -258,15 +273,16 @@ def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> None:
         if k in leads and arm.has_springs:
             lead = np.flatnonzero(leads == k)[0]
             _spring(joint, float(arm.spring_torque[lead]), float(arm.spring_stiffness[lead]))
-        _inertial(parent, link)
+        inertial(parent, link)
         place = arm.offsets[k]
     _stick(parent, np.zeros(3), place)
-    add(parent, "site", name="gripper", pos=text(place), quat=text(_quaternion(arm.tool_rotation)))
+    add(parent, "site", name="gripper", pos=text(place), quat=text(quaternion(arm.tool_rotation)))
     if arm.payload is not None:
         held = add(parent, "body", name=PAYLOAD)
         body = held_body(arm, arm.payload)
-        _inertial(held, body)
+        inertial(held, body)
         add(held, "geom", type="sphere", size="0.03", pos=text(body[1]), rgba="0.8 0.4 0.2 1")
+    return parent
 
 
 def _spring(joint: ET.Element, torque: float, stiffness: float) -> None:
@@ -295,7 +311,7 @@ def _rotor(
     own = add(parent, "body", name=f"{joint} rotor", **at)
     own.append(ET.Comment(f" turns {ratio:.6g} times as fast as {joint} "))
     add(own, "joint", name=f"{joint} rotor", type="hinge", axis="0 0 1")
-    _inertial(own, (mass, np.zeros(3), np.diag([transverse, transverse, axial])))
+    inertial(own, (mass, np.zeros(3), np.diag([transverse, transverse, axial])))
 
 
 def _drives(root: ET.Element, robot: Robot, bodies: ArmBodies, start: np.ndarray) -> None:
@@ -371,15 +387,17 @@ def _keyframes(
     if motion is not None:
         times = np.unique(np.append(np.arange(0.0, motion.end, _KEYS), [*motion.event_times, motion.end]))
         q, qd, _ = motion.states(times)
-    rest = [*robot.support.center_of_mass, 1, 0, 0, 0]
+    rest = [*robot.without_objects().support.center_of_mass, 1, 0, 0, 0]
+    places, velocities = object_states(robot, q, qd)
     offsets, process = joint_offsets(robot, bodies), np.ones((len(times), int(robot.arm.process is not None)))
     if robot.varying is not None:
         process = robot.resting(0).process_at_rest[None] if motion is None else robot.acting(times)
     for k, (time, at, speed, acts) in enumerate(zip(times, q, qd, process, strict=True)):
         add(
             frames, "key", name=f"key {k}" if k else "start", time=text(begin + time),
-            qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets)]),
-            qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text([*at, *acts]),
+            qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets), *places[k]]),
+            qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed), *velocities[k]]),
+            ctrl=text([*at, *acts]),
         )  # fmt: skip
 
 
@@ -387,43 +405,7 @@ def _link(arm: ArmModel, k: int) -> str:
     return f"link {k + 1}"
 
 
-def _inertial(element: ET.Element, body: RigidBody) -> None:
-    mass, centre, values, turn = principal(body)
-    add(
-        element, "inertial", mass=text(mass), pos=text(centre), diaginertia=text(values), quat=text(turn),
-    )  # fmt: skip
-
-
-def principal(body: RigidBody) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, centre, principal moments (3,) and the quaternion (4,) of their axes, scalar first."""
-    mass, centre, inertia = body
-    values, axes = np.linalg.eigh(inertia)
-    axes[:, 0] *= np.sign(np.linalg.det(axes))
-    values[2] = min(values[2], values[0] + values[1])
-    return mass, centre, values, _quaternion(axes)
-
-
 def _stick(element: ET.Element, start: np.ndarray, end: np.ndarray) -> None:
     """A sketch without mass that touches nothing."""
     if np.linalg.norm(end - start) > 1e-6:
         add(element, "geom", type="capsule", size="0.012", fromto=text([*start, *end]))
-
-
-def _upright(normal: np.ndarray) -> np.ndarray:
-    """Quaternion of a plane whose z axis is this normal."""
-    return np.roll(Rotation.align_vectors([normal], [[0.0, 0.0, 1.0]])[0].as_quat(), 1)
-
-
-def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    """(4,) scalar first."""
-    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
-
-
-def add(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
-    """A new element in another."""
-    return ET.SubElement(parent, tag, attributes)
-
-
-def text(values: object) -> str:
-    """Numbers that come back to the last bit."""
-    return " ".join(repr(float(x)) for x in np.atleast_1d(np.asarray(values, dtype=float)))

@@ -27,6 +27,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.parts import Part, owners
+from ocptip.standing.simulation.elements import RIGID, SENSOR, STEP, principal
 from ocptip.standing.simulation.mjcf import (
     BASE,
     FOOT,
@@ -35,21 +36,17 @@ from ocptip.standing.simulation.mjcf import (
     ON_SPRINGS,
     PAYLOAD,
     PROCESS,
-    RIGID,
-    SENSOR,
-    STEP,
     held_body,
     joint_offsets,
     joint_order,
-    principal,
     require_exportable,
     springs_of,
     to_mjcf,
 )
+from ocptip.standing.simulation.objects import OBJECT_BODY, Moved, moved_objects
 from ocptip.standing.simulation.world import World, with_more
 from ocptip.trajectories.trajectory import Trajectory
 
-LIFTED, SLID = 0.05e-3, 0.5e-3  # m: more than that is a lift, a slide
 FALLEN = 0.02  # m: a foot so high
 BEFORE, AFTER = 0.05, 0.2  # s of rest before and after the motion
 _SETTLED = 0.03  # s of rest before the motion that are not checked
@@ -70,6 +67,7 @@ class Replay:
         end: of the motion, s.
         falls: the base fell over, or the simulation broke off.
         quiet: (T,) True outside of steps with a switching time, in which forces are means.
+        objects: how each object moved on what carries it, by name.
         step: s.
     """
 
@@ -81,6 +79,7 @@ class Replay:
     end: float
     falls: bool
     quiet: np.ndarray = field(repr=False)
+    objects: dict[str, Moved] = field(default_factory=dict)
     step: float = STEP
 
     @property
@@ -95,8 +94,9 @@ class Replay:
 
     @property
     def stands(self) -> bool:
-        """No lift above `LIFTED`, no slide above `SLID`, no fall."""
-        return not self.falls and self.lift <= LIFTED and self.slide <= SLID
+        """No lift above `LIFTED`, no slide above `SLID`, no fall, of the base and of all objects."""
+        moved = Moved(self.lift, self.slide), *self.objects.values()
+        return not self.falls and all(own.stays for own in moved)
 
     @property
     def least(self) -> tuple[float, float, int]:
@@ -161,7 +161,7 @@ class Simulator:
         mujoco = self.mujoco
         models = [self._model(number, world) for number in range(len(self.parts))]
         parts = world.parts(self.parts)
-        robot = parts[0].robot
+        robot = parts[0].robot.without_objects()
         bodies = real_bodies(robot.arm)
         late = np.array(world.late) if world.late else np.zeros(robot.n)
         count = int(np.ceil((BEFORE + parts[-1].end + late.max() + AFTER) / self.step))
@@ -173,7 +173,8 @@ class Simulator:
         controls = np.diff(speeds[:, driven], axis=0) / self.step
         data = mujoco.MjData(models[0])
         data.qpos[:3], data.qpos[3:7] = robot.support.center_of_mass, [1, 0, 0, 0]
-        data.qpos[7:] = joint_order(robot, bodies, parts[0].motion.start) + joint_offsets(robot, bodies)
+        joints = joint_order(robot, bodies, parts[0].motion.start) + joint_offsets(robot, bodies)
+        data.qpos[7 : 7 + len(joints)] = joints  # objects begin in their places
         if robot.support.elastic is not None:
             _rest(mujoco, models[0], data, robot)
         state = np.empty(mujoco.mj_stateSize(models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS))
@@ -197,7 +198,7 @@ class Simulator:
         if key not in self._models:
             like = World(stiffness=world.stiffness, damping=world.damping, payload=world.payload)
             self._models[key] = PrescribedModel(like.robot(part.robot), part.motion, self.step)
-        held = part.robot.arm.payload
+        held = part.robot.without_objects().arm.payload
         return self._models[key].compiled(world, with_more(held, world.payload) if world.payload else held)
 
     def _seen(
@@ -234,7 +235,8 @@ class Simulator:
         heights, forces = np.nan_to_num(heights, nan=np.inf), np.nan_to_num(forces)
         return Replay(
             world, middle, forces, heights, slides, parts[-1].end + float(late.max()),
-            broken or bool(heights.max() > FALLEN), quiet, self.step,
+            broken or bool(heights.max() > FALLEN), quiet, moved_objects(parts[0].robot, sensed[:, at:]),
+            self.step,
         )  # fmt: skip
 
 
@@ -274,7 +276,7 @@ def prescribed(text: str, step: float) -> Any:
             spec.delete(what)
     spec.option.timestep = step
     for joint in spec.joints:
-        if joint.parent.name == BASE or joint.parent.name.startswith((FOOT_BODY, JAW_BODY)):
+        if joint.parent.name == BASE or joint.parent.name.startswith((FOOT_BODY, JAW_BODY, OBJECT_BODY)):
             continue
         joint.armature = _PRESCRIBED
         motor = spec.add_actuator(name=joint.name, target=joint.name)

@@ -16,15 +16,8 @@ from ocptip.robots.bodies import real_bodies
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.simulation.mjcf import (
-    BASE,
-    PAYLOAD,
-    SOLE,
-    add,
-    remarks_of,
-    require_exportable,
-    text,
-)
+from ocptip.standing.simulation.elements import SOLE, add, text
+from ocptip.standing.simulation.mjcf import BASE, PAYLOAD, remarks_of, require_exportable
 
 _POINT = 1e-9  # kg m^2: moments of a point mass
 

@@ -11,7 +11,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp, RigidClamp
-from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
+from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact, feet
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import union
 from ocptip.robots.payload import Payload
@@ -71,19 +71,28 @@ class World:
             arm = arm.with_payload(with_more(arm.payload, self.payload))
         contacts = []
         for k, contact in enumerate(own.contacts):
-            changes: dict[str, Any] = {
-                key: self.friction * value
-                for key, value in vars(contact).items()
-                if key.startswith("friction")
-            }
+            changes = self._frictions(contact)
             if self.stiffness is not None:
                 if not isinstance(contact, UnilateralContact):
                     raise InputError(f"stiffness: contact {k + 1} is a {contact.kind}, which does not give")
                 none = {"tangential_stiffness": None, "damping": None}
                 changes |= {"stiffness": self.stiffness, "damping_ratio": self.damping, **none}
             contacts.append(replace(contact, **changes))
-        support = own.varied(contacts, gravity=self.gravity(own.gravity))
-        return robot.varied(arm=arm, support=support, reference_moment=robot.tip_over.reference_moment)
+        objects = []
+        for one in robot.objects:
+            slippery = [replace(c, **self._frictions(c)) for c in feet(one.contacts, one.friction)]
+            objects.append(replace(one, contacts=slippery, friction=None))
+        return robot.varied(
+            arm=arm,
+            support=own.varied(contacts, gravity=self.gravity(own.gravity)),
+            objects=tuple(objects),
+            reference_moment=robot.tip_over.reference_moment,
+        )
+
+    def _frictions(self, contact: Binding) -> dict[str, Any]:
+        """Coefficients of a contact there, by name."""
+        named = vars(contact).items()
+        return {key: self.friction * value for key, value in named if key.startswith("friction")}
 
     def parts(self, parts: Sequence[Part]) -> tuple[Part, ...]:
         """The parts of the motion in this scenario, without the factors on masses."""
