@@ -104,6 +104,22 @@ def test_on_a_base_that_drives_objects_feel_it_and_their_uncertainty_is_not_chec
     found = ocptip.stand(task.robot, task.start, uncertainty=uncertain, base_motion=braking)
     assert found.objects[2].slip.GT[0] == pytest.approx(2.0 / (0.5 * 9.81), rel=1e-6)
     assert "OBJECTS IN THE NOMINAL MODEL ONLY" in StandReport(found).headline
+    assert found.within  # of the base only, so that the nominal model decides what is critical
+    every = (found, *found.objects)
+    assert found.critical is max(every, key=lambda own: max(own.tip.GN[0], own.slip.GT[0]))
+
+
+def test_the_headline_says_which_objects_are_unstable_nominally(task):
+    uncertain, braking = ocptip.Uncertainty(friction=0.5), BaseMotion((5.0, 0.0, 0.0))
+    found = ocptip.stand(task.robot, task.start, uncertainty=uncertain, base_motion=braking)
+    nominal = [own.scene.name for own in found.objects if not own.nominally_stable]
+    assert "crate" in nominal  # friction 0.5 holds 4.9 m/s^2
+    assert found.nominally_stable
+    assert not found.stable_itself
+    headline = StandReport(found).headline
+    assert f"AND {', '.join(nominal)} " in headline
+    assert "NOT STABLE AT ALL" in headline
+    assert re.search(r"^base .*NOT STABLE, worst case", StandReport(found).to_text(), re.MULTILINE)
 
 
 def test_cups_have_the_data_of_their_makers(tmp_path):

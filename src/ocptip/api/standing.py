@@ -213,13 +213,14 @@ class Standing:
 
     @property
     def critical(self) -> Standing:
-        """The one of base and objects that is nearest to the loss of a contact."""
-        return max((self, *self.objects), key=lambda own: own.largest_index)
+        """The one of base and objects that is nearest to the loss of a contact.
 
-    @property
-    def largest_index(self) -> float:
-        """The larger of GN and GT, in the worst case where there is one."""
-        return max((self.within.GN, self.within.GT) if self.within else (self.tip.GN[0], self.slip.GT[0]))
+        In the worst case where all have one, else in the nominal model.
+        """
+        every = (self, *self.objects)
+        if all(own.within for own in every):
+            return max(every, key=lambda own: max(own.within.GN, own.within.GT) if own.within else 0.0)
+        return max(every, key=lambda own: max(own.tip.GN[0], own.slip.GT[0]))
 
     @property
     def nominally_stable(self) -> bool:

@@ -127,8 +127,10 @@ class StandReport(GatedReport):
             about += ", OBJECTS IN THE NOMINAL MODEL ONLY"
         verdict, _, remark = self._answer().partition(".")
         verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
-        if found.stable_itself and (fallen := [o.scene.name for o in found.objects if not o.stable_itself]):
-            verdict += f", BUT {some(fallen, 3)} {'IS' if len(fallen) == 1 else 'ARE'} NOT STABLE"
+        lacking = [o for o in found.objects if not (o.nominally_stable if lost else o.stable_itself)]
+        if found.nominally_stable and (names := [own.scene.name for own in lacking]):
+            join, be = "AND" if lost else "BUT", "IS" if len(names) == 1 else "ARE"
+            verdict += f", {join} {some(names, 3)} {be} NOT STABLE{' AT ALL' if lost else ''}"
         if found.posture and found.posture.refusals:
             verdict += ", BUT the arm cannot be there, see below"
         return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
@@ -207,8 +209,9 @@ class StandReport(GatedReport):
                 row += [quantity(100 * worst.GT, "%", 3) if worst.GT <= 1 else worst.demand.used]
             elif within:
                 row += ["-", "-"]
-            mark = "<- critical" if own is critical else ""
-            rows.append([*row, mark if own.stable_itself else f"NOT STABLE {mark}".rstrip()])
+            mark = "" if own.stable_itself else "NOT STABLE"
+            mark += ", worst case" if mark and own.nominally_stable else ""
+            rows.append([*row, f"{mark} <- critical".lstrip() if own is critical else mark])
         return table(rows, left=(0, len(rows[0]) - 1))
 
     def _contact_table(self) -> list[str]:
