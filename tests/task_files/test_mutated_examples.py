@@ -67,6 +67,7 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     r"terrain '.*': [xy]: lower bound .* is above upper bound",  # between the terrain and its grid
     r"segment\[\d+\]\.payload: expected one of",  # between the payloads and who carries them
     r"payload\..*: no segment carries it",
+    r"object: payload beside objects: ",  # between the payload and what stands on the gripper
     r"missing table \[arm\]",  # if there is no robot either
 )
 

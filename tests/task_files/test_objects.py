@@ -172,6 +172,11 @@ def test_what_takes_a_motion_but_no_objects_says_so(task):
         ),
         ("mass = 3.0", "mass = -3.0", r"object\[3\].mass: "),
         ("friction = 0.4", "", r"object\[1\].*friction: missing"),
+        (
+            "position = [0.0, 0.0, 0.02]",
+            "position = [0.0, -1e9, 0.02]",
+            r"object\[1\].position: at most 1000 m",
+        ),
         ('name = "cup"', 'name = "plate"', "the name occurs 2 times"),
     ],
 )

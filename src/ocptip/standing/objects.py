@@ -36,6 +36,9 @@ GRIPPER, BASE = CARRIERS = ("gripper", "base")
 ROUND = 8
 """Contacts of a round footprint, on its edge: their polygon has 92 % of its radius."""
 
+FARTHEST = 1e3
+"""m, of an object from what carries it: the inertia of one farther away is no number to compute with."""
+
 _PULL_FRICTION = 1e-5  # of what pulls an object onto a cup: none, but clamps need some
 
 _ROUNDED = 1e-9  # share of a mass or an inertia that is rounding
@@ -87,10 +90,14 @@ class Object:
         if body.is_point:
             raise InputError("inertia: must not be zero; an object of no extension stands on nothing")
         feet(self.contacts, self.friction)  # refuses what is none
+        position = bounded_array("position", self.position, (3,))
+        for name, place in (("position", position), ("center_of_mass", body.center_of_mass)):
+            if (farthest := np.abs(place).max()) > FARTHEST:
+                raise InputError(f"{name}: at most {FARTHEST:g} m from the origin, got {farthest:g} m")
         settle(
             self,
             body=body,
-            position=bounded_array("position", self.position, (3,)),
+            position=position,
             rotation=rotation_matrix("rotation", self.rotation),
             top=float(bounded_array("top", self.top, ())),
         )
@@ -280,7 +287,7 @@ def loaded(
         sign: -1: takes off what has been loaded.
 
     Raises:
-        InputError: a name occurs twice, or an object stands on nothing.
+        InputError: a name occurs twice, an object stands on nothing, or the payload is far away.
     """
     loads: dict[str, list[RigidBody]] = {name: [] for name in CARRIERS}
     for own in carried_objects(objects, support.gravity):
@@ -289,6 +296,11 @@ def loaded(
     if loads[GRIPPER]:
         payload = arm.payload
         held = [(payload.mass, payload.center_of_mass, payload.inertia)] if payload else []
+        if payload and (farthest := np.abs(payload.center_of_mass).max()) > FARTHEST:
+            raise InputError(
+                f"payload beside objects: its centre of mass must be at most {FARTHEST:g} m from the "
+                f"gripper, got {farthest:g} m"
+            )
         if sign > 0:
             left = Payload(*reduce(union, [*held, *loads[GRIPPER]]))
         else:

@@ -9,6 +9,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.plan_files import write_plan
+from ocptip.retiming.retime import retime
 from ocptip.robots.payload import Payload
 from ocptip.standing.objects import Object, cup
 from ocptip.standing.parts import Part
@@ -18,6 +19,7 @@ from ocptip.standing.simulation.objects import predicted_objects
 from ocptip.standing.simulation.replay import Simulator
 from ocptip.standing.simulation.world import World
 from ocptip.task_files.motion import load_task
+from ocptip.task_files.path import load_path
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of
@@ -69,6 +71,18 @@ def test_objects_stay_within_their_margins_and_not_at_a_fifth_more_acceleration(
     assert not beyond.falls
     first = beyond.objects[objects[0].name]
     assert first.lift > 0.05e-3 if lifts else first.slide > 0.5e-3
+
+
+@pytest.mark.slow
+def test_glasses_stay_on_a_tray_with_their_timing_and_not_with_that_of_the_robot_alone():
+    task = load_task(EXAMPLES / "tasks" / "ur5_waiter.toml")
+    path = load_path(EXAMPLES / "paths" / "ur5_waiter.toml", task).paths[0].path
+    for timed, kept in ((task.robot, True), (task.robot.varied(objects=()), False)):
+        found = retime(timed, path, task.limits)
+        assert found.check.verified
+        part = Part(task.robot, found.motion)
+        assert set(predicted_objects([part]).values()) == {kept}
+        assert {own.stays for own in Simulator([part]).run().objects.values()} == {kept}
 
 
 def test_keyframes_have_objects_in_their_places_as_fast_as_what_carries_them():

@@ -1,0 +1,57 @@
+"""Three glasses on a tray on a UR5: a path timed with and without regard to them, replayed by MuJoCo.
+
+    python -m studies.objects.waiter
+
+Both timings carry the masses of the glasses, and keep all limits of the robot and its base. One also keeps
+the limits of the glasses. Prints a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+from ocptip.retiming.retime import retime
+from ocptip.standing.arm import Robot
+from ocptip.standing.parts import Part
+from ocptip.standing.simulation.objects import predicted_objects
+from ocptip.standing.simulation.replay import Simulator
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.path import load_path
+from studies.common import EXAMPLES, table
+
+HEAD = "timing", "duration", "glasses that keep their contacts", "largest lift", "largest slide", "cart"
+
+
+def rows() -> Iterator[list[str]]:
+    """Of both timings: duration, glasses kept by the library, and what becomes of them in MuJoCo."""
+    task = load_task(EXAMPLES / "tasks" / "ur5_waiter.toml")
+    robot = task.robot
+    assert isinstance(robot, Robot)
+    path = load_path(EXAMPLES / "paths" / "ur5_waiter.toml", task).paths[0].path
+    for name, timed in (("with the glasses", robot), ("without", robot.varied(objects=()))):
+        found = retime(timed, path, task.limits)
+        assert found.check.verified, found.check.violations
+        parts = (Part(robot, found.motion),)
+        replay, kept = Simulator(parts).run(), predicted_objects(parts)
+        moved = replay.objects.values()
+        yield [
+            name,
+            f"{found.motion.end:.3f} s",
+            f"{sum(kept.values())} of {len(kept)}",
+            f"{1e3 * max(own.lift for own in moved):.3f} mm",
+            f"{1e3 * max(own.slide for own in moved):.2f} mm",
+            "falls"
+            if replay.falls
+            else f"lifts {1e3 * replay.lift:.3f} mm, slides {1e3 * replay.slide:.2f} mm",
+        ]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the table."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args(arguments)
+    print("\n".join(table(HEAD, rows())))
+
+
+if __name__ == "__main__":
+    main()
