@@ -12,6 +12,7 @@ from ocptip.robots.ground_contacts import ground_contacts
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
 from ocptip.robots.urdf_xml import xml_of
+from ocptip.task_files.example import example_base
 
 INERTIAL = """<inertial><mass value="{}"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
   </inertial>"""
@@ -62,6 +63,24 @@ def test_a_base_that_its_wheels_do_not_carry_stands_on_what_is_drawn(tmp_path, d
         np.testing.assert_allclose([c.position[0] for c in rest], -0.3, atol=1e-9)
         np.testing.assert_allclose(sorted({round(c.position[1], 9) for c in rest}), [-0.1, 0.1])
         assert all("the wheels alone do not carry the base" in c.reason for c in rest)
+
+
+def test_a_rocker_between_base_and_wheels_is_named(tmp_path):
+    path, _ = robot(tmp_path, ball(0.03, "-0.3 0.1 0.03") + ball(0.03, "-0.3 -0.1 0.03"))
+    pivot = (
+        '<link name="axle"/><joint name="rocker" type="revolute"><parent link="base"/><child link="axle"/>'
+        '<axis xyz="1 0 0"/><limit lower="-0.1" upper="0.1" velocity="0" effort="0"/></joint></robot>'
+    )
+    text = path.read_text().replace("</robot>", pivot)
+    path.write_text(
+        text.replace('<parent link="base"/><child link="wheel_', '<parent link="axle"/><child link="wheel_')
+    )
+    arm = arm_from_urdf(path, base_link="base", tool_frame="arm")
+    file = read_urdf(path)
+    found = ground_contacts(file, arm, np.array([0.0, 0.0, 0.2]))
+    assert [contact.rocker for contact in found if contact.kind == "wheel"] == ["rocker", "rocker"]
+    assert all("on rocker, which counts as fixed" in c.reason for c in found if c.kind == "wheel")
+    assert example_base(file, arm).source.count("rocker moves in the URDF and counts as fixed") == 1
 
 
 def test_a_capsule_is_a_cylinder_with_a_ball_at_either_end(tmp_path):

@@ -51,11 +51,13 @@ class GroundContact:
         kind: casters have no friction.
         position: (3,), m, frame of the arm's base link.
         reason: why it is taken for a contact.
+        rocker: joint between base and wheel that moves in the URDF and counts as fixed; empty: none does.
     """
 
     kind: Literal["wheel", "caster", "foot"]
     position: np.ndarray
     reason: str
+    rocker: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class _Wheel:
         points: (k, 3), m, base link, of its outline.
         named: whether it, or its joint, is called wheel or caster.
         caster: why it is a caster; empty if it is none.
+        rocker: see `GroundContact`.
     """
 
     name: str
@@ -77,6 +80,7 @@ class _Wheel:
     points: np.ndarray
     named: bool
     caster: str
+    rocker: str
 
     @property
     def low(self) -> float:
@@ -105,7 +109,9 @@ class _Wheel:
             if (width := np.ptp(lowest @ self.axle)) > 0:
                 about += f", touches {1e3 * width:.3g} mm wide"
         kind, why = ("wheel", "") if driven or not self.caster else ("caster", f" {self.caster}")
-        return GroundContact(kind, np.array([*at[:2], self.low]), f"{self.name}: {kind}{why}{about}")
+        fixed = f", on {self.rocker}, which counts as fixed" if self.rocker else ""
+        reason = f"{self.name}: {kind}{why}{about}{fixed}"
+        return GroundContact(kind, np.array([*at[:2], self.low]), reason, self.rocker)
 
 
 def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[GroundContact]:
@@ -204,7 +210,8 @@ def _wheels(
                 trail = abs(float(across @ (origin - places[swivel].translation)))
                 if trail > _TRAIL:
                     caster = caster or f"that swivels freely, {1e3 * trail:.0f} mm behind its swivel"
-        yield _Wheel(link, origin, axles.get(link), points, named, caster)
+        moving = [file.above[k].name for k in way[:-1] if file.above[k].kind in ("revolute", "prismatic")]
+        yield _Wheel(link, origin, axles.get(link), points, named, caster, ", ".join(moving))
 
 
 def _links_of(file: UrdfFile, link: str) -> list[str]:

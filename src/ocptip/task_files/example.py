@@ -85,7 +85,11 @@ class ExampleBase:
         contacts = " and ".join(f"{n} {kind if n == 1 else PLURALS[kind]}" for kind, n in kinds.items())
         shown = "of its geometry" if self.contacts_of_urdf else "that are invented, for no solid shows them"
         body = "mass, centre of mass and inertia are those of the URDF's links that rest"
-        return f"{body}; it stands on {contacts} {shown}"
+        rockers = "".join(
+            f"; {name} moves in the URDF and counts as fixed: for a free one give a single contact at its pivot"
+            for name in dict.fromkeys(contact.rocker for contact in self.contacts if contact.rocker)
+        )
+        return f"{body}; it stands on {contacts} {shown}{rockers}"
 
 
 def example_base(file: UrdfFile, arm: ArmModel) -> ExampleBase:
