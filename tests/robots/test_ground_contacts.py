@@ -65,11 +65,15 @@ def test_a_base_that_its_wheels_do_not_carry_stands_on_what_is_drawn(tmp_path, d
         assert all("the wheels alone do not carry the base" in c.reason for c in rest)
 
 
-def test_a_rocker_between_base_and_wheels_is_named(tmp_path):
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_two_wheels_on_a_rocker_are_one_contact_at_its_pivot(tmp_path, kind):
     path, _ = robot(tmp_path, ball(0.03, "-0.3 0.1 0.03") + ball(0.03, "-0.3 -0.1 0.03"))
     pivot = (
-        '<link name="axle"/><joint name="rocker" type="revolute"><parent link="base"/><child link="axle"/>'
-        '<axis xyz="1 0 0"/><limit lower="-0.1" upper="0.1" velocity="0" effort="0"/></joint></robot>'
+        '<link name="axle"/><joint name="rocker" type="'
+        + kind
+        + '"><parent link="base"/><child link="axle"/>'
+        '<origin xyz="0 0.05 0"/><axis xyz="1 0.5 0"/>'
+        '<limit lower="-0.1" upper="0.1" velocity="0" effort="0"/></joint></robot>'
     )
     text = path.read_text().replace("</robot>", pivot)
     path.write_text(
@@ -78,9 +82,17 @@ def test_a_rocker_between_base_and_wheels_is_named(tmp_path):
     arm = arm_from_urdf(path, base_link="base", tool_frame="arm")
     file = read_urdf(path)
     found = ground_contacts(file, arm, np.array([0.0, 0.0, 0.2]))
-    assert [contact.rocker for contact in found if contact.kind == "wheel"] == ["rocker", "rocker"]
-    assert all("on rocker, which counts as fixed" in c.reason for c in found if c.kind == "wheel")
-    assert example_base(file, arm).source.count("rocker moves in the URDF and counts as fixed") == 1
+    wheels = [contact for contact in found if contact.kind == "wheel"]
+    source = example_base(file, arm).source
+    if kind == "prismatic":  # a suspension
+        assert [contact.rocker for contact in wheels] == ["rocker", "rocker"]
+        assert all("on rocker, which counts as fixed" in contact.reason for contact in wheels)
+        assert source.count("rocker moves in the URDF and counts as fixed") == 1
+    else:
+        np.testing.assert_allclose([contact.position for contact in wheels], [[0.2, 0.15, 0.0]], atol=1e-9)
+        assert "pivot on which wheel_+ and wheel_- rock" in wheels[0].reason
+        assert "stands on 1 rocker and 2 casters" in source
+        assert "rocker lets two wheels rock: one contact at its pivot stands for both" in source
 
 
 def test_a_capsule_is_a_cylinder_with_a_ball_at_either_end(tmp_path):

@@ -51,13 +51,15 @@ class GroundContact:
         kind: casters have no friction.
         position: (3,), m, frame of the arm's base link.
         reason: why it is taken for a contact.
-        rocker: joint between base and wheel that moves in the URDF and counts as fixed; empty: none does.
+        rocker: joint between base and wheel that moves in the URDF; empty: there is none.
+        pivot: whether it stands for two wheels on a rocker; else the rocker counts as fixed.
     """
 
     kind: Literal["wheel", "caster", "foot"]
     position: np.ndarray
     reason: str
     rocker: str = ""
+    pivot: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,8 @@ class _Wheel:
         named: whether it, or its joint, is called wheel or caster.
         caster: why it is a caster; empty if it is none.
         rocker: see `GroundContact`.
+        pivot: origin and axis of the rocker, (2, 3), m, base link; None unless it turns about a horizontal
+            axis.
     """
 
     name: str
@@ -81,6 +85,7 @@ class _Wheel:
     named: bool
     caster: str
     rocker: str
+    pivot: np.ndarray | None
 
     @property
     def low(self) -> float:
@@ -145,7 +150,7 @@ def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[G
     ground = min(wheel.low for wheel in wheels)
     touching = [wheel for wheel in wheels if wheel.low < ground + _LEVEL]
     driven = all(wheel.caster for wheel in touching)
-    found = [wheel.contact(driven=driven) for wheel in touching]
+    found = [contact for rocking in _by_rocker(touching) for contact in _contacts_of(rocking, driven)]
     if inside(np.array([contact.position for contact in found]), centre[None])[0] < _INSIDE:
         names = {wheel.name for wheel in wheels}
         others = {link: points for link, points in outlines.items() if link not in names}
@@ -157,6 +162,38 @@ def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[G
             reason = f"{contact.reason}, {above}, for the wheels alone do not carry the base"
             found.append(GroundContact("caster", np.array([*contact.position[:2], ground]), reason))
     return found
+
+
+def _by_rocker(wheels: Sequence[_Wheel]) -> list[list[_Wheel]]:
+    """Wheels on the same rocker together, others alone, in their order."""
+    groups: dict[str, list[_Wheel]] = {}
+    for wheel in wheels:
+        groups.setdefault(wheel.rocker or f"of {wheel.name} alone", []).append(wheel)
+    return list(groups.values())
+
+
+def _contacts_of(wheels: Sequence[_Wheel], driven: bool) -> list[GroundContact]:
+    """One contact for two wheels on a rocker, else one for each.
+
+    A rocker that turns freely takes no moment about its axis. So the resultant of two wheels passes through
+    that axis: it stands where the line between their contacts crosses the axis, seen from above.
+    """
+    each = [wheel.contact(driven=driven) for wheel in wheels]
+    pivot = wheels[0].pivot
+    if len(wheels) != 2 or pivot is None or each[0].kind != each[1].kind:
+        return each
+    first, second = (contact.position for contact in each)
+    sideways = np.array([-pivot[1, 1], pivot[1, 0]])  # normal to the axis
+    crossing = (second - first)[:2] @ sideways
+    if abs(crossing) < _FLAT * np.linalg.norm(second - first):
+        return each
+    share = float((pivot[0] - first)[:2] @ sideways / crossing)
+    if not 0 <= share <= 1:
+        return each
+    names = " and ".join(wheel.name for wheel in wheels)
+    reason = f"{wheels[0].rocker}: pivot on which {names} rock, {each[0].kind}s; until its stop"
+    place = first + share * (second - first)
+    return [GroundContact(each[0].kind, place, reason, wheels[0].rocker, pivot=True)]
 
 
 def inside(contacts: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -210,8 +247,11 @@ def _wheels(
                 trail = abs(float(across @ (origin - places[swivel].translation)))
                 if trail > _TRAIL:
                     caster = caster or f"that swivels freely, {1e3 * trail:.0f} mm behind its swivel"
-        moving = [file.above[k].name for k in way[:-1] if file.above[k].kind in ("revolute", "prismatic")]
-        yield _Wheel(link, origin, axles.get(link), points, named, caster, ", ".join(moving))
+        moving = [k for k in way[:-1] if file.above[k].kind in ("revolute", "prismatic")]
+        rocker, pivot = ", ".join(file.above[k].name for k in moving), None
+        if len(moving) == 1 and file.above[moving[0]].kind == "revolute" and abs(axes[moving[0]][2]) < _FLAT:
+            pivot = np.array([places[moving[0]].translation, axes[moving[0]]])
+        yield _Wheel(link, origin, axles.get(link), points, named, caster, rocker, pivot)
 
 
 def _links_of(file: UrdfFile, link: str) -> list[str]:

@@ -24,7 +24,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.resting import resting_body, resting_links
 from ocptip.robots.urdf_file import UrdfFile
 
-PLURALS = {"wheel": "wheels", "caster": "casters", "foot": "feet"}
+PLURALS = {"wheel": "wheels", "rocker": "rockers", "caster": "casters", "foot": "feet"}
 
 _SHARE = 0.5
 """Links that rest are a base if they weigh at least this share of the arm; lighter ones are its foot."""
@@ -81,13 +81,15 @@ class ExampleBase:
         """Where the numbers come from, one sentence."""
         if not self.of_urdf:
             return "mass, centre of mass, feet and height are invented, for the URDF has no base"
-        kinds = Counter(contact.kind for contact in self.contacts)
+        kinds = Counter("rocker" if own.pivot else own.kind for own in self.contacts)
         contacts = " and ".join(f"{n} {kind if n == 1 else PLURALS[kind]}" for kind, n in kinds.items())
         shown = "of its geometry" if self.contacts_of_urdf else "that are invented, for no solid shows them"
         body = "mass, centre of mass and inertia are those of the URDF's links that rest"
         rockers = "".join(
-            f"; {name} moves in the URDF and counts as fixed: for a free one give a single contact at its pivot"
-            for name in dict.fromkeys(contact.rocker for contact in self.contacts if contact.rocker)
+            f"; {name} lets two wheels rock: one contact at its pivot stands for both"
+            if pivot
+            else f"; {name} moves in the URDF and counts as fixed"
+            for name, pivot in dict.fromkeys((own.rocker, own.pivot) for own in self.contacts if own.rocker)
         )
         return f"{body}; it stands on {contacts} {shown}{rockers}"
 
