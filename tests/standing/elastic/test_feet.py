@@ -215,7 +215,7 @@ def test_rows_of_foot_forces_are_the_springs_and_their_slopes(kind):
     shared = soft.support.elastic.share(at.wrenches)
     assert shared.pressing.all()
     assert np.allclose(limit.forces(at), shared.forces[:, :, 0])
-    columns = type("Columns", (), {"wrench": slice(0, 6)})()
+    columns = type("Columns", (), {"wrench": slice(0, 6), "wrenches": (slice(0, 6),)})()
     slopes = np.broadcast_to(np.eye(6), (7, 6, 6))
     node = NodeSlopes(columns, np.empty((7, 0)), np.empty((7, 0, 6)), at.wrenches, slopes)
     rows = limit.rows(node, np.ones((7, 3), dtype=bool))
