@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ocptip
+from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.standing.drive_envelope import Manoeuvres, largest_manoeuvres, worst_states
 from ocptip.standing.tolerance import NONE, Uncertainty
@@ -87,3 +88,9 @@ def test_a_motion_leaves_less_than_its_start(task, motion, capsys):
         ocptip.drive(task, "start", motion=motion)
     assert main(["drive", str(TASK), "--posture", "nowhere"]) == 2
     assert "posture" in capsys.readouterr().err
+
+
+def test_stops_are_refused_while_the_base_drives(task):
+    profile = "1 m, 0.5 m/s, 0.5 m/s^2"
+    with pytest.raises(InputError, match="stops: not for a base that drives"):
+        ocptip.check(task, "start", drive_profile=profile, stops="path")

@@ -102,8 +102,8 @@ class DriveReport(FolderReport):
 
     def _locked(self) -> str:
         if self.found.locked_wheels_tip:
-            return "tip the base on level ground before they slide"
-        return "slide on level ground before the base tips, up to the given friction"
+            return "tip the base when it brakes straight on level ground, before they slide"
+        return "slide before the base tips when it brakes straight on level ground, with the given friction"
 
     def _together(self) -> list[str]:
         names = {"max_velocity": ("m/s", "rad/s"), "max_accel": ("m/s^2", "rad/s^2")}

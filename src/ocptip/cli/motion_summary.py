@@ -138,7 +138,8 @@ def motion_text(
         [line for name, text in details for line in wrapped(name, [text], widest)],
     ]
     text = "\n\n".join("\n".join(part) for part in parts if part)
-    following = "ocptip check {0}" if checked.objects else _following()  # view and stops take no objects
+    no_stops = checked.objects or robot.acts.end  # nor does view take objects
+    following = "ocptip check {0}" if no_stops else _following()
     return "\n".join([text, *required, *files_lines(written, following)])
 
 

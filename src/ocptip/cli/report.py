@@ -167,6 +167,7 @@ class Document:
         yield items(tolerated_lines(self.about.tolerated))
         if any(stage.stops for stage in self.about.stages):
             yield heading("Stops")
+            yield paragraph("In the nominal model, without uncertainty.")
             if self.about.task.is_cycle:
                 yield paragraph("Times are those of the segment.")
             for stage in self.about.stages:
@@ -176,8 +177,9 @@ class Document:
     def _rest(self) -> Iterator[str]:
         yield heading("Load cases")
         yield paragraph(
-            "At rest in each pose, with more payload at the gripper, the floor tilted and the gripper pushed "
-            "in the worst directions together. Directions in degrees from the base's x axis towards y. GN, "
+            "In the nominal model, at rest in each pose, with more payload at the gripper, the floor tilted "
+            "and the gripper pushed in the worst directions together. Directions in degrees from the base's "
+            "x axis towards y. GN, "
             "GT: published indices; 1: a contact is lost."
         )
         support = self.about.task.robot.support

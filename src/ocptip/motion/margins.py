@@ -176,6 +176,7 @@ def _of_object(footing: Footing, checked: MotionCheck) -> Iterable[MotionMargin]
         limit, other = (worst and change(worst.limit) for worst in known)
         at = own and At(own.value, own.time, own.contacts)
         yield MotionMargin(title, at, within, limit, other, title == TIPPING, used, name)
-    force = contacts.force and At(contacts.force.value, contacts.force.time, contacts.force.contacts)
+    alone = contacts.alike or contacts.force  # as of the base
+    force = alone and At(alone.value, alone.time, alone.contacts)
     least = 0.0 if contacts.unique else None
     yield MotionMargin(FOOT_FORCE, force, None, least, None, True, -math.inf, name)

@@ -185,13 +185,14 @@ def stops_by_segment(
 def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelerations]:
     """Safe decelerations of a cancelled controller, by the names of segments.
 
-    None of parallel robots, and of robots with objects. Coarse: at `SHARES` only, so that it takes little
-    beside a plan. `check_stops` determines the ends.
+    None of parallel robots, of robots with objects, and while the base drives. Coarse: at `SHARES` only, so
+    that it takes little beside a plan. `check_stops` determines the ends.
     """
     found = {}
     for segment, own in zip(task.segments, motion.segments, strict=False):
         robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
-        if isinstance(robot, Robot) and not robot.objects and np.isfinite(robot.limits.acceleration).all():
+        known = isinstance(robot, Robot) and not robot.objects and not robot.acts.end
+        if known and np.isfinite(robot.limits.acceleration).all():
             how = {"of_limits": rules.of_limits, "close": 1.0}
             full = rules.cancel(robot, limits, 1.0)
             found[segment.name] = safe_decelerations(robot, own, limits, full, **how)
@@ -240,7 +241,7 @@ def _assumed(
     if not isinstance(robot, Robot):
         return (*texts, "category 0 and cancels: not computed for parallel robots")
     if "cancel" in asked:
-        when = f"within {1e3 * rules.reaction:g} ms" if rules.reaction else "at once"
+        when = f"beginning within {1e3 * rules.reaction:g} ms" if rules.reaction else "at once"
         law = (
             "each joint decelerates by itself" if rules.stopj is None else "all joints come to rest together"
         )

@@ -149,6 +149,7 @@ def _groups(arm: ArmModel, foot: ExampleBase, to_fill: Sequence[str]) -> dict[st
     groups[f"To be given, in the lines that begin with {MARK}"] = list(to_fill)
     groups["Not known to any URDF either"] = [
         "whether drives or brakes hold the wheels",
+        'whether wheels are omni or mecanum (kind = "free-wheel")',
         "power of the drives",
     ]
     return groups

@@ -134,6 +134,12 @@ def refuse_objects(task: Task, *whats: str) -> None:
             segment.task.robot.require_no_objects(what)
 
 
+def refuse_stops_of_driving(task: Task) -> None:
+    """Raise InputError if stops are limits while the base drives: they are not checked then."""
+    if task.robot.acts.end and any(segment.task.limits.stoppable for segment in task.segments):
+        raise InputError("stops: not for a base that drives; leave out what [stops] asks for, or the profile")
+
+
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:
     """Where in its ranges a pose is in posture q, (n,): m, by the axes along which it is free."""
     if target is None or not isinstance(robot, Robot):
