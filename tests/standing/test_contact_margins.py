@@ -19,7 +19,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.contact_margins import ContactMargins, Margin
-from ocptip.standing.instants import Instants
+from ocptip.standing.footing import Footing
+from ocptip.standing.instants import Instants, Loaded
 from tests.contact.test_resting import four_feet
 
 
@@ -192,3 +193,16 @@ def test_the_headline_of_a_check_says_where_equally_compliant_feet_differ(case, 
         f", BUT with equally compliant feet {checked.contacts.alike.where} lifts" if lifts else ""
     )
     assert checked.to_dict()["contacts"]["equal_compliance"]["agrees"] != lifts
+
+
+def test_what_slides_and_would_tip_if_friction_held_needs_an_infinite_factor():
+    feet = [(x, y, 0.0) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    contacts = [UnilateralContact(position=p, friction=0.1) for p in feet]
+    footing = Footing(Support(contacts, mass=1.0, center_of_mass=[0, 0, 0.5]))
+    wrenches = np.array([[0, 0, -9.81, 0, 0, 0], [1.5, 0, -9.81, 0, 0, 0], [8.0, 0, -9.81, 0, 0, 0]])
+    times = np.array([0.0, 1.0, 2.0])  # by hand: it tips from 1.962 N on, and slides from 0.981 N on
+    found = ContactMargins.of(Loaded(footing, wrenches[:2]), times[:2])
+    assert found.friction.value == pytest.approx(1.5 / 0.981, rel=1e-6)
+    found = ContactMargins.of(Loaded(footing, wrenches), times)
+    assert (found.friction.value, found.friction.time) == (np.inf, 2.0)
+    assert found.missing is None

@@ -90,7 +90,7 @@ _IF_REACHED = {
 }
 """Titles and units of limits that have a row only where they are broken or, of drives, reached."""
 _REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995, "jerk_ratio": 0.995}
-_BEYOND = {"GN": " (above 1 a contact lifts)", "GT": " (above 1 the base slides)"}
+_BEYOND = {"GN": " (above 1 a contact lifts)", "GT": " (above 1 it slides)"}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 
@@ -244,7 +244,7 @@ def at_text(row: MotionMargin, at: At | None) -> str:
     """A value and when it occurs."""
     if at is None:
         return "-"
-    if math.isinf(at.value):  # no friction holds a base that tips; without solids no clearance is limited
+    if math.isinf(at.value):  # no friction holds what tips; without solids no clearance is limited
         return "none holds" if row.name == "friction_used" else "unlimited"
     text = _value(row.name, at.value)
     # Rounded to the limit, a value could contradict the verdict.

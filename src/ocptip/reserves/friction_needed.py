@@ -108,4 +108,4 @@ class FrictionDemand:
         """What is missing, in words; empty where nothing is known to be."""
         if np.isfinite(self.missing):
             return f"{quantity(self.missing, 'N', 3)} of tangential force are missing" * (self.missing > 0)
-        return "no friction holds a base that tips" if np.isinf(self.factor) else ""
+        return "no friction keeps it from tipping" if np.isinf(self.factor) else ""

@@ -197,15 +197,16 @@ def _least(
 
 def _beyond_friction(at: Loaded, times: np.ndarray) -> tuple[Margin | None, Margin | None]:
     """At the instant at which the base slides fastest: the factor on the friction that would hold it, and the
-    tangential force that is missing, N. None unless it slides, and such a factor or force is known.
+    tangential force that is missing, N. None unless it slides, and such a factor or force is known. The
+    factor is infinite where no friction holds.
     """
     k = int(np.argmax(np.nan_to_num(at.largest_slip.slide_acceleration)))
     if not at.largest_slip.slide_acceleration[k] > 0:
         return None, None
     demand = FrictionDemand.of(at.states.support, at.states.wrenches[k])
     needed, missing = (
-        Margin(value, float(times[k])) if np.isfinite(value) and value > least else None
-        for value, least in ((demand.factor, 1.0), (demand.missing, 0.0))
+        Margin(value, float(times[k])) if least < value <= most else None
+        for value, least, most in ((demand.factor, 1.0, np.inf), (demand.missing, 0.0, np.finfo(float).max))
     )
     return needed, missing
 
