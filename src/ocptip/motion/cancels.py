@@ -131,12 +131,15 @@ class SafeDecelerations:
         else:
             least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
-            kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}"
+            each = " by joint" if len(set(self.full)) > 1 and not self.together else ""
+            kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}{each}"
             remedy = "" if self.together else ", or plan with --stop-safe cancel"
             helps = "" if hardest.safe else f". Set that in the controller{remedy}"
         gentlest = self.levels[-1]
-        worst = [hardest] if self.maximum is not None else [hardest, gentlest]
-        why = [f"; at {100 * level.share:g} % {level.broken[0]}" for level in worst if not level.safe]
+        if self.minimum is not None:  # why no gentler one is safe
+            gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
+        worst = dict.fromkeys([hardest, gentlest])
+        why = [f"; at {100 * level.share:.3g} % {level.broken[0]}" for level in worst if not level.safe]
         return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}{helps}"
 
     @property

@@ -247,7 +247,9 @@ def _assumed(
         )
         texts.append(f"cancel: {law}, {when}; the drives follow as commanded")
         if rules.of_limits:
-            texts.append("cancel: 100 % is the acceleration limit; drives that brake harder are not covered")
+            texts.append(
+                "cancel: 100 % is the acceleration limit; harder braking than checked is not covered"
+            )
         if not robot.arm.may_collide:
             texts.append("cancel: collisions not checked, no collision geometry")
     if "brakes" not in asked:
