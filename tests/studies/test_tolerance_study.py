@@ -24,7 +24,7 @@ def test_deviations_stay_within_the_tolerance():
     robot = experiment_task("B", "effective").robot
     own = worst_case_of(robot, SITE).deviations
     theta = random_deviations(own, np.random.default_rng(0), 500)
-    intervals = own._intervals
+    intervals = own.intervals
     assert np.all(theta[:, intervals] >= own.low[intervals] - 1e-15)
     assert np.all(theta[:, intervals] <= own.high[intervals] + 1e-15)
     gravity = robot.support.gravity + theta[:, own.places["gravity"]]

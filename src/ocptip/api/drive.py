@@ -471,7 +471,9 @@ class DriveEnvelope(SavedFolder):
 
     def to_yaml(self) -> str:
         """Parameters of Nav2's velocity smoother."""
-        comments = [f"# {text}" for text in (f"{self.name}: {self.scope}", self.ground, ASSUMED)]
+        edge = "the edge, if accelerations rise gently; what sets in at once overshoots, up to twice as much"
+        texts = f"{self.name}: {self.scope}", self.ground, edge, ASSUMED
+        comments = [f"# {text}" for text in texts]
         lines = [*comments, "velocity_smoother:", "  ros__parameters:"]
         for name, values in self.navigation.items():
             # Rounded towards zero: the numbers must stay inside the envelope.
