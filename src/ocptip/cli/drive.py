@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.api.drive import ASSUMED, STOW, DriveEnvelope, drive
+from ocptip.api.drive import STOW, drive
+from ocptip.api.drive_result import ASSUMED, DriveEnvelope
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport

@@ -1,0 +1,379 @@
+"""The result of `ocptip.drive`: limits of a driving base in all directions, on slopes and in curves."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import positive_number
+from ocptip.basics.outputs import SavedFolder
+from ocptip.basics.write import versions
+from ocptip.pictures.load_chart import envelope_picture
+from ocptip.standing.arm import Robot
+from ocptip.standing.drive_envelope import (
+    LARGEST,
+    LargestManoeuvres,
+    Manoeuvre,
+    Manoeuvres,
+    largest_manoeuvres,
+    worst_states,
+)
+from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.trajectories.trajectory import Trajectory
+
+ASSUMED = "contacts with friction are wheels that drive and brake up to it: torques of wheels are not limited"
+NOT_COVERED = (
+    "compliance of wheels",
+    "uneven floor",
+    "overshoot of an acceleration that sets in at once: up to twice as much, check --drive-profile counts it",
+)
+_SPACING = 0.02  # s: between instants of a motion
+
+
+@dataclass(frozen=True)
+class DriveArguments:
+    """Arguments of `drive`."""
+
+    directions: int
+    speed: float
+    turning: float
+    slope: float
+    deceleration: float | None
+    holonomic: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveEnvelope(SavedFolder):
+    """How hard a base may accelerate, brake and turn.
+
+    Attributes:
+        name: of task and posture.
+        robot: on its base.
+        q: (n,), rad (prismatic joints: m), at the start of a motion.
+        tolerance: the uncertainty.
+        counting: what of it counts.
+        given: arguments of :func:`drive`.
+        motion: of the arm; None: it rests.
+    """
+
+    data_file = "drive.json"
+    name: str
+    robot: Robot
+    q: np.ndarray
+    tolerance: Uncertainty
+    counting: Uncertainty
+    given: DriveArguments
+    motion: Trajectory | None = None
+
+    # --- manoeuvres ---------------------------------------------------------------------------------------
+
+    @cached_property
+    def angles(self) -> np.ndarray:
+        """(D,) rad, directions of acceleration, from the x axis of the base to y."""
+        return 2 * np.pi * np.arange(self.given.directions) / self.given.directions
+
+    @cached_property
+    def manoeuvres(self) -> tuple[Manoeuvre, ...]:
+        """Those beside the directions."""
+        given, degrees = self.given, np.degrees(self.given.slope)
+        turn = f"at {given.speed:.4g} m/s turning at {given.turning:.4g} rad/s"
+        found = [
+            Manoeuvre("accelerate", "accelerate forward"),
+            Manoeuvre("brake", "brake"),
+            Manoeuvre("left", "accelerate to the left"),
+            Manoeuvre("right", "accelerate to the right"),
+        ]
+        if given.slope:
+            found += [
+                Manoeuvre("brake_downhill", f"brake driving down a slope of {degrees:.4g} deg"),
+                Manoeuvre("brake_uphill", f"brake driving up {degrees:.4g} deg"),
+                Manoeuvre("brake_across_left", f"brake across {degrees:.4g} deg, left side down"),
+                Manoeuvre("brake_across_right", f"brake across {degrees:.4g} deg, right side down"),
+            ]
+        return (
+            *found,
+            Manoeuvre("turn_left", f"turn left at {given.speed:.4g} m/s", "rad/s"),
+            Manoeuvre("turn_right", f"turn right at {given.speed:.4g} m/s", "rad/s"),
+            Manoeuvre("start_turning_left", "start to turn left", "rad/s^2"),
+            Manoeuvre("start_turning_right", "start to turn right", "rad/s^2"),
+            Manoeuvre("stop_left", f"stop {turn} to the left"),
+            Manoeuvre("stop_right", f"stop {turn} to the right"),
+            Manoeuvre("stop_speed_left", f"speed for a stop {self._stop_words} to the left", "m/s"),
+            Manoeuvre("stop_speed_right", f"speed for a stop {self._stop_words} to the right", "m/s"),
+        )
+
+    @property
+    def _radius(self) -> float:
+        """m, of the curve of the emergency stop."""
+        return self.given.speed / self.given.turning
+
+    @property
+    def _stop_words(self) -> str:
+        return f"at {self.stop_deceleration:.3g} m/s^2 in a curve of {self._radius:.3g} m"
+
+    @cached_property
+    def stop_deceleration(self) -> float:
+        """m/s^2: of the emergency stop whose largest speed is computed; by default 80 % of the largest."""
+        if self.given.deceleration is not None:
+            return positive_number("deceleration", self.given.deceleration)
+        return 0.8 * float(self._worst_of(self._straight).largest[1])
+
+    @cached_property
+    def _straight(self) -> Manoeuvres:
+        level = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+        return Manoeuvres.accelerations(level, self.robot.support.gravity)
+
+    @cached_property
+    def _all(self) -> Manoeuvres:
+        given, gravity = self.given, self.robot.support.gravity
+        around = np.column_stack([np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))])
+        found = Manoeuvres.accelerations(around, gravity) + self._straight
+        size = float(np.linalg.norm(gravity))
+        if given.slope:
+            along, down = size * np.sin(given.slope), -size * np.cos(given.slope)
+            pulls = [[along, 0, down], [-along, 0, down], [0, along, down], [0, -along, down]]
+            found += Manoeuvres.accelerations(np.tile([-1.0, 0, 0], (4, 1)), np.array(pulls))
+        for build in (self._turns, self._starts, self._stops, self._stop_speeds):
+            found += build(gravity)
+        return found
+
+    def _turns(self, gravity: np.ndarray) -> Manoeuvres:
+        rows = np.zeros((2, 9))
+        rows[:, 1], rows[:, 5] = [self.given.speed, -self.given.speed], [1, -1]
+        return Manoeuvres.along(rows, gravity)
+
+    def _starts(self, gravity: np.ndarray) -> Manoeuvres:
+        rows = np.zeros((2, 9))
+        rows[:, 8] = [1, -1]
+        return Manoeuvres.along(rows, gravity)
+
+    def _stops(self, gravity: np.ndarray) -> Manoeuvres:
+        """In a turn whose radius stays: the turning slows down with the speed."""
+        v, w = self.given.speed, self.given.turning * np.array([1, -1])
+        steady, slowing = np.zeros((2, 9)), np.zeros((2, 9))
+        steady[:, 1], steady[:, 5] = v * w, w
+        slowing[:, 0], slowing[:, 8] = -1, -w / v
+        return replace(Manoeuvres.along(slowing, gravity), constant=steady)
+
+    def _stop_speeds(self, gravity: np.ndarray) -> Manoeuvres:
+        """Over the speed."""
+        bend, d = np.array([1, -1]) / self._radius, self.stop_deceleration
+        steady, linear, square = np.zeros((2, 9)), np.zeros((2, 9)), np.zeros((2, 9))
+        steady[:, 0], steady[:, 8] = -d, -d * bend
+        square[:, 1], linear[:, 5] = bend, bend
+        return replace(Manoeuvres.along(linear, gravity), constant=steady, square=square)
+
+    # --- results ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def nominal(self) -> LargestManoeuvres:
+        """Of the nominal model: of the directions, then of the manoeuvres."""
+        return self._largest(self._all)
+
+    @cached_property
+    def within(self) -> LargestManoeuvres | None:
+        """In the worst case of the uncertainty; None without one."""
+        if not self.counting.given:
+            return None
+        return self._largest(self._all, self.counting, self.nominal)
+
+    def _worst_of(self, manoeuvres: Manoeuvres) -> LargestManoeuvres:
+        return self._largest(manoeuvres, self.counting)
+
+    def _largest(
+        self,
+        manoeuvres: Manoeuvres,
+        tolerance: Uncertainty = NONE,
+        nominal: LargestManoeuvres | None = None,
+    ) -> LargestManoeuvres:
+        """At rest, or in the states of the motion that are worst for the nominal base."""
+        if self.motion is None:
+            return largest_manoeuvres(self.robot, self.q, manoeuvres, tolerance, nominal)
+        times, states = self._states
+        number = worst_states(self.robot, states, manoeuvres)
+        count = number.shape[1]
+        if nominal is not None:
+            nominal = replace(nominal, normals=np.repeat(nominal.normals, count, axis=0))
+        own = states[number.ravel()], manoeuvres.repeated(count), tolerance, nominal
+        return largest_manoeuvres(self.robot, *own).at_worst(times[number])
+
+    @cached_property
+    def _states(self) -> tuple[np.ndarray, np.ndarray]:
+        """Instants (N,), s, of the motion, and the states there, with a process that varies."""
+        assert self.motion is not None
+        times = self.motion.both_sides(_SPACING)
+        acting = self.robot.during(self.motion).acting(times)
+        return times, np.hstack([*self.motion.states(times), acting])
+
+    @property
+    def worst(self) -> LargestManoeuvres:
+        """Within the uncertainty, or nominal without one."""
+        return self.within or self.nominal
+
+    @property
+    def worst_direction(self) -> tuple[float, float]:
+        """The smallest of the largest accelerations, m/s^2, and its direction, rad."""
+        k = int(np.argmin(self.worst.largest[: len(self.angles)]))
+        return float(self.worst.largest[k]), float(self.angles[k])
+
+    def limit(self, key: str) -> float | None:
+        """The limit of a manoeuvre, within the uncertainty; None where nothing limits it."""
+        k = [one.key for one in self.manoeuvres].index(key)
+        return self.manoeuvres[k].value(float(self.worst.largest[len(self.angles) + k]))
+
+    @property
+    def locked_wheels_tip(self) -> bool:
+        """Whether the base tips before its wheels slide when it brakes on level ground with locked wheels."""
+        k = len(self.angles) + 1
+        found = [self.nominal, self.worst]
+        return any(bool(own.slip[k] >= own.tip[k]) for own in found)
+
+    @cached_property
+    def navigation(self) -> dict[str, list[float]]:
+        """Limits that hold all at once, as parameters of Nav2's velocity smoother: x, y, turning.
+
+        The largest share of the single limits such that every corner of them is kept.
+        """
+        single = {name: self._capped(name) for name in ("accelerate", "brake")}
+        side = min(self._capped("left"), self._capped("right")) if self.given.holonomic else 0.0
+        start = min(self._capped("start_turning_left"), self._capped("start_turning_right"))
+        turn = min(self._capped("turn_left"), self._capped("turn_right"))
+        rows = []
+        for x in (single["accelerate"], -single["brake"]):
+            for y in {side, -side}:
+                for w in (turn, -turn):
+                    rows += [[x, y + self.given.speed * w, 0, 0, 0, w, 0, 0, al] for al in (start, -start)]
+        corners = Manoeuvres.along(np.array(rows), self.robot.support.gravity)
+        share = min(1.0, float(np.min(self._worst_of(corners).largest)))
+        return {
+            "max_velocity": [self.given.speed, self.given.speed if side else 0.0, share * turn],
+            "max_accel": [share * single["accelerate"], share * side, share * start],
+            "max_decel": [-share * single["brake"], -share * side, -share * start],
+        }
+
+    def _capped(self, key: str) -> float:
+        found = self.limit(key)
+        return LARGEST if found is None else found
+
+    @property
+    def ground(self) -> str:
+        """On which ground the parameters for navigation hold, in words."""
+        level, given = "on level ground", self.given.slope
+        if not given:
+            return level
+        slopes = ("downhill", "uphill", "across_left", "across_right")
+        down = np.trunc(1e3 * min(self._capped(f"brake_{name}") for name in slopes)) / 1e3
+        slope = f"a slope of {np.degrees(given):.4g} deg"
+        return f"{level}; straight braking on {slope}: {down:.4g} m/s^2 at most"
+
+    @property
+    def scope(self) -> str:
+        """What the envelope is about, in words."""
+        within = f"within {self.tolerance.scope}" if self.counting.given else "nominal model only"
+        arm = "arm at rest" if self.motion is None else "worst instants of the motion of the arm"
+        return f"{arm}, rigid wheels, {within}"
+
+    @property
+    def not_covered(self) -> tuple[str, ...]:
+        """What the envelope leaves out, in words."""
+        of_arm = "motion of the arm" if self.motion is None else "instants between the samples"
+        return (of_arm, *NOT_COVERED, *self.ignored)
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Deviations of the uncertainty that do not count, and the declared stiffness of contacts."""
+        given, counting = self.tolerance, self.counting.given
+        springs = ["the declared stiffness of the contacts"] if self.robot.support.elastic else []
+        return (*(str(given.only(name)) for name in given.given if name not in counting), *springs)
+
+    def __repr__(self) -> str:
+        """The scope, and the worst direction."""
+        value, angle = self.worst_direction
+        return f"<DriveEnvelope {self.name}: {value:.3g} m/s^2 at {np.degrees(angle):.0f} deg; {self.scope}>"
+
+    def _limits(self, k: int, one: Manoeuvre) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for name, found in (("nominal", self.nominal), ("within", self.within)):
+            if found is not None:
+                known = bool(np.isfinite(found.lift[k]))
+                when = {} if found.times is None else {"time_s": float(found.times[k])}
+                data[name] = {
+                    **when,
+                    "largest": one.value(float(found.largest[k])),
+                    "tips_at": one.value(float(found.tip[k])),
+                    "first_wheel_lifts_at": one.value(float(found.lift[k])) if known else None,
+                    "slips_at": one.value(float(found.slip[k])) if found.slip[k] < found.tip[k] else None,
+                    "tips_about_contacts": found.contacts[k].tolist() if found.contacts[k].any() else None,
+                }
+        return data
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of drive.json; see docs/how-to/drive-envelope.md."""
+        given, around = self.given, Manoeuvre("direction", "")
+        return {
+            "posture": self.name,
+            "scope": self.scope,
+            "assumed": ASSUMED,
+            "not_covered": list(self.not_covered),
+            "tolerance": self.tolerance.to_dict(),
+            "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),
+            "units": list(self.robot.units),
+            **self.robot.masses_to_dict(),
+            "speed_m_s": given.speed,
+            "turning_rad_s": given.turning,
+            "slope_deg": float(np.degrees(given.slope)),
+            "stop_deceleration_m_s2": self.stop_deceleration,
+            "directions": [
+                {"direction_deg": float(np.degrees(angle)), "unit": around.unit, **self._limits(k, around)}
+                for k, angle in enumerate(self.angles)
+            ],
+            "manoeuvres": {
+                one.key: {"text": one.text, "unit": one.unit, **self._limits(len(self.angles) + k, one)}
+                for k, one in enumerate(self.manoeuvres)
+            },
+            "locked_wheels_tip": self.locked_wheels_tip,
+            "navigation": self.navigation,
+            "versions": versions(),
+        }
+
+    def to_csv(self) -> str:
+        """Directions and manoeuvres as a table; empty: without a limit."""
+        stream = io.StringIO()
+        rows = csv.writer(stream, lineterminator="\n")
+        names = ("largest", "tips_at", "slips_at")
+        cases = ["nominal", *(["within"] if self.within else [])]
+        rows.writerow(
+            ["manoeuvre", "direction_deg", "unit", *(f"{case}_{name}" for case in cases for name in names)]
+        )
+        data = self.to_dict()
+        named = [("direction", one) for one in data["directions"]] + [*data["manoeuvres"].items()]
+        for key, one in named:
+            values = ["" if one[case][name] is None else one[case][name] for case in cases for name in names]
+            rows.writerow([key, one.get("direction_deg", ""), one["unit"], *values])
+        return stream.getvalue()
+
+    def to_yaml(self) -> str:
+        """Parameters of Nav2's velocity smoother."""
+        edge = "the edge, if accelerations rise gently; what sets in at once overshoots, up to twice as much"
+        texts = f"{self.name}: {self.scope}", self.ground, edge, ASSUMED
+        comments = [f"# {text}" for text in texts]
+        lines = [*comments, "velocity_smoother:", "  ros__parameters:"]
+        for name, values in self.navigation.items():
+            # Rounded towards zero: the numbers must stay inside the envelope.
+            shown = ", ".join(f"{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}" for value in values)
+            lines.append(f"    {name}: [{shown}]")
+        return "\n".join([*lines, ""])
+
+    def contents(self, figures: bool) -> dict[str, bytes]:
+        """drive.csv, nav2.yaml and drive.png."""
+        found = {"drive.csv": self.to_csv().encode(), "nav2.yaml": self.to_yaml().encode()}
+        if figures:
+            feet = np.array([contact.position for contact in self.robot.support.contacts])
+            about = self.name, self.scope, self.angles
+            found["drive.png"] = envelope_picture(*about, self.nominal, self.within, feet)
+        return found
