@@ -102,8 +102,9 @@ def test_text_files_and_json(tmp_path, capsys):
     assert len(rows) == 8 + len(data["manoeuvres"])
     assert float(rows[4]["within_largest"]) == data["directions"][4]["within"]["largest"]
     lines = (folder / "nav2.yaml").read_text(encoding="utf-8").splitlines()
-    assert lines[3:5] == ["velocity_smoother:", "  ros__parameters:"]
-    given = [float(value) for value in lines[6].split("[")[1].rstrip("]").split(",")]
+    assert "overshoots" in lines[2]
+    assert lines[4:6] == ["velocity_smoother:", "  ros__parameters:"]
+    given = [float(value) for value in lines[7].split("[")[1].rstrip("]").split(",")]
     assert all(
         0 <= exact - shown < 1e-3 for exact, shown in zip(data["navigation"]["max_accel"], given, strict=True)
     )
