@@ -711,13 +711,16 @@ def test_the_proof_is_a_step_of_its_own(case_b, monkeypatch):
 
 
 def test_the_proofs_of_a_cycle_are_named_one_by_one(monkeypatch):
-    segment, stages = SimpleNamespace(segments=()), []
+    ramps, path = (
+        SimpleNamespace(segments=(), motion=SimpleNamespace(timing=t)) for t in (None, "of a path")
+    )
+    stages = []
     known = {"interrupted": True, "seed": 0, "options": {}, "task": None, "seconds": 0.0}
-    cycle = SimpleNamespace(segments=(segment,) * 3, **known)
+    cycle = SimpleNamespace(segments=(ramps, path, ramps), **known)
     monkeypatch.setattr("ocptip.motion.plan._proved_segment", lambda plan, prove: plan)
     monkeypatch.setattr(MotionPlan, "of_cycle", lambda *given, **how: len(stages))
-    assert proved(cycle, certified, stages.append) == 3
-    assert stages == [f"proving segment {k} of 3 ..." for k in (1, 2, 3)]
+    assert proved(cycle, certified, stages.append) == 2  # along a path, what is executed is proved instead
+    assert stages == [f"proving segment {k} of 3 ..." for k in (1, 3)]
 
 
 def test_what_intervals_lack_says_which_limit_to_tighten_and_when():
