@@ -288,6 +288,7 @@ def test_many_joints_without_limits_can_be_drawn(monkeypatch):
         motor_units=("N m",) * 9,
         n=9,
         tip_over=robot.tip_over,
+        interfaces=(robot,),
         sticks=lambda q: robot.sticks(plan.motion.start),
         tool=lambda q: np.zeros((len(q), 3)),
         limits=unlimited,
