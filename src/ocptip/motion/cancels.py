@@ -133,7 +133,8 @@ class SafeDecelerations:
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
             each = " by joint" if len(set(self.full)) > 1 and not self.together else ""
             kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}{each}"
-            remedy = "" if self.together else ", or plan with --stop-safe cancel"
+            unplanned = self.together or hardest.torque_ratio > 1  # plans know the contacts, no torques
+            remedy = "" if unplanned else ", or plan with --stop-safe cancel"
             helps = "" if hardest.safe else f". Set that in the controller{remedy}"
         gentlest = self.levels[-1]
         if self.minimum is not None:  # why no gentler one is safe
