@@ -191,8 +191,9 @@ def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelera
     found = {}
     for segment, own in zip(task.segments, motion.segments, strict=False):
         robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
-        known = isinstance(robot, Robot) and not robot.objects and not robot.acts.end
-        if known and np.isfinite(robot.limits.acceleration).all():
+        if not isinstance(robot, Robot) or robot.objects or robot.acts.end:
+            continue
+        if np.isfinite(robot.limits.acceleration).all():
             how = {"of_limits": rules.of_limits, "close": 1.0}
             full = rules.cancel(robot, limits, 1.0)
             found[segment.name] = safe_decelerations(robot, own, limits, full, **how)

@@ -241,7 +241,7 @@ class StandingParallelRobot(ParallelMechanism):
         q: np.ndarray,
         qd: np.ndarray,
         qdd: np.ndarray,
-        process: np.ndarray | None = None,
+        acting: np.ndarray | None = None,
         base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n), N or N m, and the total wrench (N, 6) on the base about its centre of mass."""
@@ -250,7 +250,7 @@ class StandingParallelRobot(ParallelMechanism):
         return forces, wrenches
 
     def load_expressions(
-        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
         """Motor forces and wrench on the base as CasADi columns."""
         forces, wrench = self._loads.function.call([q, qd, qdd])
@@ -287,7 +287,7 @@ class NumericParallelRobot(ParallelMechanism):
         q: np.ndarray,
         qd: np.ndarray,
         qdd: np.ndarray,
-        process: np.ndarray | None = None,
+        acting: np.ndarray | None = None,
         base_motion: BaseMotion | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n_a), N or N m, and the total wrench (N, 6) on the base about its centre of mass.
@@ -307,7 +307,7 @@ class NumericParallelRobot(ParallelMechanism):
         return forces, np.hstack([force, moment]) + self.support.weight
 
     def load_expressions(
-        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
         """There are none.
 
