@@ -20,7 +20,7 @@ from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import OF_PATH, MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
-from ocptip.motion.cycles.task import CycleTask, Task, refuse_objects, refuse_stops_of_driving
+from ocptip.motion.cycles.task import CycleTask, Task, refuse_driving, refuse_objects
 from ocptip.motion.design import motion_design
 from ocptip.motion.objective import TIME
 from ocptip.motion.plan_files import save_bag
@@ -217,12 +217,9 @@ def check(
     name, task, given = given_motion(motion, task, base=base, drive_profile=drive_profile, **reading)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
-    if task.robot.acts.end:
-        for what in [*["stops"] * (stops is not None), *["sensitivities"] * sensitivities]:
-            raise InputError(f"{what}: not for a base that drives; without a drive profile they are")
     asked = {"a check of stops": stops, "sensitivities": sensitivities, "design": design}
     refuse_objects(task, *(name for name, wanted in asked.items() if wanted))
-    refuse_stops_of_driving(task)
+    refuse_driving(task, *["stops"] * (stops is not None), *["sensitivities"] * sensitivities)
     if stops is not None and "path" in SCENARIOS[stops]:
         task = task.each(lambda own: replace(own, limits=own.stops.asked(own.limits)))
     how = {"step": step, "progress": progress}

@@ -34,7 +34,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import check_motion, stated
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
-from ocptip.motion.cycles.task import Task, refuse_objects, refuse_stops_of_driving
+from ocptip.motion.cycles.task import Task, refuse_driving, refuse_objects
 from ocptip.motion.execution import Execution
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
 from ocptip.motion.motion_plan import MotionPlan
@@ -327,7 +327,7 @@ def plan(
             positive_number(name, number)
     task = prepared(load_task(task), controller, rise_time, stops)
     refuse_objects(task, *["sensitivities"] * sensitivities)
-    refuse_stops_of_driving(task)
+    refuse_driving(task)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}

@@ -204,10 +204,8 @@ def _beyond_friction(at: Loaded, times: np.ndarray) -> tuple[Margin | None, Marg
     if not at.largest_slip.slide_acceleration[k] > 0:
         return None, None
     demand = FrictionDemand.of(at.states.support, at.states.wrenches[k])
-    needed, missing = (
-        Margin(value, float(times[k])) if least < value <= most else None
-        for value, least, most in ((demand.factor, 1.0, np.inf), (demand.missing, 0.0, np.finfo(float).max))
-    )
+    needed = Margin(demand.factor, float(times[k])) if demand.factor > 1 else None
+    missing = Margin(demand.missing, float(times[k])) if 0 < demand.missing < np.inf else None
     return needed, missing
 
 

@@ -134,10 +134,11 @@ def refuse_objects(task: Task, *whats: str) -> None:
             segment.task.robot.require_no_objects(what)
 
 
-def refuse_stops_of_driving(task: Task) -> None:
-    """Raise InputError if stops are limits while the base drives: they are not checked then."""
-    if task.robot.acts.end and any(segment.task.limits.stoppable for segment in task.segments):
-        raise InputError("stops: not for a base that drives; leave out what [stops] asks for, or the profile")
+def refuse_driving(task: Task, *whats: str) -> None:
+    """Raise InputError if the base drives, for what does not take that: `whats`, and stops as limits."""
+    stopped = any(segment.task.limits.stoppable for segment in task.segments)
+    for what in (*whats, *["stops"] * stopped) if task.robot.acts.end else ():
+        raise InputError(f"{what}: not for a base that drives; leave this out, or the drive profile")
 
 
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:

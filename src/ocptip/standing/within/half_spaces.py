@@ -54,9 +54,7 @@ def farthest(
         most: number of half spaces of an instant.
     """
     count, n = options.shape[:2]
-    usual = np.sum(~np.isnan(options[..., 0]), axis=2) - 1
-    here = options[np.arange(count)[:, None], np.arange(n), usual]
-    s = np.hstack([here[..., :3].transpose(0, 2, 1).reshape(count, 3 * n), acting])
+    here, s = selected(options, np.arange(count), usual_cases(options), acting)
     wrenches, over = deviations.wrench_and_slopes(s, deviations.nominal(count))
     moved = np.zeros((count, 6, n, 1))
     if options.shape[2] > 1:
@@ -98,6 +96,20 @@ def farthest(
         worse = np.einsum("pw,pwj->pj", a, late[instants]) > 0
         theta[:, at] = worse * max_delay[instants[:, None], np.arange(n), number]
     return Beyond(instants, numbers, number, theta, values)
+
+
+def usual_cases(options: np.ndarray) -> np.ndarray:
+    """Numbers (D, n) of the cases of joints that move as commanded: the last ones."""
+    return np.sum(~np.isnan(options[..., 0]), axis=2) - 1
+
+
+def selected(
+    options: np.ndarray, row: np.ndarray, number: np.ndarray, acting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Options (R, n, 4) of instants (R,) by numbers (R, n), and the states (R, 3 n or more) of these."""
+    found = options[row[:, None], np.arange(options.shape[1]), number]
+    states = found[..., :3].transpose(0, 2, 1).reshape(len(row), 3 * options.shape[1])
+    return found, np.hstack([states, acting[row]])
 
 
 def _gains(planes: np.ndarray, moved: np.ndarray, late: np.ndarray, max_delay: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ocptip.reserves.slip import known
-from ocptip.standing.within.half_spaces import farthest
+from ocptip.standing.within.half_spaces import farthest, selected, usual_cases
 from ocptip.standing.within.worst_case import WorstCase
 
 _CHOICES = 2  # how often they are chosen, by the slopes at what was chosen before
@@ -48,12 +48,12 @@ def worst_options(
     """
     count, n = options.shape[:2]
     each = np.arange(cases.axes + 1) if functions is None else np.array(functions, dtype=int)
-    number = np.repeat(np.sum(~np.isnan(options[..., 0]), axis=2)[:, None] - 1, len(each), axis=1)
+    number = np.repeat(usual_cases(options)[:, None], len(each), axis=1)
     values, slopes = np.empty((count, len(each))), np.empty((count, len(each), 3 * n))
     row, which = (own.ravel() for own in np.indices((count, len(each))))
     few = count if most is None else most
     for turn in range(1 + _CHOICES):
-        chosen, states = _chosen(options, row, number[row, which], acting)
+        chosen, states = selected(options, row, number[row, which], acting)
         if few < count:  # the same cases for every function; what is asked is which instants come first
             own = np.s_[:: len(each)]
             found = cases.estimated(states[own], each.tolist(), chosen[own, :, 3])
@@ -69,7 +69,7 @@ def worst_options(
             if few < count:
                 estimated = np.zeros((count, len(each)))
                 estimated[row, which] = values[row, which] + gained
-                ranks = np.argsort(np.argsort(-estimated, axis=0, kind="stable"), axis=0)
+                ranks = _ranks(estimated)
                 kept, few = ranks[row, which] < few, count
                 row, which, gained = row[kept], which[kept], gained[kept]
             if matters is not None:
@@ -99,7 +99,7 @@ def worst_beyond(
     a, n = planes[found.planes], options.shape[1]
 
     def at(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        chosen, states = _chosen(options, found.instants, number, acting)
+        chosen, states = selected(options, found.instants, number, acting)
         worst = cases.least(states, lambda wrench: (-np.einsum("rw,rw->r", a, wrench), -a), chosen[..., 3])
         return -worst.values, cases.deviations.state_slopes(states, worst.theta, a)[0][:, : 3 * n]
 
@@ -132,8 +132,8 @@ def slipping(options: np.ndarray, cases: WorstCase, acting: np.ndarray) -> tuple
     Args: see `worst_options`.
     """
     slip, n = cases.footing.slip, options.shape[1]
-    usual = np.sum(~np.isnan(options[..., 0]), axis=2) - 1
-    s = _chosen(options, np.arange(len(options)), usual, acting)[1]
+    usual = usual_cases(options)
+    s = selected(options, np.arange(len(options)), usual, acting)[1]
     wrenches = cases.deviations.wrench(s, cases.deviations.nominal(len(s)))[0]
     most, before = cases.enough or float(np.max(known(slip.greatest(wrenches)), initial=0.0)), -1.0
     instants, number = [np.empty(0, dtype=int)], [np.empty((0, n), dtype=int)]
@@ -145,7 +145,7 @@ def slipping(options: np.ndarray, cases: WorstCase, acting: np.ndarray) -> tuple
         instants.append(beyond.instants[some])
         number.append(beyond.number[some])
         if len(some):
-            chosen, states = _chosen(options, instants[-1], number[-1], acting)
+            chosen, states = selected(options, instants[-1], number[-1], acting)
             most = max(most, float(np.max(known(cases.slip(states, max_delay=chosen[..., 3]).values))))
     if before < 0 or most >= 1:
         by_slopes, values = chosen_by_slopes(options, cases, acting, [cases.axes])
@@ -155,13 +155,9 @@ def slipping(options: np.ndarray, cases: WorstCase, acting: np.ndarray) -> tuple
     return np.concatenate(instants), np.concatenate(number)
 
 
-def _chosen(
-    options: np.ndarray, row: np.ndarray, number: np.ndarray, acting: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Options (R, n, 4) of instants (R,) by numbers (R, n), and the states (R, 3 n or more) of these."""
-    chosen = options[row[:, None], np.arange(options.shape[1]), number]
-    states = chosen[..., :3].transpose(0, 2, 1).reshape(len(row), 3 * options.shape[1])
-    return chosen, np.hstack([states, acting[row]])
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Of each value (D, F) in its column; 0: the largest."""
+    return np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
 
 
 def _gains(slopes: np.ndarray, options: np.ndarray) -> np.ndarray:
@@ -184,7 +180,7 @@ def exchanged(
     """
     number, values = number.copy(), values.copy()
     each = np.arange(values.shape[1]) if functions is None else np.array(functions, dtype=int)
-    ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
+    ranks = _ranks(values)
     row, which = np.nonzero(ranks < _WORST)
     for _ in range(_EXCHANGES):
         own = number[row, which]  # (R, n)
@@ -194,7 +190,7 @@ def exchanged(
             break
         tried = own[r]
         tried[np.arange(len(r)), joint] = way
-        chosen, states = _chosen(options, row[r], tried, acting)
+        chosen, states = selected(options, row[r], tried, acting)
         found = cases.function(states, each[which[r]], chosen[..., 3])[0]
         order = np.argsort(-found, kind="stable")
         better, first = np.unique(r[order], return_index=True)
