@@ -286,7 +286,7 @@ def check_motion(
     step = positive_number("step", step)
     robot.require_fit(motion.n)
     described, robot = robot, robot.during(motion)
-    pieces, end = robot.pieces(motion), max(motion.end, robot.acts.end)
+    pieces, end = robot.acts.pieces(motion), max(motion.end, robot.acts.end)
     if end > motion.end:  # the base drives on when the arm has come to rest
         knots = robot.acts.knots
         edges = np.array([motion.end, *knots[(knots > motion.end + MERGE) & (knots < end)], end])

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, rotation_matrix, too_light
 from ocptip.numerics.inertia import RigidBody
 from ocptip.robots.collision.urdf import geometry_from_urdf
 from ocptip.robots.model import ArmModel
@@ -55,7 +56,33 @@ def arm_from(
     return arm.with_usual_accelerations("the URDF")
 
 
-def resting_base(source: str | os.PathLike[str] | PinocchioModel, arm: ArmModel) -> RigidBody:
+def base_of(
+    source: str | os.PathLike[str] | PinocchioModel,
+    arm: ArmModel,
+    mass: float | None,
+    center_of_mass: ArrayLike | None,
+    mount_position: ArrayLike,
+    mount_rotation: np.ndarray | None,
+) -> tuple[float, ArrayLike]:
+    """Mass, kg, and centre of mass, m, base axes, of the base; by default of all links that rest.
+
+    Raises:
+        InputError: one is missing and no link that rests has a mass, or such links have more mass.
+    """
+    if mass is None or center_of_mass is None:
+        found, centre, _ = _resting_links(source, arm)
+        if not found:
+            name = "base_mass" if mass is None else "base_com"
+            raise InputError(f"{name}: missing; the links of the arm's file that rest have no mass")
+        turn = np.eye(3) if mount_rotation is None else rotation_matrix("mount_rotation", mount_rotation)
+        mass = found if mass is None else mass
+        center_of_mass = np.add(mount_position, turn @ centre) if center_of_mass is None else center_of_mass
+    if reason := too_light(mass, arm.base_mass):
+        raise InputError(f"base_mass: {reason}")
+    return mass, center_of_mass
+
+
+def _resting_links(source: str | os.PathLike[str] | PinocchioModel, arm: ArmModel) -> RigidBody:
     """All links of `source` that rest, as one body in the frame of `base_link`; zeros: it has none."""
     if not isinstance(source, str | os.PathLike):
         return 0.0, np.zeros(3), np.zeros((3, 3))

@@ -105,6 +105,16 @@ class ProcessWrench:
         """The same with all times multiplied by a factor > 0, if it varies over time."""
         return replace(self, knots=factor * np.asarray(self.knots)) if self.over == TIME else self
 
+    def resting(self, share: float) -> ProcessWrench | None:
+        """The constant one before (0) or after (1) a motion whose duration and length are not known.
+
+        None: what acts then depends on these.
+        """
+        if share and self.over != SHARE:
+            return None
+        force, moment = self.at(np.array([share]))
+        return ProcessWrench(force[0], moment[0], self.axes)
+
     def over_time(self, times: np.ndarray, values: np.ndarray) -> ProcessWrench:
         """The same over time, if what it varies with goes through values (T,), not falling, at times (T,), s.
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.robots.base_motion import BaseMotion
-from ocptip.robots.process import TIME, ProcessWrench
+from ocptip.robots.kinematics import chain, gripper_batch
+from ocptip.robots.model import ArmModel
+from ocptip.robots.process import PATH, TIME, ProcessWrench
 from ocptip.trajectories.drive_profile import DriveProfile
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.pieces import MERGE
+from ocptip.trajectories.trajectory import Trajectory
 
 BASE = 9  # columns of the motion of a base, see `BaseMotion.rows`
+_STEP = 0.005  # s: between the instants that measure the path of the TCP during a motion
+_STEPS = 2000  # intervals that measure the path of the TCP along a path of joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +79,80 @@ class Acting:
         base = cs.vertsplit(columns[-BASE:], 3) if self.drive_profile else []
         return (columns[:6] if self.process else None), base
 
+    def on_gripper(
+        self, arm: ArmModel, q: np.ndarray, process: np.ndarray | None
+    ) -> tuple[ArmModel, dict[str, np.ndarray]]:
+        """The arm without a process that varies, and force and moment (N, 3), base axes, of its columns."""
+        if process is None or self.process is None:
+            return arm, {}
+        arm, load = arm.without_process, {"force": process[:, :3], "moment": process[:, 3:]}
+        if self.process.turns_with_tool:
+            turn = gripper_batch(arm)(q)[1]
+            load = {name: np.einsum("kij,kj->ki", turn, rows) for name, rows in load.items()}
+        return arm, load
+
+    def on_gripper_expressions(
+        self, arm: ArmModel, q: cs.SX, process: cs.SX | None
+    ) -> tuple[ArmModel, list[cs.SX]]:
+        """The same of one column (6,); without it two columns of zeros."""
+        if process is None or self.process is None:
+            return arm, [cs.SX.zeros(3), cs.SX.zeros(3)]
+        arm = arm.without_process
+        turn = chain(arm, q)[0][-1] if self.process.turns_with_tool else cs.SX.eye(3)
+        return arm, [turn @ part for part in cs.vertsplit(process, 3)]
+
+    def during(self, motion: Trajectory, tool: Callable[[np.ndarray], np.ndarray]) -> Acting:
+        """The same over the time of a motion.
+
+        The TCP goes straight over 5 ms where the process varies over its path; `tool` gives its positions.
+        """
+        process = self.process
+        if process is None or process.over == TIME:
+            return self
+        times, values = np.array([0.0, motion.end]), np.array([0.0, 1.0])
+        if process.over == PATH:
+            times = np.linspace(0.0, motion.end, 1 + max(1, int(np.ceil(motion.end / _STEP))))
+            values = _covered(tool(motion.states(times)[0]))
+        return replace(self, process=process.over_time(times, values))
+
+    def along(self, path: JointPath, tool: Callable[[np.ndarray], np.ndarray]) -> Acting:
+        """The same over places on a path of the joints.
+
+        Raises:
+            InputError: the base drives, or the process varies over time, which a path has not yet.
+        """
+        process = self.process
+        if self.drive_profile is not None:
+            raise InputError("drive_profile: drives over time, which a path does not know before it is timed")
+        if process is None:
+            return self
+        if process.over != PATH:
+            raise InputError(
+                f"process: varies over {process.over}, which a path does not know before it is timed; "
+                "give it over path_m"
+            )
+        first, last = path.breakpoints[[0, -1]]
+        places = np.union1d(np.linspace(first, last, _STEPS + 1), path.breakpoints)
+        return replace(self, process=process.over_time(places, _covered(tool(path.at(places)[0]))))
+
+    def pieces(self, motion: Trajectory) -> np.ndarray:
+        """Intervals (S, 2), s, between switching times of the motion and `knots`."""
+        knots = self.knots
+        if not len(knots) or not len(motion.intervals):
+            return motion.intervals
+        inside = [knots[(knots > a + MERGE) & (knots < b - MERGE)] for a, b in motion.intervals]
+        ends = [np.array([a, *own, b]) for (a, b), own in zip(motion.intervals, inside, strict=True)]
+        return np.concatenate([np.column_stack([own[:-1], own[1:]]) for own in ends])
+
     def at_pace(self, factor: float) -> Acting:
         """The same with all times multiplied by a factor > 0."""
         return Acting(
             self.process and self.process.at_pace(factor),
             self.drive_profile and self.drive_profile.at_pace(factor),
         )
+
+
+def _covered(points: np.ndarray) -> np.ndarray:
+    """(N,), m: distance covered on straight lines between points (N, 3)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])

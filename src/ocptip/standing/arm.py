@@ -12,14 +12,13 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, rotation_matrix, too_light
+from ocptip.basics.errors import InputError
 from ocptip.basics.values import rotations
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
-from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.slip import Redistribution
-from ocptip.robots.arm_source import arm_from, resting_base
+from ocptip.robots.arm_source import arm_from, base_of
 from ocptip.robots.base_motion import BaseMotion, acceleration_of, inertial_wrench_of
 from ocptip.robots.braking import gravity_torques
 from ocptip.robots.collision.gaps import GapLabel, usual_clearance
@@ -27,12 +26,12 @@ from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import Floor, Obstacle
-from ocptip.robots.kinematics import PointSpeeds, chain, checked_points, gripper_batch, link_frames
+from ocptip.robots.kinematics import PointSpeeds, checked_points, gripper_batch, link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.pinocchio import PinocchioModel
-from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
+from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.standing.acting import Acting
 from ocptip.standing.footing import Footing
@@ -50,11 +49,7 @@ from ocptip.standing.objects import (
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.trajectory import Trajectory
-
-_STEP = 0.005  # s: between instants at which the gripper's way is looked at
-_STEPS = 2000  # of a path, likewise
 
 
 class Robot(StandingMechanism):
@@ -170,16 +165,7 @@ class Robot(StandingMechanism):
             collision=collision,
             package_dirs=package_dirs,
         )
-        if base_mass is None or base_com is None:
-            mass, centre, _ = resting_base(source, arm)
-            if not mass:
-                name = "base_mass" if base_mass is None else "base_com"
-                raise InputError(f"{name}: missing; the links of the arm's file that rest have no mass")
-            turn = np.eye(3) if mount_rotation is None else rotation_matrix("mount_rotation", mount_rotation)
-            base_mass = mass if base_mass is None else base_mass
-            base_com = np.add(mount_position, turn @ centre) if base_com is None else base_com
-        if reason := too_light(base_mass, arm.base_mass):
-            raise InputError(f"base_mass: {reason}")
+        base_mass, base_com = base_of(source, arm, base_mass, base_com, mount_position, mount_rotation)
         support = Support(
             feet(contacts, friction),
             mass=base_mass,
@@ -264,11 +250,6 @@ class Robot(StandingMechanism):
         return self.arm.units
 
     @property
-    def motor_units(self) -> tuple[str, ...]:
-        """Units of the drives' torques or forces, "N m" or "N"."""
-        return tuple("N" if unit == "m" else "N m" for unit in self.units)
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """The assumptions about the arm, one sentence each, for reports."""
         process = () if self.arm.process is None else (f"process: {self.arm.process}",)
@@ -311,7 +292,8 @@ class Robot(StandingMechanism):
     @property
     def acts(self) -> Acting:
         """See `StandingMechanism.acts`."""
-        return Acting(self.varying, self.drive_profile)
+        process = self.arm.process
+        return Acting(process if process and process.varies else None, self.drive_profile)
 
     def _loads_of(
         self,
@@ -343,35 +325,18 @@ class Robot(StandingMechanism):
         base_motion: BaseMotion | None = None,
     ) -> Dynamics:
         """See `robots.dynamics.evaluate_dynamics`: of an arm with the process, (N, 6) if it varies."""
-        load = {}
-        if process is not None and self.varying is not None:
-            arm, load = arm.without_process, {"force": process[:, :3], "moment": process[:, 3:]}
-            if self.varying.turns_with_tool:
-                turn = gripper_batch(arm)(q)[1]
-                load = {name: np.einsum("kij,kj->ki", turn, rows) for name, rows in load.items()}
+        arm, load = self.acts.on_gripper(arm, q, process)
         given = {"gravity": gravity, "about": about, "base_motion": base_motion, **load}
         return evaluate_dynamics(arm, q, qd, qdd, **given)
 
-    @property
-    def varying(self) -> ProcessWrench | None:
-        """The process, if it varies."""
-        return self.arm.process if self.arm.process is not None and self.arm.process.varies else None
-
     def driving(self, profile: DriveProfile | None) -> Self:
         """The same robot on a base that drives so; None: it rests."""
-        return self._changed(drive_profile=profile)
+        return self._under(self.arm.process, profile)
 
     def resting(self, share: float) -> Self:
         """See `StandingMechanism.resting`."""
-        if self.drive_profile is not None:
-            return self.driving(None).resting(share)
-        process = self.varying
-        if process is None:
-            return self
-        if share and process.over != SHARE:
-            return self.varied(arm=self.arm.without_process)
-        force, moment = process.at(np.array([share]))
-        return self.varied(arm=self.arm.with_process(ProcessWrench(force[0], moment[0], process.axes)))
+        process = self.varying.resting(share) if self.varying else self.arm.process
+        return self._under(process, None)
 
     @property
     def process_at_rest(self) -> np.ndarray:
@@ -379,83 +344,32 @@ class Robot(StandingMechanism):
         return np.zeros(6) if self.arm.process is None else self.arm.process.wrench
 
     def during(self, motion: Trajectory) -> Self:
-        """The same robot with a process that varies over the time of a motion, if it varies.
-
-        If it varies over the path of the TCP, this path is taken to be straight over 5 ms.
-        """
-        process = self.arm.process
-        if process is None or process.over in ("", TIME):
-            return self
+        """See `StandingMechanism.during` and `Acting.during`."""
         self.require_fit(motion.n)
-        times, values = np.array([0.0, motion.end]), np.array([0.0, 1.0])
-        if process.over == PATH:
-            times = np.linspace(0.0, motion.end, 1 + max(1, int(np.ceil(motion.end / _STEP))))
-            values = self._way(motion.states(times)[0])
-        return self._changed(arm=self.arm.with_process(process.over_time(times, values)))
+        return self._acted_on(self.acts.during(motion, self.tool))
 
     def along(self, path: JointPath) -> Self:
-        """The same robot with a process that varies over the path of the TCP, if it varies.
-
-        Raises:
-            InputError: it varies over time, which a path has not yet.
-        """
-        process = self.arm.process
-        if self.drive_profile is not None:
-            raise InputError("drive_profile: drives over time, which a path does not know before it is timed")
-        if process is None or not process.varies:
-            return self
-        if process.over != PATH:
-            raise InputError(
-                f"process: varies over {process.over}, which a path does not know before it is timed; "
-                "give it over path_m"
-            )
+        """See `StandingMechanism.along` and `Acting.along`."""
         self.require_fit(path.joints)
-        first, last = path.breakpoints[[0, -1]]
-        places = np.union1d(np.linspace(first, last, _STEPS + 1), path.breakpoints)
-        own = process.over_time(places, self._way(path.at(places)[0]))
-        return self._changed(arm=self.arm.with_process(own))
+        return self._acted_on(self.acts.along(path, self.tool))
 
     def at_pace(self, factor: float) -> Self:
         """The same with all times of what acts over time multiplied by a factor > 0."""
-        acts = self.acts.at_pace(factor)
-        arm = self.arm if acts.process is None else self.arm.with_process(acts.process)
-        return self._changed(arm=arm, drive_profile=acts.drive_profile)
+        return self._acted_on(self.acts.at_pace(factor))
 
-    def _changed(self, **arguments: Any) -> Self:
-        """The same robot with another process, or on a base that drives otherwise; what was built stays."""
-        other = object.__new__(type(self))
-        vars(other).update(vars(self) | arguments | {"_arguments": {**self._arguments, **arguments}})
+    def _acted_on(self, acts: Acting) -> Self:
+        """The same robot; a constant process stays."""
+        return self._under(acts.process or self.arm.process, acts.drive_profile)
+
+    def _under(self, process: ProcessWrench | None, drive_profile: DriveProfile | None) -> Self:
+        """The same robot with this process, on a base that drives so; what was built stays."""
+        unchanged = process is self.arm.process
+        if unchanged and drive_profile is self.drive_profile:
+            return self
+        arm = self.arm if unchanged else self.arm.with_process(process)
+        other, changed = object.__new__(type(self)), {"arm": arm, "drive_profile": drive_profile}
+        vars(other).update(vars(self) | changed | {"_arguments": {**self._arguments, **changed}})
         return other
-
-    def _way(self, q: np.ndarray) -> np.ndarray:
-        """(N,), m: distance covered by the TCP on straight lines between postures (N, n)."""
-        steps = np.linalg.norm(np.diff(self.tool(q), axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
-
-    def pieces(self, motion: Trajectory) -> np.ndarray:
-        """Intervals (S, 2), s, between switching times of the motion and knots of what acts."""
-        knots = self.acts.knots
-        if not len(knots) or not len(motion.intervals):
-            return motion.intervals
-        begins, ends = motion.intervals.T
-        inside = [knots[(knots > a + MERGE) & (knots < b - MERGE)] for a, b in motion.intervals]
-        begins = [np.concatenate([[a], own]) for a, own in zip(begins, inside, strict=True)]
-        ends = [np.concatenate([own, [b]]) for b, own in zip(ends, inside, strict=True)]
-        return np.column_stack([np.concatenate(begins), np.concatenate(ends)])
-
-    def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and weights, s, between switching times of the motion and knots of what acts."""
-        return gauss_legendre(self.pieces(motion), order) if self.acts.size else motion.quadrature(order)
-
-    def _small_motions(
-        self, arm: ArmModel, springs: tuple[int, ...], q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """With the base."""
-        support, arm = self.support, arm.without_process if self.varying else arm
-        found = small_motions(arm, springs)(q, qd, qdd, support.gravity, support.center_of_mass)
-        inertia, turning, stiffening = found
-        inertia[:, :6, :6] += np.linalg.inv(support.inverse_mass)
-        return inertia, turning, stiffening.reshape(len(q), 6 + len(springs), -1)
 
     @property
     def chain(self) -> SpringChain | None:
@@ -480,10 +394,15 @@ class Robot(StandingMechanism):
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `StandingMechanism.small_motions`."""
-        if self.chain is None:
-            return self._small_motions(self.arm, (), q, qd, qdd)
-        own = tuple(self.chain.springs.tolist())
-        return self._small_motions(self.chain.arm, own, *map(self.chain.spread, (q, qd, qdd)))
+        arm, springs, states = self.arm, (), (q, qd, qdd)
+        if self.chain is not None:
+            arm, springs = self.chain.arm, tuple(self.chain.springs.tolist())
+            states = tuple(map(self.chain.spread, states))
+        support, arm = self.support, arm.without_process if self.varying else arm
+        found = small_motions(arm, springs)(*states, support.gravity, support.center_of_mass)
+        inertia, turning, stiffening = found
+        inertia[:, :6, :6] += np.linalg.inv(support.inverse_mass)
+        return inertia, turning, stiffening.reshape(len(q), 6 + len(springs), -1)
 
     def gravity_torques(self) -> np.ndarray:
         """See `StandingMechanism.gravity_torques`."""
@@ -516,17 +435,14 @@ class Robot(StandingMechanism):
         self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
     ) -> tuple[cs.SX, cs.SX]:
         """Torques and wrench as CasADi columns; `acting` (k,) are present values, see `Acting`."""
-        support, arm, force, moment = self.support, self.arm, cs.SX.zeros(3), cs.SX.zeros(3)
-        process, base = self.acts.expressions(acting)
-        if process is not None and self.varying:
-            arm, turns = self.arm.without_process, self.varying.turns_with_tool
-            turn = chain(arm, q)[0][-1] if turns else cs.SX.eye(3)
-            force, moment = (turn @ part for part in cs.vertsplit(process, 3))
+        support, acts = self.support, self.acts
+        process, base = acts.expressions(acting)
+        arm, load = acts.on_gripper_expressions(self.arm, q, process)
         pull, own = cs.SX(support.gravity), cs.SX(support.weight)
         if base:
             pull = pull - acceleration_of(base, cs.SX(arm.mount_position))
             own = own + inertial_wrench_of(base, support)
         torque, wrench = inverse_dynamics(arm, bool(base))(
-            q, qd, qdd, pull, force, moment, support.center_of_mass, *base[1:]
+            q, qd, qdd, pull, *load, support.center_of_mass, *base[1:]
         )
         return torque, wrench + own

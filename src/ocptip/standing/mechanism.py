@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import MadeOf
 from ocptip.contact.support import Support
+from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.classical import ClassicalMeasures
 from ocptip.reserves.slip import Redistribution
 from ocptip.reserves.tipping import TipOver
@@ -143,7 +144,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
     @property
     def motor_units(self) -> tuple[str, ...]:
         """Units of the motors' torques or forces, "N m" or "N"."""
-        return ("N m",) * self.n
+        return tuple("N" if unit == "m" else "N m" for unit in self.units)
 
     @property
     def usual_clearance(self) -> float:
@@ -251,7 +252,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
     @property
     def varying(self) -> ProcessWrench | None:
         """The process, if it varies."""
-        return None
+        return self.acts.process
 
     def resting(self, share: float) -> Self:
         """The same mechanism as it rests before (0) or after (1) a motion that is not known.
@@ -272,10 +273,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
     def along(self, path: JointPath) -> Self:
         """The same mechanism, with places s on a path as the times of what acts on it."""
         return self
-
-    def pieces(self, motion: Trajectory) -> np.ndarray:
-        """Intervals (S, 2), s, in which motion and loads are smooth."""
-        return motion.intervals
 
     def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """(N, n), rad/s or m/s."""
@@ -447,4 +444,4 @@ class StandingMechanism(MadeOf, Footing, ABC):
 
     def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Gauss-Legendre nodes and weights, s, in intervals in which the electric power is smooth."""
-        return motion.quadrature(order)
+        return gauss_legendre(self.acts.pieces(motion), order)

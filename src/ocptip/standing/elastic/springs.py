@@ -76,7 +76,7 @@ class Ride:
         self.robot = robot
         fastest = float(np.max(motion.speed_peaks, initial=0.0))
         step = min(LONGEST, TURN / fastest if fastest > 0 else LONGEST)
-        pieces = robot.pieces(motion)
+        pieces = robot.acts.pieces(motion)
         cuts = [np.linspace(a, b, max(1, int(np.ceil((b - a) / step))) + 1) for a, b in pieces if b > a]
         self.begins = np.concatenate([cut[:-1] for cut in cuts]) if cuts else np.empty(0)
         self.lengths = np.concatenate([np.diff(cut) for cut in cuts]) if cuts else np.empty(0)

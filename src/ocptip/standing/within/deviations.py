@@ -176,15 +176,11 @@ class Deviations:
             bodies.append((factor * mass, cs.SX(centre) + arm.tool_rotation @ shift, factor * cs.SX(inertia)))
         if "extra_mass" in self.places:
             bodies.append((part("extra_mass", 1), cs.SX(arm.offsets[-1]), np.zeros((3, 3))))
-        pressed, twisted = cs.SX.zeros(3), cs.SX.zeros(3)
-        if process is not None and robot.varying is not None:
-            arm, turns = arm.without_process, robot.varying.turns_with_tool
-            turn = chain(arm, q)[0][-1] if turns else cs.SX.eye(3)
-            pressed, twisted = (turn @ own for own in cs.vertsplit(process, 3))
+        arm, load = robot.acts.on_gripper_expressions(arm, q, process)
         pull = gravity - acceleration_of(base, cs.SX(arm.mount_position)) if base else gravity
         spin = dict(zip(("spin", "spin_change"), base[1:], strict=bool(base)))
         _, wrench = newton_euler(
-            arm, q, qd, qdd, pull, pressed, twisted, cs.SX(support.center_of_mass),
+            arm, q, qd, qdd, pull, *load, cs.SX(support.center_of_mass),
             scales=1 + part("arm_mass", len(arm.masses)), carried=bodies, **spin,
         )  # fmt: skip
         share, shift = 1 + part("base_mass", 1), part("center_of_mass", 3)
