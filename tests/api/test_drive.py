@@ -78,6 +78,33 @@ def test_parameters_for_navigation_hold_together(envelope):
     assert 0 < sideways["max_accel"][1] < envelope.limit("left")
 
 
+@pytest.mark.parametrize(("share", "good"), [(0.99, True), (1.01, False)])
+def test_a_check_of_the_same_braking_says_the_same(envelope, share, good):
+    """Within an uncertainty whose acceleration steps overshoot; contacts alone count."""
+    words = f"2 m, 1 m/s, {share * envelope.limit('brake')} m/s^2"
+    task = ocptip.load_task(TASK, GN=0.9999, GT=0.9999)
+    within = ocptip.check(task, "start", drive_profile=words).check.within
+    assert (max(within.tip.value, within.slip.value) < 1) == good
+
+
+def test_parameters_for_navigation_hold_from_full_acceleration_to_full_braking(envelope):
+    (x, _, _), (d, _, _) = (envelope.navigation[name] for name in ("max_accel", "max_decel"))
+    times = np.array([0, 0.2, 0.2 + 0.2 * x / -d])
+    speeds = np.array([[0, 0, 0], [0.2 * x, 0, 0], [0, 0, 0]])
+    profile = ocptip.trajectories.drive_profile.DriveProfile.of_velocities(times, speeds)
+    within = ocptip.check(TASK, "start", drive_profile=profile).check.within
+    assert max(within.tip.value, within.slip.value) < 1
+
+
+def test_accelerations_that_end_swing_back():
+    """With the arm to one side, the other side tips when an acceleration that it could stand ends."""
+    damped, gentle = (ocptip.drive(TASK, uncertainty=ocptip.Uncertainty(damping=d)) for d in (0.05, 0.999999))
+    more = damped.counting.overshoot
+    raw = gentle.within.largest[:36]
+    expected = np.minimum(raw / (1 + more), np.roll(raw, 18) / more)
+    np.testing.assert_allclose(damped.within.largest[:36], expected, rtol=1e-6)
+
+
 def test_text_files_and_json(tmp_path, capsys):
     folder = tmp_path / "drive"
     arguments = ["drive", str(TASK), "--directions", "8", "--out", str(folder), "--slope", "3"]
@@ -85,7 +112,7 @@ def test_text_files_and_json(tmp_path, capsys):
     text = capsys.readouterr().out
     for part in (
         "DRIVE ENVELOPE, arm at rest",
-        "brake driving down a slope of 3 deg",
+        "brake downhill, 3 deg",
         "worst case",
         "max_decel -",
     ):
@@ -102,7 +129,7 @@ def test_text_files_and_json(tmp_path, capsys):
     assert len(rows) == 8 + len(data["manoeuvres"])
     assert float(rows[4]["within_largest"]) == data["directions"][4]["within"]["largest"]
     lines = (folder / "nav2.yaml").read_text(encoding="utf-8").splitlines()
-    assert "overshoots" in lines[2]
+    assert "overshoot by 85.4 %" in lines[2]
     assert lines[4:6] == ["velocity_smoother:", "  ros__parameters:"]
     given = [float(value) for value in lines[7].split("[")[1].rstrip("]").split(",")]
     assert all(

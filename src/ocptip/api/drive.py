@@ -64,7 +64,8 @@ def drive(
             acceleration in its worst direction.
         motion: of the arm, instead of a posture: the limits are those of its worst instants.
         uncertainty: what the limits hold within, an object, a preset ("workshop", "none") or a TOML file with
-            a table `[tolerance]`. Default: that of the task, else "workshop".
+            a table `[tolerance]`. Default: that of the task, else "workshop". Its `damping` says by how much
+            an acceleration overshoots that sets in or ends at once.
         directions: of acceleration on level ground.
         speed: m/s, forward, of turning and of the emergency stop.
         turning: rad/s, of the emergency stop in a turn.
@@ -105,7 +106,7 @@ def drive(
     tolerance = posture.limits.tolerance if uncertainty is None else uncertainty
     if isinstance(tolerance, str | os.PathLike):
         tolerance = load_tolerance(tolerance)
-    counts = AT_REST if moves is None else (*AT_REST, "speed", "delay")
+    counts = (*AT_REST, "drive_speed", "damping", *(("speed", "delay") if moves is not None else ()))
     counting = tolerance.only(*(name for name in tolerance.given if name in counts))
     given = DriveArguments(directions, speed, turning, slope, deceleration, holonomic)
     if moves is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -27,11 +28,8 @@ from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 
 ASSUMED = "contacts with friction are wheels that drive and brake up to it: torques of wheels are not limited"
-NOT_COVERED = (
-    "compliance of wheels",
-    "uneven floor",
-    "overshoot of an acceleration that sets in at once: up to twice as much, check --drive-profile counts it",
-)
+NOT_COVERED = ("compliance of wheels", "uneven floor")
+_SAME = 1e-6  # relative: limits that differ by rounding
 _SPACING = 0.02  # s: between instants of a motion
 
 
@@ -80,41 +78,42 @@ class DriveEnvelope(SavedFolder):
     @cached_property
     def manoeuvres(self) -> tuple[Manoeuvre, ...]:
         """Those beside the directions."""
-        given, degrees = self.given, np.degrees(self.given.slope)
-        turn = f"at {given.speed:.4g} m/s turning at {given.turning:.4g} rad/s"
-        found = [
+        slope, turn = f"{np.degrees(self.given.slope):.4g} deg", f"{self.given.speed:.4g} m/s"
+        on_slopes = (
+            Manoeuvre("brake_downhill", f"brake downhill, {slope}"),
+            Manoeuvre("brake_uphill", f"brake uphill, {slope}"),
+            Manoeuvre("brake_across_left", f"brake, left {slope} down"),
+            Manoeuvre("brake_across_right", f"brake, right {slope} down"),
+        )
+        return (
             Manoeuvre("accelerate", "accelerate forward"),
             Manoeuvre("brake", "brake"),
             Manoeuvre("left", "accelerate to the left"),
             Manoeuvre("right", "accelerate to the right"),
-        ]
-        if given.slope:
-            found += [
-                Manoeuvre("brake_downhill", f"brake driving down a slope of {degrees:.4g} deg"),
-                Manoeuvre("brake_uphill", f"brake driving up {degrees:.4g} deg"),
-                Manoeuvre("brake_across_left", f"brake across {degrees:.4g} deg, left side down"),
-                Manoeuvre("brake_across_right", f"brake across {degrees:.4g} deg, right side down"),
-            ]
-        return (
-            *found,
-            Manoeuvre("turn_left", f"turn left at {given.speed:.4g} m/s", "rad/s"),
-            Manoeuvre("turn_right", f"turn right at {given.speed:.4g} m/s", "rad/s"),
+            *(on_slopes if self.given.slope else ()),
+            Manoeuvre("turn_left", f"turn left at {turn}", "rad/s"),
+            Manoeuvre("turn_right", f"turn right at {turn}", "rad/s"),
             Manoeuvre("start_turning_left", "start to turn left", "rad/s^2"),
             Manoeuvre("start_turning_right", "start to turn right", "rad/s^2"),
-            Manoeuvre("stop_left", f"stop {turn} to the left"),
-            Manoeuvre("stop_right", f"stop {turn} to the right"),
-            Manoeuvre("stop_speed_left", f"speed for a stop {self._stop_words} to the left", "m/s"),
-            Manoeuvre("stop_speed_right", f"speed for a stop {self._stop_words} to the right", "m/s"),
+            Manoeuvre("stop_left", "stop in a left turn"),
+            Manoeuvre("stop_right", "stop in a right turn"),
+            Manoeuvre("stop_speed_left", "speed for a stop, left", "m/s"),
+            Manoeuvre("stop_speed_right", "speed for a stop, right", "m/s"),
+        )
+
+    @property
+    def stops(self) -> tuple[str, str]:
+        """The stops in turns, and those whose largest speed is computed, in words."""
+        given = self.given
+        return (
+            f"stop in a turn: from {given.speed:.4g} m/s turning at {given.turning:.4g} rad/s",
+            f"speed for a stop: at {self.stop_deceleration:.3g} m/s^2 in a curve of {self._radius:.3g} m",
         )
 
     @property
     def _radius(self) -> float:
         """m, of the curve of the emergency stop."""
         return self.given.speed / self.given.turning
-
-    @property
-    def _stop_words(self) -> str:
-        return f"at {self.stop_deceleration:.3g} m/s^2 in a curve of {self._radius:.3g} m"
 
     @cached_property
     def stop_deceleration(self) -> float:
@@ -123,49 +122,53 @@ class DriveEnvelope(SavedFolder):
             return positive_number("deceleration", self.given.deceleration)
         return 0.8 * float(self._worst_of(self._straight).largest[1])
 
-    @cached_property
-    def _straight(self) -> Manoeuvres:
-        level = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    # Each builder takes the share of the acceleration that acts: 1; more when it sets in at once and
+    # overshoots; less than 0 when it ends and the load swings back, which is at rest for stops.
+
+    def _straight(self, share: float) -> Manoeuvres:
+        level = share * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
         return Manoeuvres.accelerations(level, self.robot.support.gravity)
 
-    @cached_property
-    def _all(self) -> Manoeuvres:
+    def _all(self, share: float) -> Manoeuvres:
         given, gravity = self.given, self.robot.support.gravity
         around = np.column_stack([np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))])
-        found = Manoeuvres.accelerations(around, gravity) + self._straight
+        manoeuvres = Manoeuvres.accelerations(share * around, gravity) + self._straight(share)
         size = float(np.linalg.norm(gravity))
         if given.slope:
             along, down = size * np.sin(given.slope), -size * np.cos(given.slope)
             pulls = [[along, 0, down], [-along, 0, down], [0, along, down], [0, -along, down]]
-            found += Manoeuvres.accelerations(np.tile([-1.0, 0, 0], (4, 1)), np.array(pulls))
+            manoeuvres += Manoeuvres.accelerations(np.tile([-share, 0, 0], (4, 1)), np.array(pulls))
         for build in (self._turns, self._starts, self._stops, self._stop_speeds):
-            found += build(gravity)
-        return found
+            manoeuvres += build(gravity, share)
+        return manoeuvres
 
-    def _turns(self, gravity: np.ndarray) -> Manoeuvres:
+    def _turns(self, gravity: np.ndarray, share: float) -> Manoeuvres:
+        """At constant speeds: nothing sets in."""
         rows = np.zeros((2, 9))
         rows[:, 1], rows[:, 5] = [self.given.speed, -self.given.speed], [1, -1]
         return Manoeuvres.along(rows, gravity)
 
-    def _starts(self, gravity: np.ndarray) -> Manoeuvres:
+    def _starts(self, gravity: np.ndarray, share: float) -> Manoeuvres:
         rows = np.zeros((2, 9))
-        rows[:, 8] = [1, -1]
+        rows[:, 8] = [share, -share]
         return Manoeuvres.along(rows, gravity)
 
-    def _stops(self, gravity: np.ndarray) -> Manoeuvres:
+    def _stops(self, gravity: np.ndarray, share: float) -> Manoeuvres:
         """In a turn whose radius stays: the turning slows down with the speed."""
         v, w = self.given.speed, self.given.turning * np.array([1, -1])
         steady, slowing = np.zeros((2, 9)), np.zeros((2, 9))
-        steady[:, 1], steady[:, 5] = v * w, w
-        slowing[:, 0], slowing[:, 8] = -1, -w / v
+        if share > 0:
+            steady[:, 1], steady[:, 5] = v * w, w
+        slowing[:, 0], slowing[:, 8] = -share, -share * w / v
         return replace(Manoeuvres.along(slowing, gravity), constant=steady)
 
-    def _stop_speeds(self, gravity: np.ndarray) -> Manoeuvres:
+    def _stop_speeds(self, gravity: np.ndarray, share: float) -> Manoeuvres:
         """Over the speed."""
-        bend, d = np.array([1, -1]) / self._radius, self.stop_deceleration
+        bend, d = np.array([1, -1]) / self._radius, share * self.stop_deceleration
         steady, linear, square = np.zeros((2, 9)), np.zeros((2, 9)), np.zeros((2, 9))
         steady[:, 0], steady[:, 8] = -d, -d * bend
-        square[:, 1], linear[:, 5] = bend, bend
+        if share > 0:
+            square[:, 1], linear[:, 5] = bend, bend
         return replace(Manoeuvres.along(linear, gravity), constant=steady, square=square)
 
     # --- results ------------------------------------------------------------------------------------------
@@ -173,17 +176,22 @@ class DriveEnvelope(SavedFolder):
     @cached_property
     def nominal(self) -> LargestManoeuvres:
         """Of the nominal model: of the directions, then of the manoeuvres."""
-        return self._largest(self._all)
+        return self._largest(self._all(1.0))
 
     @cached_property
     def within(self) -> LargestManoeuvres | None:
         """In the worst case of the uncertainty; None without one."""
         if not self.counting.given:
             return None
-        return self._largest(self._all, self.counting, self.nominal)
+        return self._worst_of(self._all, self.nominal)
 
-    def _worst_of(self, manoeuvres: Manoeuvres) -> LargestManoeuvres:
-        return self._largest(manoeuvres, self.counting)
+    def _worst_of(
+        self, build: Callable[[float], Manoeuvres], nominal: LargestManoeuvres | None = None
+    ) -> LargestManoeuvres:
+        """Of manoeuvres whose accelerations set in and end at once."""
+        more = self.counting.overshoot
+        begun = self._largest(build(1 + more), self.counting, nominal)
+        return begun.lower(self._largest(build(-more), self.counting)) if more else begun
 
     def _largest(
         self,
@@ -221,6 +229,14 @@ class DriveEnvelope(SavedFolder):
         k = int(np.argmin(self.worst.largest[: len(self.angles)]))
         return float(self.worst.largest[k]), float(self.angles[k])
 
+    @property
+    def worst_direction_words(self) -> str:
+        """The direction in words: where friction decides everywhere, none is worse than another."""
+        around = self.worst.largest[: len(self.angles)]
+        if np.max(around) - np.min(around) <= _SAME * np.max(around):
+            return "in every direction"
+        return f"at {np.degrees(self.worst_direction[1]):.0f} deg (0: forward, 90: left)"
+
     def limit(self, key: str) -> float | None:
         """The limit of a manoeuvre, within the uncertainty; None where nothing limits it."""
         k = [one.key for one in self.manoeuvres].index(key)
@@ -228,28 +244,35 @@ class DriveEnvelope(SavedFolder):
 
     @property
     def locked_wheels_tip(self) -> bool:
-        """Whether the base tips before its wheels slide when it brakes on level ground with locked wheels."""
-        k = len(self.angles) + 1
-        found = [self.nominal, self.worst]
-        return any(bool(own.slip[k] >= own.tip[k]) for own in found)
+        """Whether the base tips before its wheels slide when they are locked on level ground.
+
+        It moves straight on before that; a holonomic base in any direction.
+        """
+        some = slice(len(self.angles)) if self.given.holonomic else [len(self.angles) + 1]
+        return any(bool(np.any(one.slip[some] >= one.tip[some])) for one in (self.nominal, self.worst))
 
     @cached_property
     def navigation(self) -> dict[str, list[float]]:
         """Limits that hold all at once, as parameters of Nav2's velocity smoother: x, y, turning.
 
-        The largest share of the single limits such that every corner of them is kept.
+        The largest share of the single limits such that every corner of them is kept, and every step from
+        one corner to another.
         """
+        more = self.counting.overshoot
         single = {name: self._capped(name) for name in ("accelerate", "brake")}
         side = min(self._capped("left"), self._capped("right")) if self.given.holonomic else 0.0
         start = min(self._capped("start_turning_left"), self._capped("start_turning_right"))
         turn = min(self._capped("turn_left"), self._capped("turn_right"))
         rows = []
-        for x in (single["accelerate"], -single["brake"]):
-            for y in {side, -side}:
+        forward, back = single["accelerate"], -single["brake"]
+        swing = 1 + 2 * more  # of a step from one end of a symmetric interval to the other
+        for x in (forward + more * (forward - back), back + more * (back - forward)):
+            for y in {swing * side, -swing * side}:
                 for w in (turn, -turn):
-                    rows += [[x, y + self.given.speed * w, 0, 0, 0, w, 0, 0, al] for al in (start, -start)]
+                    end = [0, 0, 0, w, 0, 0]
+                    rows += [[x, y + self.given.speed * w, *end, k * swing * start] for k in (1, -1)]
         corners = Manoeuvres.along(np.array(rows), self.robot.support.gravity)
-        share = min(1.0, float(np.min(self._worst_of(corners).largest)))
+        share = min(1.0, float(np.min(self._largest(corners, self.counting).largest)))
         return {
             "max_velocity": [self.given.speed, self.given.speed if side else 0.0, share * turn],
             "max_accel": [share * single["accelerate"], share * side, share * start],
@@ -281,8 +304,20 @@ class DriveEnvelope(SavedFolder):
     @property
     def not_covered(self) -> tuple[str, ...]:
         """What the envelope leaves out, in words."""
-        of_arm = "motion of the arm" if self.motion is None else "instants between the samples"
-        return (of_arm, *NOT_COVERED, *self.ignored)
+        if self.motion is None:
+            of_arm = "motion of the arm"
+        else:
+            of_arm = "instants between the samples, overshoot of the arm's acceleration steps"
+        steps = () if self.counting.overshoot else ("overshoot of an acceleration that sets in at once",)
+        return (of_arm, *NOT_COVERED, *steps, *self.ignored)
+
+    @property
+    def steps(self) -> str:
+        """What an acceleration that sets in at once does, in words; empty: nothing more."""
+        more = self.counting.overshoot
+        if not more:
+            return ""
+        return f"steps of acceleration overshoot by {100 * more:.3g} % (damping of the uncertainty)"
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -293,8 +328,8 @@ class DriveEnvelope(SavedFolder):
 
     def __repr__(self) -> str:
         """The scope, and the worst direction."""
-        value, angle = self.worst_direction
-        return f"<DriveEnvelope {self.name}: {value:.3g} m/s^2 at {np.degrees(angle):.0f} deg; {self.scope}>"
+        value, where = self.worst_direction[0], self.worst_direction_words
+        return f"<DriveEnvelope {self.name}: {value:.3g} m/s^2 {where}; {self.scope}>"
 
     def _limits(self, k: int, one: Manoeuvre) -> dict[str, Any]:
         data: dict[str, Any] = {}
@@ -359,7 +394,10 @@ class DriveEnvelope(SavedFolder):
 
     def to_yaml(self) -> str:
         """Parameters of Nav2's velocity smoother."""
-        edge = "the edge, if accelerations rise gently; what sets in at once overshoots, up to twice as much"
+        if self.steps:
+            edge = f"the edge; {self.steps}, counted also from full acceleration to full braking"
+        else:
+            edge = "the edge, if accelerations rise gently; what sets in at once overshoots"
         texts = f"{self.name}: {self.scope}", self.ground, edge, ASSUMED
         comments = [f"# {text}" for text in texts]
         lines = [*comments, "velocity_smoother:", "  ros__parameters:"]

@@ -11,9 +11,9 @@ import numpy as np
 from ocptip.api.drive import STOW, drive
 from ocptip.api.drive_result import ASSUMED, DriveEnvelope
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import quantity, table
+from ocptip.basics.text import quantity, table, wrapped
 from ocptip.cli.command import FolderReport
-from ocptip.cli.layout import masses, named, under
+from ocptip.cli.layout import files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
 from ocptip.cli.stand_posture import joint_values, posture_of
 from ocptip.cli.terminal import say_if_compiling
@@ -58,25 +58,27 @@ class DriveReport(FolderReport):
     def to_text(self) -> str:
         """The manoeuvres with what limits them, and parameters for navigation."""
         found = self.found
-        (value, angle), held = found.worst_direction, found.robot.payload
+        value, held = found.worst_direction[0], found.robot.payload
         head = f"{found.name}   DRIVE ENVELOPE, {found.scope}."
         within = ["worst case", "limits the worst case"] if found.within else ["limited by"]
-        heads = ["", "nominal", *within]
+        heads = ["", "", "nominal", *within]
         rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
         lines = [
             self._arm(),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
-            ("worst direction", f"{_down(value)} m/s^2 at {np.degrees(angle):.0f} deg from forward to left"),
+            ("worst direction", f"{_down(value)} m/s^2 {found.worst_direction_words}"),
             *self._lifts(),
             ("locked wheels", self._locked()),
+            *under("turns", found.stops),
+            *([("steps", f"{found.steps}: counted in the worst case")] if found.steps else []),
             *under("together", [*self._together(), found.ground]),
             ("assumed", ASSUMED),
             *([("robot", masses(found.robot))] if self.verbose else []),
             *under("uncertainty", found.tolerance.lines() if self.verbose else []),
             ("not covered", ", ".join(found.not_covered)),
         ]
-        written = [f"wrote {path}" for path in self.written]
-        return "\n".join([head, "", *table(rows, left=(0, len(heads) - 1)), "", *named(lines), *written])
+        text = [*wrapped("", [head], 0), "", *table(rows, left=(0, 1, len(heads) - 1)), "", *fitted(lines)]
+        return "\n".join([*text, *files_lines(self.written)])
 
     def _arm(self) -> tuple[str, str]:
         """The posture, or the motion with the instant of the worst direction."""
@@ -89,22 +91,25 @@ class DriveReport(FolderReport):
     def _row(self, k: int, one: Manoeuvre) -> list[str]:
         found, at = self.found, len(self.found.angles) + k
         cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
-        return [one.text, *cells, _what(found.worst, at, one)]
+        return [one.text, one.unit, *cells, _what(found.worst, at, one)]
 
     def _lifts(self) -> list[tuple[str, str]]:
-        """When the first wheel lifts, which may be long before the base tips."""
+        """When the first contact lifts, which may be long before the base tips."""
         found = self.found
         around = found.worst.lift[: len(found.angles)]
-        if not np.isfinite(around).all():
-            return []
         k = int(np.argmin(around))
+        if not around[k] < found.worst.tip[k] * (1 - _NOISE):  # where it tips, or not known
+            return []
         text = f"lifts at {_down(around[k])} m/s^2 at {np.degrees(found.angles[k]):.0f} deg"
-        return [("first wheel", f"{text}, if wheels are equally compliant")]
+        return [("first contact", f"{text} if contacts are equally compliant; the base does not tip there")]
 
     def _locked(self) -> str:
-        if self.found.locked_wheels_tip:
-            return "tip the base when it brakes straight on level ground, before they slide"
-        return "slide before the base tips when it brakes straight on level ground, with the given friction"
+        found = self.found
+        when = "in some direction" if found.given.holonomic else "when it brakes straight"
+        if found.locked_wheels_tip:
+            return f"tip the base {when} on level ground, before they slide"
+        when = "in any direction" if found.given.holonomic else when
+        return f"slide before the base tips {when} on level ground, with the given friction"
 
     def _together(self) -> list[str]:
         names = {"max_velocity": ("m/s", "rad/s"), "max_accel": ("m/s^2", "rad/s^2")}
@@ -124,14 +129,14 @@ def _down(value: float) -> str:
 
 def _limit(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
     value = one.value(float(own.largest[k]))
-    return "not limited" if value is None else f"{_down(value)} {one.unit}"
+    return "not limited" if value is None else _down(value)
 
 
 def _what(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
     tips = one.value(float(own.tip[k]))
-    when = "" if own.times is None else f" at {own.times[k]:.3f} s"
+    when = "" if own.times is None else f" @{own.times[k]:.3f}s"
     if own.slip[k] < own.tip[k]:
-        return f"friction{when}" if tips is None else f"friction{when} (tips at {_down(tips)})"
+        return f"friction{when}" if when or tips is None else f"friction (tips at {_down(tips)})"
     if not own.contacts[k].any():
         return ""
-    return f"tipping about contacts {own.contacts[k][0]} and {own.contacts[k][1]}{when}"
+    return f"tips about contacts {own.contacts[k][0]}, {own.contacts[k][1]}{when}"

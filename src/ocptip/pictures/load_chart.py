@@ -121,7 +121,7 @@ def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: floa
     ax.set_ylabel("height above the lowest contact [m]")
 
 
-_WHEELS = {"color": "black", "ms": 4, "label": "wheels"}
+_WHEELS = {"color": "black", "ms": 4, "label": "contacts, not to scale"}
 _WIDEST = 1.6  # times the median limit: what lies farther out is not drawn
 
 
@@ -158,7 +158,9 @@ def envelope_picture(
         ):
             drawn = np.where(values < LARGEST, values, np.nan)
             if np.isfinite(drawn).any():
-                label = f"{word}, {title}"
+                least = float(np.nanmin(drawn))
+                beyond = f": beyond {least:.3g} m/s^2" if least > top else ""
+                label = f"{word}, {title}{beyond}"
                 ax.plot(around, np.append(drawn, drawn[0]), color=color, label=label, **line)
     least = known[-1]
     ax.fill(around, np.append(least, least[0]), color=style.SHADE, zorder=0, gid="envelope")

@@ -68,7 +68,7 @@ RING = {"marker": "o", "ms": 8, "mfc": "none", "mew": 1.8, "ls": "", "zorder": 6
 DIAMOND = {**RING, "marker": "D", "ms": 7}
 
 TEXT = {"fontsize": 8.5}
-_WRAPPED = 90  # characters of a line of a title
+_WRAPPED = 8.6  # characters of a line of a title per inch of the figure
 
 
 def member(number: int) -> dict[str, Any]:
@@ -92,7 +92,8 @@ def finish(ax: Any, title: str, label: str, across: str = "") -> None:
 
 def head(figure: Any, title: str, below: str = "", color: str = "black") -> None:
     """The title of a figure, and in a second line the verdict, or what else all of it is about."""
-    lines = [title, *textwrap.wrap(below, _WRAPPED)]
+    wide = int(_WRAPPED * figure.get_figwidth())
+    lines = [*textwrap.wrap(title, wide), *textwrap.wrap(below, wide)]
     figure.suptitle("\n".join(lines), fontsize=12.5, fontweight="bold", color=color)
 
 

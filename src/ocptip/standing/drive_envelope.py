@@ -12,7 +12,7 @@ the bound, and lower it, until none do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -128,6 +128,15 @@ class LargestManoeuvres:
     def largest(self) -> np.ndarray:
         """(P,) up to which the contacts are maintained."""
         return np.minimum(self.tip, self.slip)
+
+    def lower(self, other: LargestManoeuvres) -> LargestManoeuvres:
+        """The lower limits of two families of each manoeuvre."""
+        tip, slip = other.tip < self.tip, other.slip < self.slip
+        pairs = (("tip", tip), ("contacts", tip[:, None]), ("slip", slip), ("normals", slip[:, None]))
+        parts = {name: np.where(less, getattr(other, name), getattr(self, name)) for name, less in pairs}
+        if self.times is not None and other.times is not None:
+            parts["times"] = np.where(other.largest < self.largest, other.times, self.times)
+        return replace(self, **parts, lift=np.minimum(self.lift, other.lift))
 
     def at_worst(self, times: np.ndarray) -> LargestManoeuvres:
         """At the worst of K instants (P, K), s, of each manoeuvre; the present rows are at all of them."""
