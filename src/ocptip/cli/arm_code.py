@@ -24,7 +24,8 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.task_files.arm import arm_of_file
 
-_OF_PARALLEL = ("urdf", "mjcf", "matlab", "modes", "workspace", "at", "range", "plot", "dynpar", "form")
+_TEXTS = ("urdf", "mjcf", "matlab", "latex")
+_OF_PARALLEL = (*_TEXTS, "modes", "workspace", "at", "range", "plot", "dynpar", "form")
 
 
 def is_arm(name: str) -> bool:

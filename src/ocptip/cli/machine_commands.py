@@ -302,8 +302,9 @@ MACHINE_COMMANDS = (
             ),
             group(
                 "code and models",
-                argument("--c", "FILE", "write C source (also a MEX file), and a header beside it"),
+                argument("--c", "FILE", "write C source (also MEX and S-function), and a header beside it"),
                 argument("--matlab", "FILE", "write a Matlab file, text that needs no compiler"),
+                argument("--latex", "FILE", "write the equations as LaTeX (.tex)"),
                 argument("--urdf", "FILE", "write the robot as URDF (a tree, loops cut)"),
                 argument("--mjcf", "FILE", "write the robot as a MuJoCo model with its loops"),
                 argument(
@@ -323,6 +324,6 @@ MACHINE_COMMANDS = (
                 ),
             ),
         ),
-        files=("c", "matlab", "urdf", "mjcf", "plot"),
+        files=("c", "matlab", "latex", "urdf", "mjcf", "plot"),
     ),
 )

@@ -25,8 +25,9 @@ from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
 from ocptip.parallel.analysis.workspace import LENGTHS, Workspace, workspace
-from ocptip.parallel.code.codegen import matlab_text, write_c
+from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
+from ocptip.parallel.code.texts import latex_text, matlab_text
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf
@@ -41,6 +42,7 @@ _SUFFIXES = {
     "mjcf": (".xml", ".mjcf"),
     "c": (".c",),
     "matlab": (".m",),
+    "latex": (".tex",),
     "plot": (".png", ".pdf", ".svg"),
 }
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
@@ -114,11 +116,13 @@ class ParallelReport(Report):
                 with naming(f"--{option}"):
                     self.models.append((targets[option], make(self.description)))
         self.code = targets.get("c")
-        for option in {"c", "matlab"} & {*targets}:
-            if not self.functions:
+        for option in ("c", "matlab", "latex"):
+            if option in targets and not self.functions:
                 raise InputError(f"--{option}: no code for {self.description.name}: {self.without_code}")
         if path := targets.get("matlab"):
             self.models.append((path, matlab_text([*self.functions, *self.joints], path.stem)))
+        if path := targets.get("latex"):
+            self.models.append((path, latex_text([*self.functions, *self.joints])))
 
     def write(self) -> Iterator[Path]:
         """Write the C code with its header, then the other formats."""

@@ -1,4 +1,4 @@
-"""Text of generated functions: C source and header, written completely or not at all; and Matlab."""
+"""C source and header of generated functions, also for Matlab and Simulink; all is written, or nothing."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def write_c(
     """Write functions as C source with a header beside it.
 
     Matrices are stored column by column and densely. The comment at the top of the C file lists all inputs
-    and outputs in order, with the names of the parameters and their values for the robot.
+    and outputs in order, with the names of the parameters and their values for the robot. The C file is also
+    a MEX function (`-DMATLAB_MEX_FILE`) and a level-2 S-function of Simulink (`-DS_FUNCTION_NAME=...`).
 
     Args:
         functions: one or several, of different names.
@@ -71,6 +72,7 @@ def write_c(
         comment = "\n".join("/* {}\n */".format("\n * ".join(described(one))) for one in listed)
         for written, about in ((made, comment), (made.with_suffix(".h"), f"/* {MARK}. */")):
             written.write_bytes(f"{about}\n".encode() + written.read_bytes())
+        made.write_text(_with_block(made.read_text(encoding="utf-8"), plain), encoding="utf-8")
         os.replace(made.with_suffix(".h"), header)
         os.replace(made, target)
     return CFiles(target, header, names[0])
@@ -106,83 +108,145 @@ def _entries(given: LeanFunction | cs.Function, name: str) -> str:
     return f": {', '.join(names)}" if names else ""
 
 
-_TEXTS = {
-    cs.OP_ADD: "{} + {}",
-    cs.OP_SUB: "{} - {}",
-    cs.OP_MUL: "{} * {}",
-    cs.OP_DIV: "{} / {}",
-    cs.OP_NEG: "-{}",
-    cs.OP_TWICE: "2 * {}",
-    cs.OP_SQ: "{0} * {0}",
-    cs.OP_INV: "1 / {}",
-    cs.OP_SIN: "sin({})",
-    cs.OP_COS: "cos({})",
-    cs.OP_SQRT: "sqrt({})",
-    cs.OP_FABS: "abs({})",
-    cs.OP_SIGN: "sign({})",
-    cs.OP_ATAN2: "atan2({}, {})",
-    cs.OP_FMAX: "max({}, {})",
-    cs.OP_FMIN: "min({}, {})",
+# Simulink's own gateway (simulink.c) and that of CasADi both define mexFunction: the latter is left out.
+_BEFORE_BLOCK = """\
+#ifdef S_FUNCTION_NAME
+#define S_FUNCTION_LEVEL 2
+#include "simstruc.h"
+#ifdef MATLAB_MEX_FILE
+#undef MATLAB_MEX_FILE
+#define BLOCK_IS_MEX
+#endif
+#endif
+"""
+_BLOCK = """
+#ifdef S_FUNCTION_NAME
+#ifdef BLOCK_IS_MEX
+#define MATLAB_MEX_FILE
+#endif
+/* The parameter of the block is the name of a function. Its ports are the arguments that are not empty. */
+typedef struct {
+  const char *name;
+  int (*call)(const casadi_real**, casadi_real**, casadi_int*, casadi_real*, int);
+  casadi_int n_in, n_out;
+  const casadi_int *(*in)(casadi_int), *(*out)(casadi_int);
+} block_function;
+static const block_function block_functions[] = {
+%(rows)s
+};
+static const block_function* block_chosen(SimStruct *S) {
+  char name[128];
+  size_t k;
+  if (mxGetString(ssGetSFcnParam(S, 0), name, sizeof(name))) return 0;
+  for (k = 0; k < sizeof(block_functions) / sizeof(block_functions[0]); ++k)
+    if (!strcmp(name, block_functions[k].name)) return block_functions + k;
+  return 0;
 }
+static casadi_int block_nonzeros(const casadi_int *sp) { return sp[2] == 1 ? sp[0] * sp[1] : sp[2 + sp[1]]; }
+/* Index in a dense matrix of a nonzero of one. */
+static casadi_int block_place(const casadi_int *sp, casadi_int k) {
+  casadi_int column = 0;
+  if (sp[2] == 1) return k;
+  while (sp[3 + column] <= k) ++column;
+  return sp[3 + sp[1] + k] + column * sp[0];
+}
+static void mdlInitializeSizes(SimStruct *S) {
+  const block_function *f;
+  const casadi_int *sp;
+  casadi_int i;
+  int_T port = 0, ports = 0;
+  ssSetNumSFcnParams(S, 1);
+  if (ssGetNumSFcnParams(S) != ssGetSFcnParamsCount(S)) return;
+  ssSetSFcnParamTunable(S, 0, 0);
+  f = block_chosen(S);
+  if (!f) {
+    ssSetErrorStatus(S, "The parameter is no name of a function; there are %(names)s");
+    return;
+  }
+  ssSetNumContStates(S, 0);
+  ssSetNumDiscStates(S, 0);
+  for (i = 0; i < f->n_in; ++i) ports += f->in(i)[0] * f->in(i)[1] > 0;
+  if (!ssSetNumInputPorts(S, ports)) return;
+  for (i = 0; i < f->n_in; ++i) {
+    sp = f->in(i);
+    if (sp[0] * sp[1] == 0) continue;
+    if (sp[1] == 1) ssSetInputPortWidth(S, port, (int_T) sp[0]);
+    else ssSetInputPortMatrixDimensions(S, port, (int_T) sp[0], (int_T) sp[1]);
+    ssSetInputPortRequiredContiguous(S, port, 1);
+    ssSetInputPortDirectFeedThrough(S, port, 1);
+    ++port;
+  }
+  if (!ssSetNumOutputPorts(S, (int_T) f->n_out)) return;
+  for (i = 0; i < f->n_out; ++i) {
+    sp = f->out(i);
+    if (sp[1] == 1) ssSetOutputPortWidth(S, (int_T) i, (int_T) sp[0]);
+    else ssSetOutputPortMatrixDimensions(S, (int_T) i, (int_T) sp[0], (int_T) sp[1]);
+  }
+  ssSetNumSampleTimes(S, 1);
+  ssSetOptions(S, SS_OPTION_EXCEPTION_FREE_CODE);
+}
+static void mdlInitializeSampleTimes(SimStruct *S) {
+  ssSetSampleTime(S, 0, INHERITED_SAMPLE_TIME);
+  ssSetOffsetTime(S, 0, 0.0);
+}
+static void mdlOutputs(SimStruct *S, int_T tid) {
+  const block_function *f = block_chosen(S);
+  const casadi_real *arg[%(arg)d] = {0};
+  casadi_real *res[%(res)d] = {0};
+  casadi_int iw[%(iw)d], i, k;
+  casadi_real w[%(w)d], *free_w = w;
+  int_T port = 0;
+  (void) tid;
+  for (i = 0; i < f->n_in; ++i) {
+    const casadi_int *sp = f->in(i);
+    const real_T *u;
+    if (sp[0] * sp[1] == 0) continue;
+    u = (const real_T*) ssGetInputPortSignal(S, port++);
+    arg[i] = free_w;
+    for (k = 0; k < block_nonzeros(sp); ++k) *free_w++ = u[block_place(sp, k)];
+  }
+  for (i = 0; i < f->n_out; ++i) {
+    res[i] = free_w;
+    free_w += block_nonzeros(f->out(i));
+  }
+  if (f->call(arg, res, iw, free_w, 0)) {
+    ssSetErrorStatus(S, "The function cannot be evaluated");
+    return;
+  }
+  for (i = 0; i < f->n_out; ++i) {
+    const casadi_int *sp = f->out(i);
+    real_T *y = (real_T*) ssGetOutputPortSignal(S, (int_T) i);
+    for (k = 0; k < sp[0] * sp[1]; ++k) y[k] = 0;
+    for (k = 0; k < block_nonzeros(sp); ++k) y[block_place(sp, k)] = res[i][k];
+  }
+}
+static void mdlTerminate(SimStruct *S) { (void) S; }
+#ifdef MATLAB_MEX_FILE
+#include "simulink.c"
+#else
+#include "cg_sfun.h"
+#endif
+#endif
+"""
 
 
-def matlab_text(functions: Sequence[LeanFunction | cs.Function], name: str) -> str:
-    """A Matlab file whose first argument names the function, as for the MEX file of `write_c`.
-
-    Args:
-        functions: built from SX, of different names.
-        name: of the file, without .m.
-
-    Raises:
-        InputError: a function has an operation that this text has not.
-    """
-    plain = [one.function if isinstance(one, LeanFunction) else one for one in functions]
-    for one in plain:
-        if not one.is_a("SXFunction"):
-            raise InputError(f"{one.name()}: calls other functions and has no text of single assignments")
-    lines = [f"function varargout = {name}(name, varargin)", f"% {MARK}."]
-    lines += [f"% {line}" for one in functions for line in described(one)]
-    lines.append("switch name")
-    for one in plain:
-        lines += [
-            f"case '{one.name()}'",
-            f"  [varargout{{1:max(1, nargout)}}] = {one.name()}(varargin{{:}});",
-        ]
-    known = ", ".join(one.name() for one in plain)
-    lines += ["otherwise", f"  error('there is no %s; there are {known}', name);", "end", "end"]
-    return "\n".join([*lines, *(line for one in plain for line in _function(one))]) + "\n"
-
-
-def _function(function: cs.Function) -> list[str]:
-    """The lines of one function; every value has one name."""
-    inputs, outputs = function.name_in(), function.name_out()
-    shapes = [function.size_out(k) for k in range(len(outputs))]
-    lines = ["", f"function [{', '.join(outputs)}] = {function.name()}({', '.join(inputs)})"]
-    lines += [
-        f"{out} = zeros({rows}, {columns});" for out, (rows, columns) in zip(outputs, shapes, strict=True)
+def _with_block(source: str, functions: Sequence[cs.Function]) -> str:
+    """C source that is a block of Simulink as well; that of CasADi takes all signals as contiguous."""
+    rows = [
+        f'  {{"{name}", {name}, {one.n_in()}, {one.n_out()}, {name}_sparsity_in, {name}_sparsity_out}}'
+        for one in functions
+        for name in [one.name()]
     ]
-    values: dict[int, str] = {}
-    for k in range(function.n_instructions()):
-        code, to, given = (
-            function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
-        )  # fmt: skip
-        if code == cs.OP_CONST:
-            constant = float(function.instruction_constant(k))
-            values[to[0]] = repr(constant) if constant >= 0 else f"({constant!r})"
-        elif code == cs.OP_INPUT:
-            values[to[0]] = f"{inputs[given[0]]}({_place(function.sparsity_in(given[0]), given[1])})"
-        elif code == cs.OP_OUTPUT:
-            place = _place(function.sparsity_out(to[0]), to[1])
-            lines.append(f"{outputs[to[0]]}({place}) = {values[given[0]]};")
-        elif code in _TEXTS:
-            lines.append(f"t{k} = {_TEXTS[code].format(*(values[j] for j in given))};")
-            values[to[0]] = f"t{k}"
-        else:
-            raise InputError(f"{function.name()}: operation {code} of CasADi has no text")
-    return [*lines, "end"]
-
-
-def _place(sparsity: cs.Sparsity, number: int) -> int:
-    """Index from 1, column by column, of an entry that is not always zero."""
-    row, column = (np.array(found)[number] for found in sparsity.get_triplet())
-    return int(row + column * sparsity.size1()) + 1
+    packed = max(
+        sum(map(one.nnz_in, range(one.n_in()))) + sum(map(one.nnz_out, range(one.n_out()))) + one.sz_w()
+        for one in functions
+    )
+    sizes = {
+        "arg": max(one.sz_arg() for one in functions),
+        "res": max(one.sz_res() for one in functions),
+        "iw": max(one.sz_iw() for one in functions),
+        "w": packed,
+    }
+    sizes = {key: max(1, size) for key, size in sizes.items()}
+    names = ", ".join(one.name() for one in functions)
+    return _BEFORE_BLOCK + source + _BLOCK % {"rows": ",\n".join(rows), "names": names, **sizes}
