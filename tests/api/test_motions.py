@@ -87,7 +87,7 @@ def test_a_plan_is_checked_again_by_its_folder_or_its_objects(plan, folder, task
     assert repr(same).startswith("motion on C   PROVED")
     broken = ocptip.check(ocptip.load_task(task, GN=0.1), plan.motion)
     assert not broken.verified
-    assert "Broken  tip-over GN is " in repr(broken)
+    assert "Broken  tipping margin is " in repr(broken)
 
 
 def test_a_proof_is_what_the_command_says(folder, tmp_path, capsys):

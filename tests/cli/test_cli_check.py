@@ -96,8 +96,8 @@ def test_a_broken_limit_is_exit_code_1_and_marked(capsys, plan):
     assert main(["check", str(plan), *PLAIN, "--gn", "0.5"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "plan.json on C   LIMITS BROKEN"
-    assert lines[2].startswith("Broken  tip-over GN is 0.88")
-    assert lines[2].endswith("must be <= 0.5")
+    assert lines[2].startswith("Broken  tipping margin is ")
+    assert lines[2].endswith(" N m")
     assert [line.split()[0] for line in lines[1:] if line.endswith("BROKEN")] == ["Tipping"]
 
 

@@ -159,7 +159,7 @@ def test_a_junit_report_names_the_broken_limits(planner, capsys, tmp_path):
     report = tmp_path / "report.xml"
     assert run(capsys, "B", "--no-figures", "--junit", report)[0] == 1
     (failure,) = ElementTree.parse(report).getroot().iter("failure")
-    assert failure.get("message").startswith("LIMITS BROKEN; tip-over GN is 0.99")
+    assert failure.get("message").startswith("LIMITS BROKEN; tipping margin is ")
     terminal.latest.quiet = False
 
 
@@ -324,7 +324,7 @@ def test_a_plan_that_is_not_verified_says_what_it_breaks(planner, capsys):
     assert code == 1
     lines = out.splitlines()
     assert lines[0] == "B   LIMITS BROKEN"
-    assert lines[2].startswith("Broken  tip-over GN is 0.99")
+    assert lines[2].startswith("Broken  tipping margin is ")
     assert [line.split()[:2] for line in lines if line.endswith("BROKEN")] == [
         ["B", "LIMITS"],
         ["Tipping", "margin"],

@@ -18,7 +18,8 @@ from ocptip.motion.margins import (
     critical,
     motion_margins,
 )
-from ocptip.motion.summary import at_text, margin_rows, margin_table, violation_words
+from ocptip.motion.summary import at_text, margin_rows, margin_table
+from ocptip.motion.violations import broken_words, quantity_title
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
@@ -123,12 +124,39 @@ def test_what_is_infinite_is_said_in_words(task, checked):
     assert at_text(replace(rows[FRICTION], name=CLEARANCE), endless) == "unlimited"
 
 
-def test_sentences_on_broken_limits_name_the_quantity_and_its_unit():
-    assert violation_words("GN_worst_case is 1.2 at 0.1 s, must be <= 0.999") == (
-        "tip-over GN, worst case is 1.2 at 0.1 s, must be <= 0.999 (above 1 a contact lifts)"
-    )
-    assert violation_words("GT is 0.95, must be <= 0.9") == "slip GT is 0.95, must be <= 0.9"
-    assert violation_words("clearance_m is 0.001, must be >= 0.01") == (
-        "clearance (m) is 0.001, must be >= 0.01"
-    )
-    assert violation_words("a contact slips or lifts off") == "a contact slips or lifts off"
+def test_sentences_on_broken_limits_have_margins_with_their_units(task):
+    reference = task.robot.tip_over.reference_moment
+    left, least = (f"{reference * (1 / index - 1):.4g} N m" for index in (0.95, 0.9))
+    known = {
+        "GN is 0.95 at 0.1 s, must be <= 0.9": f"tipping margin is {left} at 0.1 s, must be >= {least}",
+        "GN is 0.9 + 2e-08 at 0.1 s, must be <= 0.9": (
+            f"tipping margin is just below {least} at 0.1 s, must be >= {least}"
+        ),
+        "GN_worst_case is 1.2 at 0.1 s (joint 1 delayed), must be <= 0.999": (
+            "the base tips in the worst case at 0.1 s (joint 1 delayed)"
+        ),
+        "GN_cancel_worst_case is 1.2 in a cancel begun at 0.1 s, must be <= 0.999": (
+            "the base tips in a cancel begun at 0.1 s"
+        ),
+        "jump_GT is 0.95 (segment lift), must be <= 0.9": (
+            "friction used at acceleration steps is 95 % (segment lift), must be <= 90 %"
+        ),
+        "GT[glass] is 8.07 at 1 s, must be <= 0.9 (segment lift)": "glass slips at 1 s (segment lift)",
+        "clearance_m is 0.001, must be >= 0.01": "clearance is 1 mm, must be >= 10 mm",
+        "torque_ratio_worst_case is 1.2 at 1 s (joint 2), must be <= 1": (
+            "torque, worst case is 120 % at 1 s (joint 2), must be <= 100 %"
+        ),
+        "a contact slips or lifts off": "a contact slips or lifts off",
+    }
+    assert broken_words(task.robot, known) == [*known.values()]
+
+
+def test_titles_name_the_quantity_instead_of_the_index():
+    names = ("GN", "GT_stop", "jump_GN[glass]", "GN_cancel_worst_case", "clearance_m")
+    assert [quantity_title(name) for name in names] == [
+        "tipping margin",
+        "friction used in stops on the path",
+        "tipping margin of glass at acceleration steps",
+        "tipping margin in cancels in the worst case",
+        "clearance",
+    ]

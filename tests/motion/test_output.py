@@ -12,9 +12,9 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions
-from ocptip.motion.check import stated
 from ocptip.motion.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv
 from ocptip.motion.plan_files import write_plan
+from ocptip.motion.violations import stated
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory

@@ -391,7 +391,11 @@ def test_the_headline_keeps_what_is_proved_of_the_motion_beside_its_stops(task):
     whole = SimpleNamespace(whole=proved)
     motion = CheckedMotion(task=task, checked=whole, stops={"": stops})
     assert motion.headline == f"{word}; stops CHECKED at samples"
-    stops.verified = False
+    stops.verified, stops.unknown = False, ("GN is 1.2 in a stop by brakes begun at 0.1 s, must be <= 0.9",)
+    assert motion.headline == (
+        f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {word}"
+    )
+    stops.violations = ("a drive needs 105 % of its torque limit in a cancel begun at 0.1 s",)
     assert motion.headline == f"LIMITS BROKEN in stops; the motion itself is {word}"
 
 
@@ -565,8 +569,8 @@ def test_guessed_brakes_hold_the_arm(task):
     assert any("at least 1.3 times what gravity asks" in line for line in stops.assumed)
     _, dropped = looked_at(own, "brakes", StopRules(brake_min=0.5 * own.robot.limits.torque))
     assert dropped.worst["brakes"]["longest_stop_s"] > 2 * stops.worst["brakes"]["longest_stop_s"]
-    assert any(line.startswith("the arm drops: at ") for line in dropped.violations)
-    assert not any("drops" in line for line in stops.violations)
+    assert any(line.startswith("the arm drops: at ") for line in dropped.unknown)
+    assert not any("drops" in line for line in stops.unknown)
     capped = StopRules(brake_max=0.6 * own.robot.limits.torque).brakes(own.robot)
     assert np.all(capped[0] <= capped[1])
 
@@ -578,6 +582,6 @@ def test_without_torque_limits_category_0_is_not_judged(task):
     assert not stops.verified
     assert "brakes" not in stops.worst
     assert "brakes" not in stops.speeds
-    assert stops.violations[0].startswith("category 0 not checked: no brake data, and joint 1 has no torque")
+    assert stops.unknown[0].startswith("category 0 not checked: no brake data, and joint 1 has no torque")
     _, given = looked_at(own, "brakes", StopRules(brake_min=np.full(6, 60.0), brake_max=np.full(6, 70.0)))
     assert "brakes" in given.worst

@@ -19,6 +19,7 @@ from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of
 from ocptip.motion.cycles.task import Task, refuse_objects
 from ocptip.motion.proof import Proof
+from ocptip.motion.violations import broken_words
 from ocptip.trajectories.read import CERTIFICATE
 
 
@@ -57,7 +58,9 @@ class Certified:
         """Verdict, what is proved, what is broken."""
         rows = [f"{self.name} on {self.task.name}: {self.check.headline}"]
         rows += [f"  proof: {self.certificate}"] if self.certificate else []
-        return "\n".join([*rows, *(f"  broken: {text}" for text in self.check.violations)])
+        return "\n".join(
+            [*rows, *(f"  broken: {text}" for text in broken_words(self.task.robot, self.check.violations))]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The check with the certificate's bounds, plain data for JSON."""

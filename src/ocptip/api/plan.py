@@ -32,7 +32,7 @@ from ocptip.basics.outputs import remove_figures
 from ocptip.basics.write import plain
 from ocptip.certificate.checks import certified
 from ocptip.motion.cancels import SafeDecelerations
-from ocptip.motion.check import check_motion, stated
+from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.cycles.task import Task, refuse_driving, refuse_objects
 from ocptip.motion.execution import Execution
@@ -57,6 +57,7 @@ from ocptip.motion.stops import (
 from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
+from ocptip.motion.violations import stated
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.plan import draw_plan
 from ocptip.pictures.plan_curves import seen_plan

@@ -11,7 +11,7 @@ import numpy as np
 
 from ocptip.certificate.trusted.checker import ANGLE_MARGIN_CANCEL, COVERS_OF_CANCELS, Verdict
 from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN
-from ocptip.motion.summary import result_title
+from ocptip.motion.violations import quantity_title
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 
 AT_LIMIT = 1e-6
@@ -20,6 +20,7 @@ AT_LIMIT = 1e-6
 LATE = "delayed joints", "overshoot after acceleration steps"
 """Among what is sampled only: bounds within an uncertainty are then those of joints on time."""
 
+_SLIP_OF_CANCELS = tuple(names[1] for names in COVERS_OF_CANCELS.values())
 _CLAIMS = (
     ("Tipping margin", "N m", "GN", TIP_WITHIN),
     ("Friction used", "%", "GT", SLIP_WITHIN),
@@ -27,7 +28,7 @@ _CLAIMS = (
     ("Clearance", "mm", "clearance", CLEARANCE),
     ("Speed of points", "%", SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN),
     ("Tipping margin in cancels", "N m", *(names[0] for names in COVERS_OF_CANCELS.values())),
-    ("Friction used in cancels", "%", *(names[1] for names in COVERS_OF_CANCELS.values())),
+    ("Friction used in cancels", "%", *_SLIP_OF_CANCELS),
 )
 """Title, unit, keys of the bounds: nominal, and in the worst case."""
 _LEAST = ("clearance", CLEARANCE, ANGLE_MARGIN_CANCEL)  # bounds from below
@@ -134,7 +135,7 @@ class Certificate:
             return f"a proof: {self.verdict.problems[0]}"
         if not self.kept:
             return f"a proof within the limits; proved is {claims(self.verdict)}"
-        sampled = ", ".join(map(result_title, self.sampled))
+        sampled = ", ".join(map(quantity_title, self.sampled))
         return f"a proof of {sampled}: these are only checked at samples, all other limits are proved"
 
     def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
@@ -205,7 +206,7 @@ class Certificate:
         found = f"at every instant {bounds} ({self.verdict.intervals} intervals)"
         found += "" if self.kept else "; beyond the limits"
         return found + (
-            f"; sampled only: {', '.join(map(result_title, self.sampled))}" if self.sampled else ""
+            f"; sampled only: {', '.join(map(quantity_title, self.sampled))}" if self.sampled else ""
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -257,6 +258,8 @@ def _proved(verdict: Verdict, key: str, at_least: str) -> str:
     if at_least == "mm":
         return f">= {_tenths(bound):.1f} mm"
     share = bound / (1 + 2 * AT_LIMIT)
+    if key in _SLIP_OF_CANCELS:  # proved is that the limit is kept, no closer bound
+        return f"within the limit of {100 * share:.4g} %"
     if at_least == "N m":  # the moment is unit (1 / GN - 1)
         moment = verdict.moments[key] * (1 / share - 1) / (1 / bound - 1)
         digits = 10.0 ** (3 - math.floor(math.log10(moment)))

@@ -21,7 +21,8 @@ from ocptip.cli.layout import files_lines
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import given_limits, naming_options
 from ocptip.cli.terminal import say_if_compiling
-from ocptip.motion.summary import margin_table, motion_line, violation_words
+from ocptip.motion.summary import margin_table, motion_line
+from ocptip.motion.violations import broken_words
 from ocptip.task_files.option_files import read_columns
 
 _MOST = 8  # undecided intervals that are listed
@@ -121,7 +122,7 @@ class CertifyReport(ResultReport):
         lines = [
             *head,
             *wrapped("Missing", missing),
-            *wrapped("Broken", map(violation_words, checked.violations)),
+            *wrapped("Broken", broken_words(found.task.robot, checked.violations)),
             "",
         ]
         lines += margin_table(found.task.robot, checked)

@@ -22,7 +22,8 @@ from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import GatedReport, gate_of, given_limits, naming_options, read_gate, with_cancel
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.summary import RESULT_TITLES, motion_line, result_title
+from ocptip.motion.summary import motion_line
+from ocptip.motion.violations import RESULT_TITLES, result_title
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.option_files import read_columns

@@ -20,8 +20,9 @@ from ocptip.motion.summary import (
     proof_lines,
     rises,
     robustness_lines,
-    violation_words,
 )
+from ocptip.motion.violations import broken_words
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -122,7 +123,7 @@ def motion_text(
         changes_table(found.sensitivities, "What if"),
         *(_stops(name, stops) for name, stops in found.stops.items()),
         [line for name, own in (cancels or {}).items() for line in cancel_lines(own, name)],
-        [line for factor, own in scaled for line in _scaled(factor, own)],
+        [line for factor, own in scaled for line in _scaled(robot, factor, own)],
         [
             *wrapped("Note", [*notes(checked), *more]),
             *wrapped(
@@ -163,14 +164,14 @@ def cancel_lines(found: SafeDecelerations, segment: str = "", *, yaml: bool = Fa
     return [*wrapped("Cancel", [f"{of}{found.text}"]), *([found.yaml] if yaml and found.yaml else [])]
 
 
-def _scaled(factor: float, checked: MotionCheck) -> list[str]:
+def _scaled(robot: StandingMechanism, factor: float, checked: MotionCheck) -> list[str]:
     """Lines about the motion with its times scaled."""
     moving = f"{checked.energy:.1f} J in {checked.duration:.3f} s"
     if checked.verified:
         return [f"Times x {factor:g}: all limits kept, {moving}"]
     return [
         f"Times x {factor:g}: {checked.headline}, {moving}",
-        *wrapped("", map(violation_words, checked.violations)),
+        *wrapped("", broken_words(robot, checked.violations)),
     ]
 
 

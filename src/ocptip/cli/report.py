@@ -33,6 +33,7 @@ from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.load_cases import MOST_TILT, LoadCase
 from ocptip.motion.summary import margin_rows, margin_table, motion_line
+from ocptip.motion.violations import broken_words
 from ocptip.pictures.load_chart import payload_figure, tilt_figure
 from ocptip.reserves.equal_compliance import equal_normal_map
 
@@ -110,7 +111,7 @@ class Document:
         yield paragraph(f"{motion_line(checked)}.")
         titles, *rows = margin_rows(self.about.task.robot, checked)
         yield grid(titles, rows)
-        yield items([*checked.violations, *notes(checked)])
+        yield items([*broken_words(self.about.task.robot, checked.violations), *notes(checked)])
 
     def _machine(self) -> Iterator[str]:
         robot, support = self.about.task.robot, self.about.task.robot.support

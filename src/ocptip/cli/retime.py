@@ -16,7 +16,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.options import gate_of, given_limits, naming_options, output_directory, read_gate, typed
 from ocptip.cli.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
-from ocptip.motion.summary import violation_words
+from ocptip.motion.violations import broken_words
 from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.path import refuse_early
 
@@ -84,7 +84,7 @@ def _rows(timing: Timing) -> list[tuple[str, str]]:
     found = [("path", _path_text(timing)), ("timing", _timing_text(timing))]
     if timing.before is not None:
         verdict = (
-            f"; {'; '.join(map(violation_words, timing.before.violations))}"
+            f"; {'; '.join(broken_words(timing.task.robot, timing.before.violations))}"
             if timing.before.violations
             else ""
         )

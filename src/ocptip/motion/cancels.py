@@ -261,7 +261,7 @@ def _levels(
         if known and stops.clearance < limits.clearance:
             least, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
             where = stops.collision_words(robot, times)
-            way.append(f"clearance is {least:.3g} mm {where}, must be >= {asked:g}")
+            way.append(f"clearance is {least:.3g} mm {where}, must be >= {asked:g} mm")
         broken += way
         if cases is not None and not broken:
             worst = worst_of_cancels(cases, motion, own, times)

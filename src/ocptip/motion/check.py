@@ -7,8 +7,7 @@ around the worst instants until these no longer move. The rest before and after 
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,6 +24,7 @@ from ocptip.motion.sampled_limits import (
     refinements,
     worse_contacts,
 )
+from ocptip.motion.violations import stated
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
@@ -246,15 +246,6 @@ class MotionCheck:
             "certified": self.certified,
             "certificate": self.certificate.to_dict() if self.certificate else None,
         }
-
-
-_INDEX = re.compile(r"(?<![A-Za-z])(GN|GT)(?=(?:_[a-z_]+)? is\b)")
-_STATED = {"GN": "tip_over_index", "GT": "friction_utilisation"}
-
-
-def stated(violations: Iterable[str]) -> list[str]:
-    """Sentences on broken limits for JSON, with the names of the indices instead of their symbols."""
-    return [_INDEX.sub(lambda found: _STATED[found[1]], text) for text in violations]
 
 
 Prove = Callable[[StandingMechanism, Trajectory, MotionCheck, Limits], MotionCheck]

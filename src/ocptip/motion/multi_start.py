@@ -36,6 +36,7 @@ from ocptip.motion.planner.jobs import Job, Jobs
 from ocptip.motion.planner.one_start import Search, free_ends
 from ocptip.motion.task import MotionTask, refusals, require_plannable
 from ocptip.motion.tolerated import SPACING
+from ocptip.motion.violations import broken_words
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
@@ -372,7 +373,7 @@ def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
             f"less strict limits may help{_for_cancels(task, first)}"
         )
     nearest, _, check = min(moving, key=lambda one: (len(one[2].violations), one[0].energy, one[0].number))
-    why = f"start {nearest.number}: {'; '.join(check.violations)}"
+    why = f"start {nearest.number}: {'; '.join(broken_words(task.robot, check.violations))}"
     why += _for_cancels(task, why)
     ending = f"none of {len(attempts)} starts gave a verified motion"
     if not task.limits.tolerance.given:

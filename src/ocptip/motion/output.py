@@ -19,9 +19,9 @@ import numpy as np
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import replace_folder
 from ocptip.basics.write import plain, versions, write_text
-from ocptip.motion.check import stated
 from ocptip.motion.execution import Execution
 from ocptip.motion.source import TASK, TaskSource, source_of
+from ocptip.motion.violations import stated
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.samples import MotionSamples

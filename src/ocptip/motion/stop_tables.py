@@ -204,7 +204,6 @@ class JointTable(ABC):
     """
 
     words = ""
-    guess = ""
 
     def __init__(
         self,
@@ -283,7 +282,7 @@ class JointTable(ABC):
             if not values[i] <= limit:
                 contacts.append(
                     f"{name} is {values[i]:.4g} in a {self.words} begun at {self._times[i]:.4f} s, "
-                    f"must be <= {limit:.4g}{self.guess}"
+                    f"must be <= {limit:.4g}"
                 )
         return [*contacts, *texts] if not self._in_check else texts
 
@@ -308,12 +307,10 @@ class BrakeTable(JointTable):
         motion: Trajectory,
         limits: Limits,
         brakes: Brakes,
-        guessed: bool,
         times: np.ndarray,
     ) -> None:
         found = stops_of_motion(robot, motion, brakes)
         super().__init__(robot, motion, limits, brakes, found, BrakeCheck(robot, brakes), times)
-        self.guess = " (brake torques are a guess)" if guessed else ""
         self._least = np.array(brakes.least)
 
     @property

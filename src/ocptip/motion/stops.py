@@ -15,12 +15,13 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity
 from ocptip.motion.cancels import SafeDecelerations, safe_decelerations
-from ocptip.motion.check import OF_STOPS, MotionCheck, stated
+from ocptip.motion.check import OF_STOPS, MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.stop_rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
 from ocptip.motion.stop_tables import CLOSE, BrakeTable, CancelTable, JointTable, PathTable
 from ocptip.motion.task import MotionTask
+from ocptip.motion.violations import stated
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
@@ -28,6 +29,8 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
 ROWS = 12  # of the table
+_SHOWN = 5e-4  # s: what is earlier is at once
+ASSUMED_BRAKES = f"{BRAKES[0]:g} to {BRAKES[1]:g} times the torque limits, a guess"
 _BY_JOINT = {"brakes": "by brakes (category 0)", "cancel": "cancel"}
 
 
@@ -40,6 +43,7 @@ class Stops:
         verified: no stop breaks a limit.
         violations: one sentence per broken limit of stops in which every joint stops by itself (those along
             the path are in the check).
+        unknown: what breaks limits only with brake torques that were assumed; empty: nothing.
         worst: by scenario ("path", "brakes", "cancel"), plain data with units in the keys: `GN`, `GT`,
             `begun_s`, `after_s`, ...
         times: (K,), s: instants of the table.
@@ -60,21 +64,24 @@ class Stops:
     curve: np.ndarray | None
     assumed: tuple[str, ...]
     decelerations: SafeDecelerations | None = None
+    unknown: tuple[str, ...] = ()
 
     @property
     def found(self) -> list[str]:
         """In words: the worst of each category."""
         found = []
         if path := self.worst.get("path"):
-            least = f", safe up to {np.min(self.speeds['path']):.2f} of the speed"
-            longest = f"rests within {path['longest_stop_s']:.3f} s"
-            found.append(f"along the path (category 1 and 2): {_contact_text(path)}, {longest}{least}")
+            share = float(np.min(self.speeds["path"]))
+            safe = "the planned speed" if share == 1 else f"{100 * share:.0f} % of the planned speed"
+            longest = f"rests within {path['longest_stop_s']:.3f} s, safe up to {safe}"
+            found.append(f"along the path (category 1 and 2): {_contact_text(path)}, {longest}")
         for kind, title in _BY_JOINT.items():
             if worst := self.worst.get(kind):
-                found.append(
-                    f"{title}: {_contact_text(worst)}, worst when stopped at {worst['begun_s']:.3f} s (after "
-                    f"{worst['after_s']:.3f} s)"
-                )
+                later = f", {worst['after_s']:.3f} s later" if worst["after_s"] >= _SHOWN else ""
+                text = f"{_contact_text(worst)}, worst when stopped at {worst['begun_s']:.3f} s{later}"
+                if kind == "brakes" and self.unknown:
+                    text = f"not known, brake torques are not given. With {ASSUMED_BRAKES}: {text}"
+                found.append(f"{title}: {text}")
         return found
 
     def to_dict(self) -> dict[str, Any]:
@@ -91,6 +98,7 @@ class Stops:
             "kinds": self.kinds,
             "verified": self.verified,
             "violations": stated(self.violations),
+            **({"unknown": stated(self.unknown)} if self.unknown else {}),
             "worst": self.worst,
             "safe_speed_by_time": table,
             **({"decelerations": self.decelerations.to_dict()} if self.decelerations else {}),
@@ -134,19 +142,21 @@ def check_stops(
         if "brakes" in asked and not lacking:
             brakes = limits.brakes or rules.safe(limits, robot, "brakes").brakes
             assert brakes is not None
-            tables["brakes"] = BrakeTable(robot, motion, limits, brakes, rules.guessed, times)
+            tables["brakes"] = BrakeTable(robot, motion, limits, brakes, times)
         if "cancel" in asked:
             cancel = limits.cancel or rules.cancel(robot, limits)
             tables["cancel"] = CancelTable(robot, motion, limits, cancel, times)
             full = rules.cancel(robot, limits, 1.0)
             of_limits = rules.of_limits
             decelerations = safe_decelerations(robot, motion, limits, full, of_limits=of_limits)
-    violations = [text for table in tables.values() for text in table.violations()]
-    violations += [lacking] if lacking else []
+    assumed = rules.guessed and limits.brakes is None  # then what breaks a limit may not in truth
+    broken = {kind: table.violations() for kind, table in tables.items()}
+    unknown = [lacking] if lacking else broken.pop("brakes", []) if assumed else []
+    violations = [text for texts in broken.values() for text in texts]
     kept = all(worst.excess <= CLOSE for name, worst in checked.worst.items() if name.endswith(OF_STOPS))
     return Stops(
         kinds=kinds,
-        verified=kept and not violations,
+        verified=kept and not violations and not unknown,
         violations=tuple(violations),
         worst={kind: table.worst() for kind, table in tables.items()},
         times=times,
@@ -155,6 +165,7 @@ def check_stops(
         curve=curve,
         assumed=_assumed(robot, rules, asked, lacking, 0.0 if limits.stops is None else limits.stops.time),
         decelerations=decelerations,
+        unknown=tuple(unknown),
     )
 
 
@@ -260,8 +271,8 @@ def _assumed(
     given = "as given"
     if rules.guessed:
         given = (
-            f"{BRAKES[0]:g} to {BRAKES[1]:g} times the torque limits, a guess, at least {HOLDING:g} times "
-            "what gravity asks in any posture; give brake_torque_min_Nm, _max_Nm in [stops]"
+            f"{ASSUMED_BRAKES}, at least {HOLDING:g} times what gravity asks in any posture; give "
+            "brake_torque_min_Nm, _max_Nm in [stops]"
         )
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
     texts.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques while braking")

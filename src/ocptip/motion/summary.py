@@ -16,7 +16,7 @@ from ocptip.motion.proof import Proof
 from ocptip.motion.stop_rules import SCENARIOS
 from ocptip.motion.stops import Stops
 from ocptip.motion.tolerated import Tolerated
-from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
+from ocptip.motion.violations import broken_words
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.trajectory import Trajectory
@@ -31,52 +31,6 @@ TITLES = {
     "tcp_speed_m_s": "TCP speed",
     "point_speed_m_s": "Speed of a point",
 }
-RESULT_TITLES = {
-    "GN": "tip-over GN",
-    "GT": "slip GT",
-    "jump_GN": "GN at acceleration steps",
-    "jump_GT": "GT at acceleration steps",
-    TIP_WITHIN: "tip-over GN, worst case",
-    SLIP_WITHIN: "slip GT, worst case",
-    "GN_stop": "GN in stops on the path",
-    "GT_stop": "GT in stops on the path",
-    "GN_brakes": "GN in stops by brakes",
-    "GT_brakes": "GT in stops by brakes",
-    "GN_cancel": "GN when cancelled",
-    "GT_cancel": "GT when cancelled",
-    "GN_cancel_worst_case": "GN when cancelled, worst case",
-    "GT_cancel_worst_case": "GT when cancelled, worst case",
-    "angle_margin_deg_cancel": "angle margin when cancelled",
-    "position_margin_m_cancel": "position margin when cancelled",
-    "torque_ratio": "torque / limit",
-    TORQUE_WITHIN: "torque / limit, worst case",
-    "clearance_m": "clearance",
-    f"{CLEARANCE_WITHIN}_m": "clearance, worst case",
-    "foot_force_N": "force on a compliant foot",
-    "jump_foot_force_N": "the same at acceleration steps",
-    "foot_lift_m": "lift of a compliant foot",
-    "GN_gears": "GN, elastic joints",
-    "GT_gears": "GT, elastic joints",
-    "speed_ratio": "speed / limit",
-    "acceleration_ratio": "acceleration / limit",
-    "jerk_ratio": "jerk / limit",
-    "angle_margin_deg": "angle margin",
-    "position_margin_m": "position margin",
-    "singularity": "distance from singular poses",
-    "motor_speed": "motor speed",
-    "tcp_speed_m_s": "TCP speed",
-    "point_speed_m_s": "speed of a point",
-}
-"""Titles of worst values by their names in `MotionCheck.worst`."""
-
-
-def result_title(name: str) -> str:
-    """The title of a worst value: of `GN[glass]` that of GN and of what."""
-    name, _, of = name.partition("[")
-    return f"{RESULT_TITLES.get(name, name)}{of and f' of {of[:-1]}'}"
-
-
-_UNIT_ENDS = {"_m_s": "m/s", "_deg": "deg", "_m": "m", "_N": "N"}
 _UNITS = {"tipping_margin_Nm": "N m", "foot_force_N": "N", "tcp_speed_m_s": "m/s", "point_speed_m_s": "m/s"}
 _IF_REACHED = {
     "speed_ratio": ("Joint speed", "%", 100.0),
@@ -90,7 +44,6 @@ _IF_REACHED = {
 }
 """Titles and units of limits that have a row only where they are broken or, of drives, reached."""
 _REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995, "jerk_ratio": 0.995}
-_BEYOND = {"GN": " (above 1 a contact lifts)", "GT": " (above 1 it slides)"}
 _LENGTHS = ("zero_moment_point_to_edge_m", "clearance_m")
 _ALWAYS = "foot_force_N", "zero_moment_point_to_edge_m"  # have no limit of their own: positive is enough
 
@@ -165,23 +118,15 @@ class CheckedMotion:
                 return f"{own}; stops {sampled}"
             own += "; cancels PROVED to lose no contact, their clearance and torques CHECKED at samples"
             return f"{own}; other stops {sampled}" if others else own
+        if any(stops.unknown for stops in self.stops.values()) and not self.broken:
+            return f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {own}"
         return broken_in_stops(own)
 
     @property
     def broken(self) -> tuple[str, ...]:
         """The limits that are broken, stops included, one sentence each."""
         of_stops = (text for one in self.stops.values() for text in one.violations)
-        return (*map(violation_words, self.check.violations), *of_stops)
-
-
-def violation_words(text: str) -> str:
-    """A sentence of `MotionCheck.violations` with the title of its quantity, and the unit."""
-    name, _, rest = text.partition(" ")
-    if name.partition("[")[0] not in RESULT_TITLES:
-        return text
-    unit = next((f" ({unit})" for end, unit in _UNIT_ENDS.items() if name.endswith(end)), "")
-    beyond = _BEYOND.get(name[:2], "") if float(rest.split()[1].rstrip(",")) > 1 else ""
-    return f"{result_title(name)}{unit} {rest}{beyond}"
+        return tuple(broken_words(self.task.robot, (*self.check.violations, *of_stops)))
 
 
 def brief(title: str, found: CheckedMotion) -> str:

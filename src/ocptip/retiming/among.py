@@ -12,6 +12,7 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.path_search import search_path
 from ocptip.motion.path_smoothing import smoothed_path
 from ocptip.motion.task import MotionTask
+from ocptip.motion.violations import broken_words
 from ocptip.retiming.retime import retime
 from ocptip.trajectories.path_fit import FittedPath
 
@@ -69,7 +70,8 @@ def _timed(task: MotionTask, fit: FittedPath, seed: int) -> MotionPlan:
     except InputError as error:
         raise PlanningError(f"the path among the obstacles: {error}") from error
     if not timed.verified:
-        raise PlanningError(f"the motion along the path breaks limits: {'; '.join(timed.check.violations)}")
+        broken = "; ".join(broken_words(task.robot, timed.check.violations))
+        raise PlanningError(f"the motion along the path breaks limits: {broken}")
     chosen = replace(task, start=fit.path.start, goal=fit.path.goal, choices=())
     return MotionPlan(
         task=chosen,

@@ -345,4 +345,4 @@ def test_the_smallest_clearance_names_its_bodies_and_when():
     table = CancelTable(robot, motion, replace(task.limits, clearance=5.0), cancel, times[:2])
     [text] = [text for text in table.violations() if text.startswith("clearance")]
     assert f"between {robot.collision.labels[found.nearest[i]]} " in text
-    assert f"ms after a stop begun at {times[i]:.4f} s, must be >= 5000.0 mm" in text
+    assert f" s after a stop begun at {times[i]:.4f} s, must be >= 5000.0 mm" in text

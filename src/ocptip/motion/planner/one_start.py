@@ -16,6 +16,7 @@ from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.motion.task import MotionTask
+from ocptip.motion.violations import broken_words
 from ocptip.numerics.ipopt import ending
 from ocptip.standing.arm import Robot
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
@@ -135,7 +136,8 @@ class Search:
             status = f"no motion: {error}"
         motion, checked = best or (None, None)
         if checked is not None:
-            status = "verified" if checked.verified else f"not verified: {'; '.join(checked.violations)}"
+            broken = "; ".join(broken_words(self.task.robot, checked.violations))
+            status = "verified" if checked.verified else f"not verified: {broken}"
         clock.pause()
         return Attempt(clock.result(number, status, checked), motion, checked)
 

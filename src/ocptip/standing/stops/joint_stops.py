@@ -63,7 +63,7 @@ class JointStops:
     def collision_words(self, robot: Robot, times: np.ndarray) -> str:
         """The bodies that the smallest distance is between, and when; times (N,) of the stops, s."""
         i = int(np.argmin(self.clearances))
-        after = f"{1e3 * self.nearest_after[i]:.3g} ms after a stop begun at {times[i]:.4f} s"
+        after = f"{self.nearest_after[i]:.3f} s after a stop begun at {times[i]:.4f} s"
         return f"between {robot.collision.labels[self.nearest[i]]} {after}"
 
     def joined(self, other: JointStops) -> JointStops:
