@@ -12,12 +12,14 @@ import numpy as np
 import scipy  # subpackages load on first use
 
 from ocptip.contact.support import Support
+from ocptip.numerics.jit.compiled import compiled
 
 SIDES = 16
 TOLERANCE = 1 - np.cos(np.pi / SIDES)
 """Share of the friction that is lost at most: 1.9 %."""
 
 _SOFT = 1e-3  # softness of the maximum, of its unit
+_FAR = 40.0  # times the softness below the maximum: rows so far below it add less than rounding does
 _SLANTED = 1e-3  # least cosine of a pyramid's edge against the mean normal
 _ROUNDING = 1e-9
 
@@ -65,17 +67,41 @@ class ConeMap:
     """
 
     def __init__(self, half_spaces: np.ndarray, unit: float) -> None:
-        self._rows, self._unit, self._softness = half_spaces, unit, _SOFT * unit
-        self._squares = np.einsum("mi,mj->mij", half_spaces, half_spaces).reshape(-1, 36)
+        self._rows, self._unit, self._softness = np.ascontiguousarray(half_spaces), unit, _SOFT * unit
 
     def __call__(self, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (N,), slopes (N, 6) and second derivatives (N, 6, 6) at wrenches (N, 6)."""
         above = wrenches @ self._rows.T / self._softness
-        top = np.max(above, axis=1)
-        shares = np.exp(above - top[:, None])
-        total = np.sum(shares, axis=1)
-        shares /= total[:, None]
-        slopes = shares @ self._rows
-        bends = (shares @ self._squares).reshape(-1, 6, 6) - slopes[:, :, None] * slopes[:, None]
-        values = 1 + self._softness * (top + np.log(total)) / self._unit
+        greatest, slopes, bends = _soft_maximum(above, self._rows)
+        values = 1 + self._softness * greatest / self._unit
         return values, slopes / self._unit, bends / (self._softness * self._unit)
+
+
+@compiled
+def _soft_maximum(above, rows):
+    """log(sum exp(above)) (N,) of numbers (N, m), and its first two derivatives where rows (m, 6) are theirs.
+
+    Cones of objects have more than 1000 rows, of which few are near the maximum: only these are added.
+    """
+    count, m = above.shape
+    values, slopes, bends = np.empty(count), np.zeros((count, 6)), np.zeros((count, 6, 6))
+    for i in range(count):
+        top = above[i, 0]
+        for k in range(1, m):
+            top = max(top, above[i, k])
+        total = 0.0
+        for k in range(m):
+            if above[i, k] > top - _FAR:
+                share = np.exp(above[i, k] - top)
+                total += share
+                for a in range(6):
+                    slopes[i, a] += share * rows[k, a]
+                    for b in range(6):
+                        bends[i, a, b] += share * rows[k, a] * rows[k, b]
+        values[i] = top + np.log(total)
+        for a in range(6):
+            slopes[i, a] /= total
+        for a in range(6):
+            for b in range(6):
+                bends[i, a, b] = bends[i, a, b] / total - slopes[i, a] * slopes[i, b]
+    return values, slopes, bends

@@ -5,6 +5,7 @@ import pytest
 
 from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task
 from tests.quick import some
@@ -103,3 +104,19 @@ def test_the_path_collides_nowhere(ur5):
         motion = start_of(ur5, seed)
         q = motion.states(np.linspace(0, motion.end, 400))[0]
         assert np.min(ur5.robot.collision.gaps(q)) > ur5.limits.clearance - 5e-3  # looked at 40 instants
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_starts_of_a_robot_with_objects_keep_the_tray_level_enough(root, straight):
+    """Draws come nearer to the straight line; the straight one keeps all joints in proportion."""
+    task = load_task(root / "src/ocptip/examples/tasks" / "ur5_waiter.toml")
+    own = task.robot, task.start, task.goal, task.optimised, task.commands, task.limits
+    motion = random_start(*own, np.random.default_rng(0), straight=straight)
+    q = motion.states(np.linspace(0, motion.end, 40))[0]
+    way = task.goal - task.start
+    aside = q - task.start - (q - task.start) @ way[:, None] * way / (way @ way)
+    assert (np.max(np.abs(aside)) < 1e-5) == straight
+    np.testing.assert_allclose(q[-1], task.goal, atol=1e-9)
+    for glass in Instants.at_rest(task.robot, q).interfaces[1:]:
+        assert np.max(glass.tip.GN) < 0.9
+        assert np.max(glass.largest_slip.GT) < 0.9

@@ -89,6 +89,7 @@ class Search:
                 *(task.robot, task.start, task.goal, task.optimised, task.commands),
                 *(self._at_first(task.limits, number), rng),
                 task.objective,
+                straight=number == 0,
             )
             most = task.limits.max_duration - self.formulation.rise
             if start.end > most:  # breaks limits, but is of the right length

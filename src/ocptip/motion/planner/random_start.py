@@ -20,6 +20,8 @@ from ocptip.trajectories.trajectory import Trajectory
 DETOUR = 1.2  # rad; random targets lie this far beyond start and goal at most
 LEISURE, HASTE = 0.1, 0.5  # least share of a joint's speed and acceleration that is drawn
 DRAWS = 300
+SHORTEST_WAY = 1e-6  # of the longest way of a joint: so far moves along the line what need not move
+NEARER = 0.8, 25  # with objects each draw is that much nearer to the straight line; so many draws
 CANDIDATES = 10  # of these the one with the least energy is taken: it ends in a better optimum more often
 WITH_BRAKES = 40  # where brakes count: what they do depends on which joints turn which way, not on speeds
 INSTANTS = 40
@@ -36,6 +38,7 @@ def random_start(
     limits: Limits,
     rng: np.random.Generator,
     objective: Objective = ENERGY,
+    straight: bool = False,
 ) -> Trajectory:
     """A random motion from start to goal ((n,), rad) with `commands` profile commands of each of `joints`.
 
@@ -43,14 +46,21 @@ def random_start(
     draws the best path so far is taken. Then the motion is slowed down until it stands. Of CANDIDATES such
     motions it is the one with the minimum cost; with stops by brakes, of more of them the one whose stops
     violate limits by the minimum amount. Where time counts, speeds and accelerations are drawn high.
+
+    Most random paths tilt a tray so far that objects on it slide at rest. With objects, draws therefore come
+    nearer and nearer to the straight line in joint space.
+
+    Args:
+        straight: with objects, the motion along the straight line is the only candidate.
     """
     kinds = limits_of(robot, limits, joints)
     kept = tuple(limit for limit in kinds if not isinstance(limit, BrakeLimit))
     braked = [limit for limit in kinds if isinstance(limit, BrakeLimit)]
     paces = {"energy": (LEISURE,), "time": (HASTE,), "both": (LEISURE, HASTE)}[objective.name]
+    straight &= len(robot.interfaces) > 1
     candidates = [
-        _candidate(robot, start, goal, joints, commands, kept, rng, paces[i % len(paces)])
-        for i in range(WITH_BRAKES if braked else CANDIDATES)
+        _candidate(robot, start, goal, joints, commands, kept, rng, paces[i % len(paces)], straight)
+        for i in range(1 if straight else WITH_BRAKES if braked else CANDIDATES)
     ]
 
     def badness(motion: Trajectory) -> tuple[float, float]:
@@ -91,20 +101,30 @@ def _candidate(
     limits: tuple[Limit, ...],
     rng: np.random.Generator,
     slowest: float,
+    straight: bool,
 ) -> Trajectory:
-    limit = robot.limits
+    limit, way = robot.limits, np.abs(goal - start)
     speed, acceleration = (np.where(np.isfinite(v), v, 10.0) for v in (limit.speed, limit.acceleration))
-    best, least = None, np.inf
-    for _ in range(DRAWS):
+    together = np.maximum(way, SHORTEST_WAY * np.max(way))  # along the straight line, in these proportions
+    even = [together * np.min(most / together) if np.any(way) else most for most in (speed, acceleration)]
+    nearer, draws = NEARER if len(robot.interfaces) > 1 else (1.0, DRAWS)
+    best, least, apart = None, np.inf, float(not straight)
+    for _ in range(1 if straight else draws):
         table: list[list[RampCommand] | None] = [None] * robot.n
         for joint in joints:
             ends = start[joint], goal[joint]
             low = max(limit.angle_min[joint], min(ends) - DETOUR)
             high = min(limit.angle_max[joint], max(ends) + DETOUR)
-            targets = [*rng.uniform(low, high, commands - 1), goal[joint]]
+            between = np.linspace(*ends, commands + 1)[1:-1]
+            drawn = rng.uniform(low, high, commands - 1)
+            targets = [*(apart * drawn + (1 - apart) * between), goal[joint]]
             table[joint] = [
                 RampCommand(
-                    t, speed[joint] * rng.uniform(slowest, 1), acceleration[joint] * rng.uniform(slowest, 1)
+                    t,
+                    *(
+                        apart * most[joint] * rng.uniform(slowest, 1) + (1 - apart) * own[joint]
+                        for most, own in zip((speed, acceleration), even, strict=True)
+                    ),
                 )
                 for t in targets
             ]
@@ -114,6 +134,7 @@ def _candidate(
             best, least = motion, short
         if short <= 0:
             break
+        apart *= nearer
     assert best is not None  # the first draw is one
     return best.time_scaled(pace_that_stands(robot, best, limits, SLOWER) or SLOWER[-1])
 
