@@ -86,7 +86,7 @@ def test_a_cycle_goes_along_paths(tmp_path):
     assert plan.verified
     assert all(run.check.certified for run in plan.executions)
     assert [part.options["method"] for part in plan.planned.parts] == ["path"]
-    assert "path around the obstacles" in PlanReport(plan).to_text()
+    assert "method: path (straight lines" in PlanReport(plan).to_text()
     with pytest.raises(InputError, match="smooth is for single motions"):
         ocptip.plan(file, method="smooth")
 

@@ -13,10 +13,12 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.motion.margins import motion_margins
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
 from ocptip.reserves.tipping import moment_at
+from ocptip.retiming.among import no_worse_than_line
 from ocptip.retiming.retime import retime
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.dynamics import evaluate_dynamics
@@ -236,6 +238,23 @@ def test_a_plan_is_as_fast_as_the_object_allows_and_says_that_it_is_checked_at_s
     assert "nominal of low" in str(outcome)
     with pytest.raises(InputError, match="object: require tilt does not take objects"):
         found.require("tilt >= 1 deg")
+
+
+@pytest.mark.parametrize("slower", [1.0, 1.5])
+def test_a_plan_that_costs_more_than_the_timed_straight_line_is_replaced_by_it(slower):
+    robot, goal = on_a_slide([SLIPPERY]), np.array([0.5])
+    task = MotionTask("slide", robot, np.zeros(1), goal, objective=TIME)
+    a = 0.895 * 0.2 * G
+    motion = Trajectory.from_profiles([0.0], [[RampCommand(0.5, 2.0, a)]]).time_scaled(slower)
+    how = {"starts": (), "best": 0, "seed": 0, "seconds": 0.0, "interrupted": False, "options": {}}
+    plan = MotionPlan(task=task, motion=motion, check=check_motion(robot, motion, task.limits), **how)
+    found = no_worse_than_line(plan)
+    assert found.check.verified
+    if slower == 1.0:
+        assert found.motion is motion
+    else:
+        assert found.duration == pytest.approx(2 * np.sqrt(0.5 / (0.9 * 0.2 * G)), rel=0.02)
+        np.testing.assert_allclose([found.motion.start[0], found.motion.goal[0]], [0.0, 0.5], atol=1e-9)
 
 
 @pytest.mark.parametrize(("one", "most"), [(BOX, TIPS), (SLIPPERY, 0.9 * 0.2 * G)])

@@ -61,7 +61,8 @@ def searched(
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
-    """The plan of the first method that gives a verified motion.
+    """The plan of the first method that gives a verified motion; with objects at least as good as the timed
+    straight line.
 
     Args:
         task: of a motion or a cycle.
@@ -82,7 +83,12 @@ def searched(
     else:
         methods = methods_for(task, budget.given) if method is None else (method,)
     try:
-        return _first_of(methods, task, budget, direct, seed, say)
+        found = _first_of(methods, task, budget, direct, seed, say)
+        carries = not task.is_cycle and len(task.robot.interfaces) > 1
+        if method is not None or budget.given or not carries:
+            return found
+        say("timing the straight line, which keeps objects as level as start and goal ...")
+        return plans_along_paths().no_worse_than_line(found)
     except ToleranceError:
         raise
     except PlanningError as error:

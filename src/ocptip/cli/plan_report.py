@@ -154,7 +154,7 @@ class PlanReport(GatedReport):
 def _path(plan: MotionPlan) -> str:
     """How a motion along a path was made, and why that of the smoothed path is the plan or not."""
     path = plan.options["path"]
-    text = f"method: path around the obstacles ({path['made_of']}), then its timing"
+    text = f"method: path ({path['made_of']}), then its timing"
     if "smoothed" not in path:
         return text
     if (more := path.get("smoothed_costs_more")) is None:
