@@ -444,9 +444,7 @@ def test_where_no_start_succeeds_the_nearest_one_is_described(case_b, scripted):
     motion = case_b.reference
     worse = motion.time_scaled(0.8)  # too fast for the drives as well
     scripted(worse, motion, *4 * [None])
-    message = (
-        r"none of 6 starts gave a verified motion; start 1: tipping margin is .* N m, must be >= .* N m$"
-    )
+    message = r"none of 6 starts gave a verified motion; start 1: tipping margin is .* s, must be >= .* N m$"
     with pytest.raises(PlanningError, match=message):
         plan_motion(case_b, starts=6, jobs=1)
 
@@ -455,7 +453,7 @@ def test_where_cancels_break_limits_it_says_when_and_what_may_help(case_b, scrip
     rates = tuple(case_b.robot.limits.acceleration.tolist())
     limits = dataclasses.replace(case_b.limits, GN=1.0, cancel=Cancel(rates, GN=0.5))
     scripted(case_b.reference)
-    message = r"start 0: GN_cancel is \d.* at .* s \(.*\), must be <= 0\.5.*; cancels: a lower --decel"
+    message = r"start 0: the base tips in cancels at .* s \(joints .*\); .*; cancels: a lower --decel"
     with pytest.raises(PlanningError, match=message):
         plan_motion(dataclasses.replace(case_b, limits=limits), starts=1, jobs=1)
 
