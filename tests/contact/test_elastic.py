@@ -1,14 +1,22 @@
 """Compliant feet: normal forces of least elastic energy, and those of a simulation with soft contacts."""
 
+import clarabel
 import mujoco
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.bindings.clamps import RigidClamp
-from ocptip.contact.bindings.unilateral import TANGENTIAL_SHARE, UnilateralContact
+from ocptip.contact.bindings.binding import TANGENTIAL_SHARE
+from ocptip.contact.bindings.clamps import (
+    ForceConstantHalfRigidClamp,
+    ForceVariableHalfRigidClamp,
+    RigidClamp,
+)
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.bindings.wheel import FreeWheel
 from ocptip.contact.solver import solve, solve_many
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import stability
@@ -205,7 +213,86 @@ def test_what_cannot_be_is_refused(options, words):
 def test_feet_that_give_beside_rigid_contacts_are_refused():
     soft = [UnilateralContact(position=p, friction=0.5, stiffness=1e5) for p in CART[:3]]
     clamp = RigidClamp(position=CART[3], friction_upper=0.5, friction_lower=0.5)
-    with pytest.raises(InputError, match=r"contact 4 does not give .a rigid-clamp is rigid."):
+    with pytest.raises(InputError, match=r"contact 4, a rigid-clamp, has none, others do; .* what they hold"):
         Support([*soft, clamp])
-    with pytest.raises(InputError, match=r"contact 4 does not give .stiffness is missing."):
+    with pytest.raises(InputError, match=r"contact 4, a unilateral, has none"):
         Support([*soft, UnilateralContact(position=CART[3], friction=0.5)])
+
+
+def random_contact(rng, position, stiffness):
+    """A foot or clamp."""
+    jaws = {"position": position, "friction_upper": 0.5, "friction_lower": 0.3, "stiffness": stiffness}
+    force = {"clamp_force": rng.uniform(10, 80)}
+    return [
+        lambda: UnilateralContact(position=position, friction=0.7, stiffness=stiffness),
+        lambda: RigidClamp(**jaws),
+        lambda: ForceConstantHalfRigidClamp(**jaws, **force),
+        lambda: ForceVariableHalfRigidClamp(**jaws, **force),
+    ][rng.integers(4)]()
+
+
+def least_energy(stiffness, balance, load, lowest):
+    """Normal forces of a quadratic program: least energy of springs in balance, none below its lowest."""
+    bounded = np.isfinite(lowest)
+    rows = scipy.sparse.csc_matrix(np.vstack([balance, -np.eye(len(lowest))[bounded]]))
+    cones = [clarabel.ZeroConeT(3), clarabel.NonnegativeConeT(int(bounded.sum()))]
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = False, *3 * [1e-11]
+    energy, none = scipy.sparse.csc_matrix(np.diag(1e5 / stiffness)), np.zeros(len(lowest))
+    ends = np.concatenate([-load, -lowest[bounded]])
+    solution = clarabel.DefaultSolver(energy, none, rows, ends, cones, settings).solve()
+    return np.array(solution.x) if str(solution.status) == "Solved" else None
+
+
+def test_feet_beside_clamps_share_as_a_quadratic_program_says():
+    """Clamps whose jaw yields let go at minus their preload, others never; some do in these samples."""
+    rng, compared, let_go = np.random.default_rng(0), 0, 0
+    for _ in range(60):
+        n = rng.integers(4, 8)
+        places = np.column_stack([rng.uniform(-0.5, 0.5, (n, 2)), np.zeros(n)])
+        contacts = [random_contact(rng, p, 10 ** rng.uniform(4.5, 6)) for p in places]
+        support = Support(contacts, mass=20.0, center_of_mass=[*places[:, :2].mean(axis=0), 0.3])
+        wrenches = support.weight + rng.normal(size=(8, 6)) * [40, 40, 150, 60, 60, 10]
+        elastic, W = support.elastic, np.vstack([np.ones(n), support.arms[:, 1], -support.arms[:, 0]])
+        shared = elastic.share(wrenches)
+        for i, w in enumerate(wrenches):
+            load = np.array([w[2], w[3] - 0.3 * w[1], w[4] + 0.3 * w[0]])
+            expected = least_energy(elastic.stiffness[:, 0], W, load, elastic.lowest)
+            if expected is None:
+                continue
+            assert shared.found[i]
+            np.testing.assert_allclose(shared.forces[i, :, 0], expected, atol=1e-4)
+            compared, let_go = compared + 1, let_go + (not shared.pressing[i].all())
+    assert compared > 200
+    assert 50 < let_go < compared
+
+
+def test_springs_of_contacts_that_are_no_feet():
+    at = {"position": [0, 0, 0], "stiffness": 3e5, "damping": 60.0}
+    jaws = {**at, "friction_upper": 0.5, "friction_lower": 0.3}
+    assert RigidClamp(**jaws).spring().lowest == -np.inf
+    clamp = ForceConstantHalfRigidClamp(**jaws, clamp_force=29.33).spring()
+    assert (clamp.lowest, clamp.delay) == (-29.33, 2e-4)
+    assert np.allclose(FreeWheel(**at, friction=0.5).spring().stiffness, [3e5, 0.0, TANGENTIAL_SHARE * 3e5])
+
+
+def test_verdict_and_forces_beside_clamps_are_those_of_statics_where_that_decides():
+    """Two feet and a clamp: whatever the stiffness, also where the clamp pulls."""
+    rng, jaws = np.random.default_rng(8), {"friction_upper": 0.5, "friction_lower": 0.3, "clamp_force": 60.0}
+
+    def held(stiffness):
+        own = {"stiffness": stiffness}
+        feet = [UnilateralContact(position=p, friction=0.7, **own) for p in CART[:2]]
+        clamp = ForceConstantHalfRigidClamp(position=(-0.3, 0, 0), **jaws, **own)
+        return Support([*feet, clamp], mass=20.0, center_of_mass=(0.28, 0, 0.2))
+
+    soft, rigid = held(1e5), held(None)
+    wrenches = rigid.weight + rng.normal(size=(40, 6)) * [5, 5, 60, 5, 12, 2]
+    ours, theirs = solve_many(soft, wrenches), solve_many(rigid, wrenches)
+    assert np.array_equal(ours.persistent, theirs.persistent)
+    rest = ours.persistent
+    assert rest.sum() > 10
+    assert (theirs.contact_forces[rest, 2, 0] < -1).any()
+    assert np.allclose(ours.contact_forces[rest, :, 0], theirs.contact_forces[rest, :, 0])
+    GT = [Slip(s).evaluate(states.select(rest)).GT for s, states in ((soft, ours), (rigid, theirs))]
+    assert np.allclose(*GT, atol=1e-6)

@@ -306,6 +306,13 @@ RUBBER = {
 }  # fmt: skip
 
 
+def test_stiffness_of_the_base_is_that_of_clamps_beside_feet():
+    clamp = {"kind": "rigid-clamp", "position": [-0.3, 0.2, 0], "friction_upper": 1, "friction_lower": 1}
+    both = [clamp, {**clamp, "stiffness": 4e6, "position": [-0.3, 0.4, 0]}]
+    contacts = read_scene({"base": RUBBER, "contact": both}).support.contacts
+    assert [contact.stiffness for contact in contacts[3:]] == [2e5, 4e6]
+
+
 def test_stiffness_of_all_feet_and_of_one():
     contact = {"position": [-0.3, 0.2, 0], "stiffness": 4e5, "tangential_stiffness": 1e5, "damping": 80.0}
     feet = read_scene({"base": RUBBER, "contact": [contact]}).support.contacts
@@ -317,7 +324,6 @@ def test_stiffness_of_all_feet_and_of_one():
 @pytest.mark.parametrize(
     ("contact", "words"),
     [
-        ({"kind": "rigid-clamp", "friction_upper": 1, "friction_lower": 1}, "contact 4 does not give"),
         ({"stiffness": -1}, r"contact\[1\].stiffness: must be > 0"),
         ({"damping": 1, "damping_ratio": 0.1}, r"contact\[1\].damping: give either damping or damping_ratio"),
         ({"stifness": 1e5}, "contact.*stifness: unknown key.*stiffness"),

@@ -1,10 +1,13 @@
-"""Compliant feet: how contacts with springs share the load on a base that rests on them.
+"""Compliant contacts: how contacts with springs share the load on a base that rests on them.
 
 The base moves by a small twist xi; a foot that presses is a spring D along the contact's axes, one that the
 motion lifts carries nothing. With W the wrench per contact force, foot motions are W' xi, and K xi = w with K
 = sum of W_k D_k W_k' over the feet that press: forces -D W' xi are linear in the wrench w while the same feet
 press. On one plane the normal forces are the unique minimiser of the elastic energy (sum of f^2 / 2 k, f >=
 0, in balance). That is a strictly convex program, whatever the tangential springs.
+
+Clamps are feet that let go elsewhere: below minus their preload if one jaw yields, never if none does. Their
+jaws are rigid, what they hold is the spring. One that lets go exerts its preload.
 
 Friction cones are no part of this: friction utilisation checks them, with these normal forces.
 """
@@ -57,11 +60,13 @@ class ElasticFeet:
     Attributes:
         springs: as given.
         stiffness: (n, d), N/m, contact axes.
+        lowest: (n,), N, normal forces below which contacts let go.
     """
 
     def __init__(self, wrench_matrix: np.ndarray, springs: Sequence[Spring], length: float) -> None:
         self.springs = tuple(springs)
         self.stiffness = np.array([spring.stiffness for spring in springs])
+        self.lowest = np.array([spring.lowest for spring in springs])
         n, d = self.stiffness.shape
         self._unit = np.ones(len(wrench_matrix))
         self._unit[d:] = length
@@ -114,7 +119,8 @@ class ElasticFeet:
         N, n = len(wrenches), len(self.stiffness)
         # The energy is piecewise quadratic in the twist; on each set of pressing feet a Newton step is exact.
         pressing, todo = np.ones((N, n), dtype=bool), np.arange(N)
-        tolerance = _ROUNDING * np.max(np.abs(wrenches) / self._unit, axis=1, initial=0.0)
+        scale = np.max(np.abs(self.lowest), initial=0.0, where=np.isfinite(self.lowest))
+        tolerance = _ROUNDING * np.max(np.abs(wrenches) / self._unit, axis=1, initial=scale)
         for _ in range(_ROUNDS):
             moved, _ = self._moved(wrenches[todo], pressing[todo])
             press = self._presses(moved, pressing[todo], tolerance[todo])
@@ -135,7 +141,9 @@ class ElasticFeet:
         deflections, maps = self._moved(wrenches, pressing)
         maps = -self.stiffness[:, :, None] * maps * pressing[:, :, None, None]
         forces = -self.stiffness * deflections * pressing[:, :, None]
-        down = -self.stiffness[:, 0] * deflections[:, :, 0] * np.where(pressing, 1.0, -1.0)
+        forces[:, :, 0] = np.where(pressing, forces[:, :, 0], self.lowest)
+        spare = -self.stiffness[:, 0] * deflections[:, :, 0] - self.lowest
+        down = spare * np.where(pressing, 1.0, -1.0)
         found = self._balances(forces, wrenches) & np.all(down >= -_KEPT * tolerance[:, None], axis=1)
         for array in (forces, maps, deflections):
             array[~found] = np.nan
@@ -146,23 +154,27 @@ class ElasticFeet:
         patterns, which = distinct_rows(pressing)
         maps = np.array([np.einsum("vkc,vw->kcw", self.W, self.twist_map(p)) for p in patterns])
         maps = maps[which] if len(patterns) else np.empty((0, *self.W.shape[1:], len(self.W)))
-        return np.einsum("skcw,sw->skc", maps, wrenches), maps
+        loads = wrenches + np.where(pressing, 0.0, self.lowest) @ self.W[:, :, 0].T
+        return np.einsum("skcw,sw->skc", maps, loads), maps
 
     def _presses(self, moved: np.ndarray, pressing: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
         """(N, n): feet pressed into the ground; those that neither press nor lift stay what they are."""
-        down = -self.stiffness[:, 0] * moved[:, :, 0]
+        down = -self.stiffness[:, 0] * moved[:, :, 0] - self.lowest
         return np.where(np.abs(down) <= tolerance[:, None], pressing, down > 0)
 
     def _least(self, wrench: np.ndarray) -> np.ndarray:
         """(n,) feet that press if tangential springs are ignored, by minimum-distance programming (LDP).
 
-        Normal forces are f + M s with gaps s, f if all feet press; s are the multipliers of f + M s >= 0.
-        Lawson, Hanson, Solving Least Squares Problems (1974), chapter 23.
+        Normal forces are f + M s with gaps s, f if all feet press; s are the multipliers of
+        f + M s >= lowest. Lawson, Hanson, Solving Least Squares Problems (1974), chapter 23.
         """
-        k, normals = self.stiffness[:, 0], self.W[:, :, 0]
-        M = np.diag(k) - k[:, None] * (normals.T @ self.twist_map(np.ones(len(k), dtype=bool)) @ normals) * k
+        may_lift, every = np.isfinite(self.lowest), np.ones(len(self.lowest), dtype=bool)
+        if not may_lift.any():
+            return every
+        k, normals = self.stiffness[may_lift, 0], self.W[:, may_lift, 0]
+        M = np.diag(k) - k[:, None] * (normals.T @ self.twist_map(every) @ normals) * k
         size, axes = np.linalg.eigh(M)
-        f = self.normal_map @ wrench
+        f = (self.normal_map @ wrench - self.lowest)[may_lift]
         # M is positive semidefinite: small negative eigenvalues are rounding, and small ones belong to free
         # twists.
         root = axes * np.sqrt(np.maximum(size, 0.0) * (size > _SINGULAR * size[-1]))
@@ -170,7 +182,8 @@ class ElasticFeet:
         gaps, _ = scipy.optimize.nnls(
             np.vstack([root.T / np.sqrt(k.max()), -f / scale]), np.append(np.zeros(len(k)), 1.0)
         )
-        return gaps == 0
+        every[may_lift] = gaps == 0
+        return every
 
     def _balances(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
         """(N,) whether the forces hold the wrenches."""

@@ -273,10 +273,9 @@ def _refuse_some_springs(contacts: Sequence[Binding]) -> None:
     rigid = [k for k, c in enumerate(contacts, 1) if c.spring() is None]
     if rigid and len(rigid) < len(contacts):
         kind = contacts[rigid[0] - 1].kind
-        why = "stiffness is missing" if kind == "unilateral" else f"a {kind} is rigid"
         raise InputError(
-            f"stiffness: contact {rigid[0]} does not give ({why}), others do; a base stands on ordinary "
-            "contacts that all have a stiffness, or all on rigid ones"
+            f"stiffness: contact {rigid[0]}, a {kind}, has none, others do; give all contacts a "
+            "stiffness, or none (clamps: that of what they hold)"
         )
 
 

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
+from ocptip.contact.bindings.binding import DAMPING_RATIO
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.load_cases import RestLoads, everywhere
 from ocptip.numerics.bisection import bisected

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.elastic import feet as on_feet
@@ -17,6 +18,9 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.elastic import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import Limits
+from ocptip.standing.parts import Part
+from ocptip.standing.simulation.replay import Simulator
+from ocptip.standing.simulation.replay import compared as compared_replay
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.trajectories.trajectory import Trajectory
 from studies.elastic_feet.rigid_bodies import FeetSimulation
@@ -221,6 +225,58 @@ def test_rows_of_foot_forces_are_the_springs_and_their_slopes(kind):
     rows = limit.rows(node, np.ones((7, 3), dtype=bool))
     assert np.allclose(limit.jacobian(rows).reshape(7, 3, 6) * limit.unit, shared.maps[:, :, 0])
     assert np.allclose(rows.values.reshape(7, 3) * limit.unit, shared.forces[:, :, 0])
+
+
+def test_rows_beside_clamps_begin_where_jaws_yield():
+    """The clamp of case C counts from its preload; a rigid one has no row."""
+    robot, motion = plan_of("C")
+    soft = softened(robot, 2e5)
+    at = Instants.of_states(soft, *motion.states(np.linspace(0.1, 1.2, 7)))
+    normal = soft.support.elastic.share(at.wrenches).forces[:, :, 0]
+    limit = FootForceLimit(soft, Limits(), (0, 1, 2))
+    pressing = normal > [0, 0, -29.33]
+    assert np.allclose(limit.forces(at)[pressing], (normal + np.array([0, 0, 29.33]))[pressing])
+    assert limit.detail(lambda _: at, 0.1) == f"contact {np.argmin(limit.forces(at)[0]) + 1}"
+    jaws = {"position": soft.support.contacts[0].position, "friction_upper": 1, "friction_lower": 1}
+    held = soft.support.varied([RigidClamp(**jaws, stiffness=2e5), *soft.support.contacts[1:]])
+    limit = FootForceLimit(soft.varied(support=held), Limits(), (0, 1, 2))
+    assert limit.width == 2
+    assert limit.detail(lambda _: at, 0.1) in ("contact 2", "contact 3")
+
+
+def replayed(robot, motion):
+    """What the library and MuJoCo say about a motion."""
+    parts = (Part(robot, motion),)
+    replay = Simulator(parts).run()
+    return on_its_feet(robot, motion), replay, compared_replay(parts, replay)
+
+
+def test_feet_beside_a_clamp_swing_as_in_another_simulator():
+    robot, motion = plan_of("C")
+    soft = softened(robot, 1e6)
+    course, replay, beside = replayed(soft, motion.time_scaled(1.6))
+    assert course.lines()[0].startswith("minimum normal force 3.33 N (contact 2")
+    assert replay.stands
+    assert beside.stands
+    assert beside.rms < 0.4  # N
+    assert replay.forces[:, 2].min() == pytest.approx(course.least[2].value, abs=0.1)
+    assert course.least[2].value < -5
+
+
+def test_a_jaw_yields_at_its_force():
+    """Feet of 1e5 N/m rock the base of case C so that its clamp lets go at 0.42 s for the first time."""
+    robot, motion = plan_of("C")
+    found, replay, beside = replayed(softened(robot, 1e5), motion)
+    course = found.course
+    first = min((lift for lift in found.lifts if lift.contact == 3), key=lambda lift: lift.begin)
+    lifted = (replay.times < 0.6) & (replay.heights[:, 2] > 0.2e-3)
+    assert found.least[2].value == -29.33 == pytest.approx(np.median(replay.forces[lifted, 2]), abs=0.5)
+    assert not beside.stands
+    assert first.begin == pytest.approx(replay.times[lifted][0], abs=0.02)
+    assert first.height == pytest.approx(replay.heights[lifted, 2].max(), rel=0.3)
+    before = (replay.times > 0) & (replay.times < first.begin)
+    forces = np.interp(replay.times[before], course.times, course.forces[:, 2, 0])
+    assert np.sqrt(np.mean((forces - replay.forces[before, 2]) ** 2)) < 2.5  # N, of 91 to -29
 
 
 def test_one_jump_overshoots_by_the_rule():

@@ -29,6 +29,13 @@ from ocptip.contact.bindings.automaton import Automaton, Mode, build_automaton
 LARGEST_FRICTION = 1e3
 """Largest friction coefficient: rubber has 1 to 2, what interlocks perhaps 10."""
 
+TANGENTIAL_SHARE = 2 / 3
+"""Tangential over normal stiffness where only the normal one is given: 2 (1 - nu) / (2 - nu) of Mindlin's
+contact for rubber, nu = 0.5; steel has 0.82."""
+
+DAMPING_RATIO = 0.05
+"""Damping ratio of a compliant contact where none is given."""
+
 _NORMAL_TOLERANCE = 1e-12
 
 
@@ -73,11 +80,14 @@ class Spring:
         stiffness: (d,) along (n, t1, t2), N/m.
         delay: damping over stiffness, s, as far as it is given so.
         ratio: damping ratio of the lowest mode, else.
+        lowest: normal force, N, below which the contact lets go and exerts just that force: 0 for a foot,
+            minus the preload for a clamp with one yielding jaw, minus infinity for a rigid clamp.
     """
 
     stiffness: np.ndarray
     delay: float
     ratio: float
+    lowest: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,6 +106,14 @@ class Binding(ABC):
         facets: number of faces of the friction pyramid, at least 3; no meaning in the plane.
         tangent: direction of t1 in base axes, projected into the tangent plane; optional; the first face
             of the pyramid points there. Default: the base axis x, or y where x is close to the normal.
+        stiffness: stiffness along the normal of foot and ground, or of the clamped part, N/m; None: rigid.
+        tangential_stiffness: stiffness across the normal, N/m; default `TANGENTIAL_SHARE` of the normal one;
+            in directions without friction none.
+        damping_ratio: damping ratio of the lowest mode of base and mechanism, 0 to 1; at the start of a
+            motion, if all contacts have this ratio. The contact's damper is proportional to its spring.
+            Default `DAMPING_RATIO`.
+        damping: damping along the normal, N s/m, instead of the ratio; across it in proportion to the
+            stiffness.
     """
 
     kind: ClassVar[str]
@@ -105,6 +123,10 @@ class Binding(ABC):
     normal: Sequence[float] | np.ndarray = field(default=(0.0, 0.0, 1.0))
     facets: int = 8
     tangent: Sequence[float] | np.ndarray | None = None
+    stiffness: float | None = None
+    tangential_stiffness: float | None = None
+    damping_ratio: float | None = None
+    damping: float | None = None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -134,7 +156,25 @@ class Binding(ABC):
             if np.linalg.norm(tangent) < 1e-9:
                 raise InputError(f"tangent: must not be parallel to the normal, got {list(self.tangent)}")
             settle(self, tangent=tangent / np.linalg.norm(tangent))
+        self._check_spring()
         self.check_parameters()
+
+    def _check_spring(self) -> None:
+        names = ("tangential_stiffness", "damping_ratio", "damping")
+        given = [name for name in names if getattr(self, name) is not None]
+        if self.stiffness is None:
+            if given:
+                raise InputError(f"{given[0]}: needs stiffness; give that as well")
+            return
+        positive_parameters(self, "stiffness")
+        if self.damping is not None and self.damping_ratio is not None:
+            raise InputError("damping: give either damping or damping_ratio")
+        for name in given:
+            number = positive_number(name, getattr(self, name), zero_allowed=name != "tangential_stiffness")
+            refuse_huge(name, number)
+            settle(self, **{name: number})
+        if self.damping_ratio is not None and self.damping_ratio >= 1:
+            raise InputError(f"damping_ratio: must be below 1 (5 %: 0.05), got {self.damping_ratio:g}")
 
     @abstractmethod
     def check_parameters(self) -> None:
@@ -162,7 +202,20 @@ class Binding(ABC):
 
     def spring(self) -> Spring | None:
         """The compliance of the contact while it presses; None: it is rigid."""
-        return None
+        if self.stiffness is None:
+            return None
+        pieces = self.force_pieces()
+        across = self.tangential_stiffness or TANGENTIAL_SHARE * self.stiffness
+        grips = any(piece.radius or piece.slope for piece in pieces)
+        stiffness = np.full(self.dimension, across if grips else 0.0)
+        stiffness[0] = self.stiffness
+        if any(piece.rolls for piece in pieces):
+            stiffness[1] = 0.0
+        lowest = min(piece.normal_min for piece in pieces)
+        if self.damping is not None:
+            return Spring(stiffness, self.damping / self.stiffness, 0.0, lowest)
+        ratio = DAMPING_RATIO if self.damping_ratio is None else self.damping_ratio
+        return Spring(stiffness, 0.0, ratio, lowest)
 
     def power(self) -> float:
         """W, drawn for as long as the contact holds."""

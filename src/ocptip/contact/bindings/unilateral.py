@@ -9,30 +9,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, positive_number, refuse_huge
+from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
     Binding,
     ForcePiece,
     PoolVariable,
-    Spring,
     edge_vectors,
     friction_parameters,
     normal_vector,
-    positive_parameters,
     sliding_variables,
 )
 
 LEAST_FRICTION = 1e-6
 """Smallest friction coefficient above none: below it friction is lost in the rounding of the other forces."""
-
-TANGENTIAL_SHARE = 2 / 3
-"""Tangential over normal stiffness where only the normal one is given: 2 (1 - nu) / (2 - nu) of Mindlin's
-contact for rubber, nu = 0.5; steel has 0.82."""
-
-DAMPING_RATIO = 0.05
-"""Damping ratio of a compliant foot where none is given."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,26 +33,13 @@ class UnilateralContact(Binding):
     Attributes:
         friction: Coulomb coefficient, 1e-6 to 1000, or 0, a castor. Without friction the pyramid is one edge,
             the normal, and the contact slides or separates.
-        stiffness: stiffness of the foot and what it stands on, along the normal, N/m; None: rigid.
-        tangential_stiffness: stiffness across the normal, N/m; default `TANGENTIAL_SHARE` of the normal one;
-            without friction none.
-        damping_ratio: damping ratio of the lowest mode of base and mechanism, 0 to 1; at the start of a
-            motion, if all feet have this ratio. The foot's damper is proportional to its spring. Default
-            `DAMPING_RATIO`.
-        damping: damping along the normal, N s/m, instead of the ratio; across it in proportion to the
-            stiffness.
     """
 
     kind: ClassVar[str] = "unilateral"
 
     friction: float
-    stiffness: float | None = None
-    tangential_stiffness: float | None = None
-    damping_ratio: float | None = None
-    damping: float | None = None
 
     def check_parameters(self) -> None:
-        self._check_spring()
         if positive_number("friction", self.friction, zero_allowed=True) == 0:
             settle(self, friction=0.0)
             return
@@ -70,33 +48,6 @@ class UnilateralContact(Binding):
             raise InputError(
                 f"friction: must be 0 (none) or at least {LEAST_FRICTION:g}, got {self.friction:g}"
             )
-
-    def _check_spring(self) -> None:
-        names = ("tangential_stiffness", "damping_ratio", "damping")
-        given = [name for name in names if getattr(self, name) is not None]
-        if self.stiffness is None:
-            if given:
-                raise InputError(f"{given[0]}: needs stiffness; give that as well")
-            return
-        positive_parameters(self, "stiffness")
-        if self.damping is not None and self.damping_ratio is not None:
-            raise InputError("damping: give either damping or damping_ratio")
-        for name in given:
-            number = positive_number(name, getattr(self, name), zero_allowed=name != "tangential_stiffness")
-            refuse_huge(name, number)
-            settle(self, **{name: number})
-        if self.damping_ratio is not None and self.damping_ratio >= 1:
-            raise InputError(f"damping_ratio: must be below 1 (5 %: 0.05), got {self.damping_ratio:g}")
-
-    def spring(self) -> Spring | None:
-        if self.stiffness is None:
-            return None
-        across = self.tangential_stiffness or TANGENTIAL_SHARE * self.stiffness
-        stiffness = np.full(self.dimension, across if self.friction else 0.0)
-        stiffness[0] = self.stiffness
-        if self.damping is not None:
-            return Spring(stiffness, self.damping / self.stiffness, 0.0)
-        return Spring(stiffness, 0.0, DAMPING_RATIO if self.damping_ratio is None else self.damping_ratio)
 
     def pool(self) -> list[PoolVariable]:
         forces = edge_vectors(self, self.friction) if self.friction else [normal_vector(self)]

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
-from ocptip.contact.bindings.binding import Spring
-from ocptip.contact.bindings.unilateral import DAMPING_RATIO, TANGENTIAL_SHARE, UnilateralContact
+from ocptip.contact.bindings.binding import DAMPING_RATIO, TANGENTIAL_SHARE, Spring
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.contact_margins import Margin
@@ -65,6 +65,7 @@ class FeetMotion:
         frequency: lowest natural frequency at the start, Hz, all feet pressing, gears that do not give.
         damping: ratio of that mode.
         least: minimum normal force of each foot, n margins, N.
+        lowest: (n,), N, normal forces at which they let go.
         lifts: feet in the air, the highest first.
         shift: of the gripper by the feet, farthest from that at rest at the start, m.
         settling: s after the end of the motion until the gripper stays within `SETTLED` of its last place;
@@ -76,6 +77,7 @@ class FeetMotion:
     frequency: float
     damping: float
     least: tuple[Margin, ...]
+    lowest: np.ndarray
     lifts: tuple[Lift, ...]
     shift: Margin
     settling: float
@@ -109,11 +111,7 @@ class FeetMotion:
         mode = f"lowest natural frequency {self.frequency:.3g} Hz, damping {percent(self.damping)}"
         if self.falls:
             return [f"a foot moves by more than {1e3 * FALLEN:.0f} mm at {self.course.times[-1]:.3f} s", mode]
-        if self.lifts:
-            found = self._lift_lines()
-        else:
-            least = min(self.least, key=lambda margin: margin.value)
-            found = [f"minimum normal force {quantity(least.value, 'N', 3)} {least}"]
+        found = self._lift_lines() if self.lifts else self._force_lines()
         shift = f"gripper shifted by up to {quantity(1e3 * self.shift.value, 'mm', 3)} {self.shift}"
         within = f"within {1e3 * SETTLED:.1f} mm of rest"
         if np.isfinite(self.settling):
@@ -121,6 +119,15 @@ class FeetMotion:
         else:
             rest = f"not {within} {self.course.times[-1] - self.end:.2g} s after the end"
         return [*found, mode, shift, rest]
+
+    def _force_lines(self) -> list[str]:
+        """The contact that is nearest to letting go; none where only rigid clamps hold the base."""
+        spare = [margin.value for margin in self.least] - self.lowest
+        k = int(np.argmin(spare))
+        if not np.isfinite(spare[k]):
+            return []
+        what = "minimum force at the jaw that does not yield" if self.lowest[k] else "minimum normal force"
+        return [f"{what} {quantity(float(spare[k]), 'N', 3)} {self.least[k]}"]
 
     def _lift_lines(self) -> list[str]:
         highest = self.lifts[0]
@@ -146,6 +153,7 @@ def on_its_feet(robot: StandingMechanism, motion: Trajectory) -> FeetMotion | No
         frequency=modes.lowest,
         damping=modes.damping,
         least=tuple(_least(course, k) for k in range(len(modes.delays))),
+        lowest=elastic.lowest,
         lifts=tuple(sorted(_lifts(course), key=lambda lift: -lift.height)),
         shift=_largest(course.times, np.linalg.norm(moved - moved[0], axis=1)),
         settling=settling(course, motion.end, moved),

@@ -14,7 +14,8 @@ exponential.
 
 A foot presses until spring and damper would have to pull. It then carries nothing, its sole, which has
 no mass, relaxes with the time c / k, and it comes down where base and sole meet the ground again, its
-tangential springs slack. Friction does not limit the tangential springs.
+tangential springs slack. Friction does not limit the tangential springs. A clamp with a yielding jaw is a
+foot that lets go at minus its preload, which pulls its sole from then on.
 """
 
 from __future__ import annotations
@@ -197,10 +198,11 @@ class Simulation:
         self._bends = free[free >= 6]
         springs = np.ix_(np.arange(len(ride.begins)), free, free)
         self._W, self._D, self._delays = np.zeros((d, 0, 3)), np.empty((0, 3)), np.empty(0)
-        self._highest = 0.0
+        self._highest, self._lowest = 0.0, np.empty(0)
         if elastic is not None and modes is not None:
             self._W = np.concatenate([elastic.W, np.zeros((d - 6, *elastic.W.shape[1:]))])
             self._D, self._delays, self._highest = elastic.stiffness, modes.delays, modes.highest
+            self._lowest = elastic.lowest
         gears = self._bends - 6
         self._springs, self._dampers = (
             np.diag(np.concatenate([np.zeros(d - len(gears)), values[gears]]))
@@ -278,11 +280,12 @@ class Simulation:
         self._counts = np.maximum(1, np.ceil(ride.lengths * self._highest * PER_PERIOD)).astype(int)
         self._steps = self._over(ride.lengths / self._counts, self._every)
         self._pressing = self._start_pressing.copy()
-        self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
+        self._anchors, self._soles, self._lifted = np.zeros((n, 3)), self._drawn(), np.zeros(n)
         self._switches, self._lost, self._falls = 0, [], False
         K = self.stiffness(self._pressing) + self._leaning[0]
         z = np.zeros(2 * d + 4)
-        z[:d] = np.linalg.lstsq(K, ride.start_load[self._free], rcond=1e-12)[0]
+        load = ride.start_load[self._free] + self._pulls(self._pressing)
+        z[:d] = np.linalg.lstsq(K, load, rcond=1e-12)[0]
         z[2 * d] = 1.0
         if self._one_sided or not len(self._D) or not self._pressing.all():
             yield from self._run_on(z, to_first_pull)
@@ -348,7 +351,7 @@ class Simulation:
         begin, length = self.ride.begins[i], self.ride.lengths[i]
         if self._pressing.all() and not self._anchors.any():
             X = powers(self._steps[i], z, self._counts[i])
-            if not self._one_sided or np.min(X[:, :-4] @ self._normal.T, initial=0.0) >= 0:
+            if not self._one_sided or np.all(X[:, :-4] @ self._normal.T >= self._lowest):
                 yield X[1:]
                 return
         while length - z[-3] > 1e-12 and self._switches <= MOST_SWITCHES and not self._far(z):
@@ -370,12 +373,13 @@ class Simulation:
     def _wrong(self, states: np.ndarray, begin: float) -> np.ndarray:
         """(T, n): by how much, N, feet pull that press, or soles press that are lifted."""
         below = -self._D[:, 0] * self._gaps(states, begin + states[:, -3])
-        return np.where(self._pressing, -states[:, :-4] @ self._normal.T, below)
+        return np.where(self._pressing, self._lowest - states[:, :-4] @ self._normal.T, below)
 
     def _gaps(self, states: np.ndarray, times: np.ndarray) -> np.ndarray:
         """(T, n), m, between soles and ground, of feet that are lifted."""
         since = (times[:, None] - self._lifted) / np.maximum(self._delays, 1e-12)
-        return states[:, : self.d] @ self._W[:, :, 0] - self._soles * np.exp(-np.maximum(since, 0.0))
+        soles = self._drawn() + (self._soles - self._drawn()) * np.exp(-np.maximum(since, 0.0))
+        return states[:, : self.d] @ self._W[:, :, 0] - soles
 
     def _crossing(self, system: np.ndarray, z: np.ndarray, dt: float, k: int, begin: float) -> np.ndarray:
         """The first state within dt at which foot k lets go or comes down, by false position."""
@@ -416,9 +420,18 @@ class Simulation:
         stretch = np.einsum("vkc,sv->skc", self._W, states[:, : self.d])
         stretch += self._delays[:, None] * np.einsum("vkc,sv->skc", self._W, states[:, self.d : 2 * self.d])
         forces = -self._D * (stretch - self._anchors) * self._pressing[:, None]
+        forces[:, :, 0] += np.where(self._pressing, 0.0, self._lowest)
         if self._one_sided:
-            forces[:, :, 0] = np.maximum(forces[:, :, 0], 0.0)
+            forces[:, :, 0] = np.maximum(forces[:, :, 0], self._lowest)
         return forces
+
+    def _drawn(self) -> np.ndarray:
+        """(n,), m: by how much yielding jaws draw the soles of contacts that have let go."""
+        return np.where(self._pressing, 0.0, -self._lowest) / self._D[:, 0]
+
+    def _pulls(self, pressing: np.ndarray) -> np.ndarray:
+        """(d,): loads of the contacts that have let go."""
+        return self._W[:, ~pressing, 0] @ self._lowest[~pressing]
 
     def _systems(self, steps: int | slice, pressing: np.ndarray, anchors: np.ndarray) -> np.ndarray:
         """(..., 2 d + 4, 2 d + 4): derivatives of u, u', and 1, t, t^2 / 2, t^3 / 6."""
@@ -430,6 +443,7 @@ class Simulation:
         A[..., d : 2 * d, :d], A[..., d : 2 * d, d : 2 * d] = -inverse @ K, -inverse @ C
         loads = np.moveaxis(self._loads[steps], -2, -1).copy()
         loads[..., 0] += np.einsum("vkc,kc->v", self._W, self._D * anchors * pressing[:, None])
+        loads[..., 0] += self._pulls(pressing)
         A[..., d : 2 * d, 2 * d :] = inverse @ loads
         A[..., [-3, -2, -1], [-4, -3, -2]] = 1.0
         return A

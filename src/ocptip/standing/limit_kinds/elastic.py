@@ -34,7 +34,8 @@ _TIGHTER, _TIGHTEST = 0.05, 0.2  # of the weight per foot: by how much feet are 
 class FootForceLimit(WrenchLimit, AskedLimit):
     """Minimum normal force of a foot, as springs share the load while all press: linear in the wrench.
 
-    It goes on smoothly below zero, where a foot would have to pull.
+    It goes on smoothly below zero, where a foot would have to pull. The force of a clamp counts from minus
+    its preload, at which its jaw yields; clamps that cannot yield have no limit.
     """
 
     name, result, setting = "foot force", "foot_force_N", "foot_force"
@@ -42,25 +43,30 @@ class FootForceLimit(WrenchLimit, AskedLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return robot.support.elastic is not None
+        return robot.support.elastic is not None and bool(np.isfinite(robot.support.elastic.lowest).any())
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         elastic = robot.support.elastic
         assert elastic is not None  # it was wanted
-        self._map = elastic.normal_map
+        self._contacts = np.flatnonzero(np.isfinite(elastic.lowest))
+        self._map, self._lowest = elastic.normal_map[self._contacts], elastic.lowest[self._contacts]
         self.width = len(self._map)
         self.unit = robot.mass * float(np.linalg.norm(robot.support.gravity)) / self.width or 1.0
 
     def forces(self, at: Instants) -> np.ndarray:
         """(N, n), N."""
-        return at.wrenches @ self._map.T
+        return at.wrenches @ self._map.T - self._lowest
 
     def measure(self, at: Instants) -> np.ndarray:
         return -np.min(self.forces(at), axis=1, keepdims=True)
 
     def detail(self, instant_at: InstantAt, time: float) -> str:
-        return f"contact {int(np.argmin(self.forces(instant_at(time))[0])) + 1}"
+        return f"contact {self._number(np.argmin(self.forces(instant_at(time))[0]))}"
+
+    def _number(self, row: int | np.integer) -> int:
+        """Of a contact, from 1."""
+        return int(self._contacts[row]) + 1
 
     def refusals(self, at: Instants) -> list[str]:
         forces = self.forces(at)[0]
@@ -68,7 +74,8 @@ class FootForceLimit(WrenchLimit, AskedLimit):
         if forces[k] >= self.number:
             return []
         return [
-            f"foot {k + 1} bears {forces[k]:.4g} N at rest on its springs, must be >= {self.number:.4g} N"
+            f"foot {self._number(k)} bears {forces[k]:.4g} N at rest on its springs, must be >= "
+            f"{self.number:.4g} N"
         ]
 
     def path_excess(self, at: Instants) -> float:
@@ -85,7 +92,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
 
     def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        forces = at.y[:, at.columns.wrench] @ self._map.T
+        forces = at.y[:, at.columns.wrench] @ self._map.T - self._lowest
         return NodeRows(at, i, k, forces[i, k] / self.unit, self._map[k])
 
     def inner(self, asked: Limits) -> Limits:
@@ -105,7 +112,7 @@ class JumpFootForceLimit(AtJumps, FootForceLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return asked.overshoot > 0 and robot.support.elastic is not None
+        return asked.overshoot > 0 and FootForceLimit.wanted(robot, asked)
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         jumps = Jumps.of(at.motion)
@@ -113,7 +120,7 @@ class JumpFootForceLimit(AtJumps, FootForceLimit):
         if not len(jumps):
             return [self.found(np.inf, np.nan, "no acceleration steps")]
         i, k = np.unravel_index(np.argmin(forces), forces.shape)
-        detail = f"contact {k + 1}, {jumps.words(int(i))}"
+        detail = f"contact {self._number(k)}, {jumps.words(int(i))}"
         return [self.found(float(forces[i, k]), float(jumps.times[i]), detail)]
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.bindings.binding import DAMPING_RATIO, Binding
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp, RigidClamp
-from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact, feet
+from ocptip.contact.bindings.unilateral import UnilateralContact, feet
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import union
 from ocptip.robots.payload import Payload
@@ -70,11 +70,9 @@ class World:
         if self.payload:
             arm = arm.with_payload(with_more(arm.payload, self.payload))
         contacts = []
-        for k, contact in enumerate(own.contacts):
+        for contact in own.contacts:
             changes = self._frictions(contact)
             if self.stiffness is not None:
-                if not isinstance(contact, UnilateralContact):
-                    raise InputError(f"stiffness: contact {k + 1} is a {contact.kind}, which does not give")
                 none = {"tangential_stiffness": None, "damping": None}
                 changes |= {"stiffness": self.stiffness, "damping_ratio": self.damping, **none}
             contacts.append(replace(contact, **changes))
