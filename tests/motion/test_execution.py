@@ -9,12 +9,14 @@ import yaml
 from hypothesis import assume, given, seed
 from hypothesis import strategies as st
 
+from ocptip.api import methods
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.execution import SLOWEST, Execution, execute, slowed_as_needed
 from ocptip.motion.output import joint_trajectory
 from ocptip.motion.plan_files import write_plan
+from ocptip.numerics.time_limit import TimeBudget
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty
@@ -253,3 +255,11 @@ def test_slower_ones_are_looked_for_without_the_tolerance_first(task, monkeypatc
     assert given.count(True) == 1
     assert given[-1]
     assert given.count(False) > 2
+
+
+@pytest.mark.parametrize(("seconds", "why"), [(0.0, "the time was up"), (None, "none was tried")])
+def test_a_proof_that_a_time_limit_ended_is_not_called_untried(monkeypatch, seconds, why):
+    monkeypatch.setattr("ocptip.api.methods.certified", lambda robot, motion, checked, limits: checked)
+    how = {"controller": "ramps", "rate": None, "rise_time": None}
+    (run,) = methods.executed(stand_in_plan(), **how, budget=TimeBudget(seconds))
+    assert run.check.unproved.startswith(f"a proof: {why}")

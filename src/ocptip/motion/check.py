@@ -104,6 +104,7 @@ class MotionCheck:
         collision: what was checked, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts in the worst case of the uncertainty; None without uncertainty.
         certificate: what is proved for all instants; None where nobody has put one there.
+        proof_out_of_time: there is no certificate because a time limit ended the proof.
     """
 
     verified: bool
@@ -120,6 +121,7 @@ class MotionCheck:
     feet: FeetMotion | None = None
     drives: DriveMotion | None = None
     certificate: Proof | None = None
+    proof_out_of_time: bool = False
 
     @property
     def certified(self) -> bool:
@@ -159,11 +161,10 @@ class MotionCheck:
         """What a proof lacks, where, and what helps; empty if everything is proved or a limit is broken."""
         if not self.kept_while_moving or self.proved_while_moving:
             return ""
-        return (
-            self.certificate.missing
-            if self.certificate
-            else "a proof: none was tried, ocptip certify tries it"
-        )
+        if self.certificate:
+            return self.certificate.missing
+        why = "the time was up before it was complete" if self.proof_out_of_time else "none was tried"
+        return f"a proof: {why}, ocptip certify tries it"
 
     @property
     def headline(self) -> str:
