@@ -83,6 +83,28 @@ def test_states_are_in_their_boxes(delay):
                     assert low <= value <= high
 
 
+def test_accelerations_before_a_step_are_in_boxes_until_the_delay_after_it():
+    """In boxes that are much shorter than the delay: there nothing else contains these accelerations."""
+    rng, (_, motion), delay = np.random.default_rng(4), _swing("B"), 0.01
+    data = motion_data(motion)
+    cancelled, times = Cancelled(data, RATES, Late(data, delay, 0.0)), np.array(data["times"])
+    steps, first, last = np.repeat(times[:-1, 1], 20), 0.0, 1e-4
+    left = rng.uniform(3e-4, 0.003, len(steps))  # of the delay, when the motion is cancelled
+    t = steps + delay - left
+    piece = np.searchsorted(times[:-1, 1], t)
+    inside = (piece > 0) & (piece < len(times) - 1)
+    (begin, end), piece, t, left = times[piece[inside]].T, piece[inside], t[inside], left[inside]
+    at = [2 * (t + wide - begin) / (end - begin) - 1 for wide in (-1e-4, 1e-4)]
+    at = [np.clip(u, -1, 1) for u in at]
+    boxes = Boxes(piece, *at, np.full(len(t), first), np.full(len(t), last))
+    for rows in cancelled.rows(boxes):
+        for row, k in enumerate(rows.number):
+            states = _state(motion, t[k], np.full(motion.n, last - delay + rng.uniform(0, left[k] - 2e-4)))
+            for form, values in zip((rows.q, rows.qd, rows.qdd), states, strict=True):
+                low, high = (part[:, row] for part in form.range)
+                assert np.all((low - 1e-9 <= values) & (values <= high + 1e-9))
+
+
 def test_steps_of_the_motion_that_overshoot_are_in_their_boxes():
     """Draws of the attack, in small boxes about their times: of the motion, of cancels, and of rests."""
     rng, (_, motion) = np.random.default_rng(5), _swing("B")
