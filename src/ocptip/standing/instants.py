@@ -89,6 +89,7 @@ class Instants(Loaded):
         speeds, accelerations: (N, n), rad/s and rad/s^2 (m/s and m/s^2).
         process: (N, 6) of one that varies, else (N, 0).
         base_motion: of a base that drives.
+        before: (N, n) accelerations before their steps within the delay of an uncertainty; None: not known.
     """
 
     def __init__(
@@ -102,12 +103,13 @@ class Instants(Loaded):
         accelerations: np.ndarray,
         process: np.ndarray | None = None,
         base_motion: BaseMotion | None = None,
+        before: np.ndarray | None = None,
     ) -> None:
         super().__init__(robot, wrenches)
         self.process = np.empty((len(angles), 0)) if process is None else process
         self.robot, self.speeds, self.accelerations = robot, speeds, accelerations
         self.angles, self.torques, self.further = angles, torques, further
-        self.base_motion = base_motion
+        self.base_motion, self.before = base_motion, before
         self._gaps: tuple[float, np.ndarray] | None = None
 
     @classmethod
@@ -138,7 +140,10 @@ class Instants(Loaded):
     def some(self, rows: np.ndarray) -> Instants:
         """Some of the instants."""
         parts = self.angles, self.torques, self.wrenches, self.further, self.speeds, self.accelerations
-        return Instants(self.robot, *(part[rows] for part in parts), process=self.process[rows])
+        before = None if self.before is None else self.before[rows]
+        return Instants(
+            self.robot, *(part[rows] for part in parts), process=self.process[rows], before=before
+        )
 
     @cached_property
     def interfaces(self) -> tuple[Loaded, ...]:

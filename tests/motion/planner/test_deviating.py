@@ -17,6 +17,7 @@ from ocptip.motion.task import require_plannable
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.limit import DEVIATING
 from ocptip.standing.limits import Limits
+from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
 from ocptip.standing.within.late_joints import jump_states
 from tests.quick import some
@@ -64,6 +65,23 @@ def test_nodes_have_the_states_that_the_check_looks_at(task, seed, tolerance):
             assert np.all(apart.max(axis=2).min(axis=0) < 1e-4)
             single += 1
     assert single > 5
+
+
+def test_nodes_know_accelerations_of_the_delay_before_where_motions_are_cancelled(task):
+    own = task.robot, task.start, task.goal, task.optimised, task.commands
+    formulation = Formulation(*own)
+    order, x = order_of(formulation, formulation.variables(task.reference))
+    cancel, places = Cancel(tuple(task.robot.limits.acceleration)), [(1, 0.0), (1, 1e-3), (2, 1.0)]
+    limits = replace(LIMITS, tolerance=WORKSHOP, cancel=cancel)
+    x = formulation.polished(order, formulation.ordered_program(limits, order, x, []).structure, x)
+    program = formulation.ordered_program(limits, order, x, places)
+    times, motion = program.nodes.times @ x, formulation.motion(x)
+    before = program.instants(x, np.arange(program.n_nodes)[::2]).before
+    expected = motion.states(times[::2] - WORKSHOP.late - 2e-6)[2]
+    np.testing.assert_allclose(before, expected, atol=1e-6 * np.abs(expected).max())
+    assert np.any(before != program.instants(x, np.arange(program.n_nodes)[::2]).accelerations)
+    nominal = replace(limits, tolerance=Uncertainty())
+    assert formulation.ordered_program(nominal, order, x, places)._instants(x).before is None
 
 
 @pytest.mark.parametrize("seed", [1, 4])

@@ -14,7 +14,7 @@ from ocptip.motion.stop_tables import CancelTable
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.standing.limit_kinds.limit import Sampled
-from ocptip.standing.limit_kinds.stops import WorstCancelLimit
+from ocptip.standing.limit_kinds.worst_cancels import WorstCancelLimit
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion, stop_states
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.cancelled import worst_of_cancels
@@ -212,7 +212,6 @@ def test_within_an_uncertainty_nothing_sampled_is_worse(case):
     results = [worst for limit in limits for worst in limit.worst(np.empty(0), sampled)]
     assert [worst.name for worst in results] == ["GN_cancel_worst_case", "GT_cancel_worst_case"]
     assert [worst.value for worst in results] == [tip.bound, slip.value]
-    assert pytest.approx(cancel.GN - 0.02) == limits[0].tightened(asked, 0.05).cancel.GN
     rng, rates = np.random.default_rng(0), np.array(cancel.decelerations)
     theta = rng.uniform(cases.deviations.low, cases.deviations.high, (4000, cases.deviations.size))
     for name in ("gravity", "delay"):

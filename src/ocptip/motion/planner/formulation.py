@@ -297,6 +297,10 @@ class Formulation:
                 masks[node], late[node], behind[node] = masks_of(order, place)
                 kinds[node] = DEVIATING
         how = {"regime": order.regime, "behind": behind, "kinds": kinds, "course": self._course(layout)}
+        if limits.cancel is not None and limits.tolerance.given and not order.rises:
+            delay = limits.tolerance.late + MEET
+            at = np.searchsorted(events @ x, times @ x - delay, side="right") - 1
+            how["earlier"] = (order.corner_positions <= at[:, None, None]).astype(float)
         placed = Nodes(self.profiles(layout), times, masks=masks, late=late, **how)
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions

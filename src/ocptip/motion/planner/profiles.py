@@ -340,6 +340,7 @@ class Nodes:
         kinds: (N,) of the nodes, see `standing.limit_kinds.limit`; at acceleration steps masks are 1 + kappa
             at the corners of the switching time; default all ordinary.
         course: of what acts.
+        earlier: masks (N, n, C) of the delay of an uncertainty before; None: nobody asks.
 
     Attributes:
         groups: rows (G, 3) of the states that depend on the same variables, columns (G, most) of these in x,
@@ -358,8 +359,9 @@ class Nodes:
         behind: np.ndarray | None = None,
         kinds: np.ndarray | None = None,
         course: ActingCourse | None = None,
+        earlier: np.ndarray | None = None,
     ) -> None:
-        self.course, self.regime = course, regime
+        self.course, self.regime, self._earlier = course, regime, earlier
         self.profiles, self.times = profiles, np.ascontiguousarray(times)
         self._behind = np.zeros((0, 0))
         if behind is not None and np.any(behind):
@@ -393,6 +395,12 @@ class Nodes:
     def values(self, x: np.ndarray) -> np.ndarray:
         """States (S, N) of all joints at all nodes."""
         return self._states(x, 0).values
+
+    def before(self, x: np.ndarray) -> np.ndarray | None:
+        """Accelerations (N, n) of the delay of an uncertainty before, where these are known."""
+        if self._earlier is None:
+            return None
+        return np.einsum("Njc,jc->Nj", self._earlier, self.profiles(x, self.regime).steps)
 
     def states(self, x: np.ndarray) -> NodeStates:
         """States of all joints at all nodes, with derivatives."""

@@ -363,7 +363,8 @@ class MotionProgram:
             n = self.physics.n
             q, qd, qdd, process = np.split(np.ascontiguousarray(s.T), [n, 2 * n, 3 * n], axis=1)
             self._parts.clear()
-            self._latest = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd, process)
+            before = self.nodes.before(x)
+            self._latest = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd, process, before=before)
         return self._latest[1]
 
     def _evaluate(self, x: np.ndarray) -> Evaluation:

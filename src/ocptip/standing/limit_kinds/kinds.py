@@ -29,7 +29,8 @@ from ocptip.standing.limit_kinds.limit import (
 )
 from ocptip.standing.limit_kinds.nominal import NominalLimit
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
-from ocptip.standing.limit_kinds.stops import BrakeLimit, CancelLimit, StopLimit, WorstCancelLimit, cancel_of
+from ocptip.standing.limit_kinds.stops import BrakeLimit, CancelLimit, StopLimit, cancel_of
+from ocptip.standing.limit_kinds.worst_cancels import WorstCancelLimit
 from ocptip.standing.limit_kinds.worst_case import WorstCaseLimit, WorstTorqueLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism

@@ -19,7 +19,9 @@ from ocptip.standing.footing import Footing
 from ocptip.standing.instants import Loaded
 from ocptip.standing.limit_kinds.limit import FAR_FROM_SLIPPING
 from ocptip.standing.stops.by_brakes import BrakeCheck, Closing
+from ocptip.standing.within.half_spaces import farthest
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations
+from ocptip.standing.within.worst_options import worst_options
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
 PATH_MARGIN_WITHIN = 0.05  # share of M0 that a path at rest keeps within an uncertainty
@@ -139,6 +141,16 @@ class ContactQuantity(ABC):
         self, cases: WorstCase, s: np.ndarray, k: np.ndarray, theta: np.ndarray | None = None
     ) -> WorstDeviations:
         """Rows k (N,) of states at the worst deviations, or at given ones (N, size)."""
+
+    @abstractmethod
+    def worst_of_options(
+        self, cases: WorstCase, options: np.ndarray, acting: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Badness (D, width) with the worst options of joints, see `worst_options`, and their numbers."""
+
+    @abstractmethod
+    def worst_within(self, cases: WorstCase, s: np.ndarray, k: np.ndarray, late: np.ndarray) -> np.ndarray:
+        """(P, size) deviations that are worst for rows (P,) in states (P, 3 n), with delays of joints."""
 
     @abstractmethod
     def uses_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> np.ndarray:
@@ -267,6 +279,15 @@ class TipOverQuantity(ContactQuantity):
     ) -> WorstDeviations:
         return cases.moments(s, k, theta)
 
+    def worst_of_options(
+        self, cases: WorstCase, options: np.ndarray, acting: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        number, values, _ = worst_options(options, cases, acting, functions=range(self.width))
+        return values, number
+
+    def worst_within(self, cases: WorstCase, s: np.ndarray, k: np.ndarray, late: np.ndarray) -> np.ndarray:
+        return cases.moments(s, k, max_delay=late).theta
+
     def uses_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> np.ndarray:
         reach = NEAR_SHARE * (cases.reference or 1.0)
         return 1 + (bound - cases.estimated_moments(s)) / reach
@@ -382,6 +403,23 @@ class SlipQuantity(ContactQuantity):
         self, cases: WorstCase, s: np.ndarray, k: np.ndarray, theta: np.ndarray | None = None
     ) -> WorstDeviations:
         return cases.slip(s, theta=theta)
+
+    def worst_of_options(
+        self, cases: WorstCase, options: np.ndarray, acting: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if (planes := self._planes_within(cases)) is not None:
+            found = farthest(cases.deviations, options, acting, planes, None, 1)
+            return found.values[:, None], found.number[:, None]
+        number, values, _ = worst_options(options, cases, acting, functions=[cases.axes])
+        return values, number
+
+    def worst_within(self, cases: WorstCase, s: np.ndarray, k: np.ndarray, late: np.ndarray) -> np.ndarray:
+        if (planes := self._planes_within(cases)) is not None:
+            return cases.farthest(s, planes, late, None, 1).theta
+        return cases.slip(s, max_delay=late).theta
+
+    def _planes_within(self, cases: WorstCase) -> np.ndarray | None:
+        return cases.footing.slip.half_spaces(min(self.number, cases.footing.slip.sure))
 
     def uses_within(self, cases: WorstCase, s: np.ndarray, bound: float) -> np.ndarray:
         return cases.estimated_slip(s)[:, None] / bound

@@ -8,13 +8,13 @@ for the curvature of GT over the wrench.
   the worst. Directions of the joints and the worst brake torques are chosen where a solve begins.
 - Along the path (category 1 and 2, `stops.along_path`): rows are of the worst corner of u_min(x).
 - A cancelled controller (`stops.by_cancel`): rows are of the worst state of the stop that begins at a node.
-  Stops within the uncertainty are not rows: where they break a limit, the nominal ones are tightened.
+  Those within the uncertainty are in `worst_cancels`.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -24,8 +24,7 @@ from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.limit import WHOLE, InstantAt, Sampled, StateLimit, TableLimit, Worst
 from ocptip.standing.limit_kinds.nominal import ContactLimit
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
-from ocptip.standing.limit_kinds.worst_case import WithinLimit
-from ocptip.standing.limits import WITHIN_OF, Limits
+from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_slopes
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, closing_of, stops_of_motion
@@ -33,12 +32,9 @@ from ocptip.standing.stops.by_cancel import (
     Cancel,
     StopStates,
     cancel_slopes,
-    cancel_times,
     cancelled_motion,
 )
 from ocptip.standing.stops.joint_stops import without_creep
-from ocptip.standing.within.cancelled import worst_of_cancels
-from ocptip.standing.within.worst_case import worst_case_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,47 +357,3 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
         weights = on[some, None] * rows.weights[some]
         slopes = cancel_slopes(self._arm[0], self._arm[1].decelerations)
         return some, slopes.hessian(rows.at.s[rows.nodes[some]], *chosen, weights)
-
-
-class WorstCancelLimit(WithinLimit):
-    """The margin in cancelled motions within the uncertainty; programs use nominal stops, then tighten."""
-
-    # A change of the nominal value is about this share of the one that it makes within the uncertainty: there
-    # a step of an acceleration counts with its overshoot, and friction is reduced.
-    nominal_share = 0.4
-    smallest_step, largest_step = 1e-3, 0.3
-
-    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...], symbol: str) -> None:
-        super().__init__(robot, asked, joints)
-        self._symbol, self.setting = symbol, WITHIN_OF[symbol]
-        self.name, self.result = f"{symbol} in cancels within tolerance", f"{symbol}_cancel_worst_case"
-
-    @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return bool(asked.tolerance.given) and CancelLimit.wanted(robot, asked)
-
-    @classmethod
-    def of(
-        cls, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]
-    ) -> tuple[WorstCancelLimit, ...]:
-        return tuple(cls(robot, asked, joints, symbol) for symbol in WITHIN_OF)
-
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        robot, cancel = cancel_of(at.robot, self.asked)
-        if cancel not in at.memo:
-            cases, times = worst_case_of(robot, self.asked.tolerance), cancel_times(at.motion)
-            found = worst_of_cancels(cases, at.motion, cancel, times)
-            at.memo[cancel] = dict(zip(WITHIN_OF, found, strict=True))
-        worst = at.memo[cancel][self._symbol]
-        if worst is None:
-            return []
-        return [self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)]
-
-    def inner(self, asked: Limits) -> Limits:
-        return asked
-
-    def tightened(self, asked: Limits, excess: float) -> Limits:
-        assert asked.cancel is not None
-        value = getattr(asked.cancel, self._symbol)
-        step = min(max(self.nominal_share * excess, self.smallest_step), self.largest_step)
-        return replace(asked, cancel=replace(asked.cancel, **{self._symbol: max(value - step, value / 2)}))

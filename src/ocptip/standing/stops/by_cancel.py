@@ -24,6 +24,7 @@ from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.numerics.batch import BatchFunction
 from ocptip.standing.arm import Robot
 from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
+from ocptip.standing.within.deviations import Deviations
 from ocptip.trajectories.trajectory import Trajectory
 
 SPACING = 0.01  # s, between instants of a motion at which joints begin to decelerate
@@ -149,44 +150,62 @@ def stop_states(
 
 
 @lru_cache(maxsize=8)
-def cancel_slopes(robot: Robot, decelerations: tuple[float, ...]) -> CancelSlopes:
+def cancel_slopes(
+    robot: Robot, decelerations: tuple[float, ...], deviations: Deviations | None = None
+) -> CancelSlopes:
     """Those of a robot; their functions take a second to build."""
-    return CancelSlopes(robot, decelerations)
+    return CancelSlopes(robot, decelerations, deviations)
 
 
 class CancelSlopes:
     """Derivatives of functions of the wrench in a state of a stop, over the state s where it begins.
 
-    Which joints still move, in which direction, and which joints' stops say when it is, is fixed.
+    Which joints still move, in which direction, and which joints' stops say when it is, is fixed. With
+    deviations, so are these, and accelerations are a share of those where it begins and a fixed part.
 
     Args:
         robot: the arm on its support.
         decelerations: n.
+        deviations: of the robot; None: nominal.
     """
 
-    def __init__(self, robot: Robot, decelerations: tuple[float, ...]) -> None:
+    def __init__(
+        self, robot: Robot, decelerations: tuple[float, ...], deviations: Deviations | None = None
+    ) -> None:
         n = robot.n
         size = 3 * n + robot.acts.size
         s, on_wrench, rate = cs.SX.sym("s", size), cs.SX.sym("on_wrench", 6), cs.DM(decelerations)
         sign, moves, weights = (cs.SX.sym(name, n) for name in ("sign", "moves", "weights"))
-        q, qd, _, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
+        q, qd, qdd, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
         rests = sign * qd / rate
         after = cs.dot(weights, rests)
         own = moves * after + (1 - moves) * rests
-        state = (
-            q + own * (qd - sign * rate * own / 2),
-            moves * (qd - sign * rate * after),
-            -moves * sign * rate,
-        )
-        _, wrench = robot.load_expressions(*state, *process)
+        stopped = q + own * (qd - sign * rate * own / 2), moves * (qd - sign * rate * after)
+        chosen = [sign, moves, weights]
+        if deviations is None:
+            state = *stopped, -moves * sign * rate, *process
+            _, wrench = robot.load_expressions(*state)
+        else:
+            share, fixed = cs.SX.sym("share", n), cs.SX.sym("fixed", n)
+            theta = cs.SX.sym("theta", deviations.size)
+            chosen, state = [*chosen, share, fixed, theta], (*stopped, share * qdd + fixed, *process)
+            wrench = deviations.wrench.function(cs.vertcat(*state), theta)
         hessian, gradient = cs.hessian(cs.dot(on_wrench, wrench), s)
-        arguments = [s, sign, moves, weights, on_wrench]
-        self._wrench = BatchFunction(cs.Function("cancel_wrench", arguments[:4], [wrench]))
+        arguments = [s, *chosen, on_wrench]
+        self._state = BatchFunction(cs.Function("cancel_state", arguments[:-1], [cs.vertcat(*state)]))
+        self._wrench = BatchFunction(cs.Function("cancel_wrench", arguments[:-1], [wrench]))
         self._gradient = BatchFunction(cs.Function("cancel_slopes", arguments, [gradient]))
         self._hessian = BatchFunction(cs.Function("cancel_bends", arguments, [hessian]))
 
+    def states(self, s: np.ndarray, *chosen: np.ndarray) -> np.ndarray:
+        """(P, 3 n) of the stops, arguments as of `wrenches`."""
+        return self._state(s, *chosen)[0]
+
     def wrenches(self, s: np.ndarray, *chosen: np.ndarray) -> np.ndarray:
-        """(P, 6) of states s (P, 3 n); chosen: sign, moves, weights, (P, n) each."""
+        """(P, 6) of states s (P, 3 n); chosen: sign, moves, weights, (P, n) each.
+
+        With deviations also share, fixed, (P, n) each, and theta, (P, size).
+        """
         return self._wrench(s, *chosen)[0]
 
     def gradient(self, s: np.ndarray, *chosen: np.ndarray) -> np.ndarray:

@@ -262,7 +262,7 @@ class WorstCase:
             if (rows := slip.half_spaces(level)) is None:
                 return self.estimated_slip(s, max_delay)
             late = None if max_delay is None else max_delay[left]
-            beyond = self._farthest(s[left], rows, late, 0.0, 1)
+            beyond = self.farthest(s[left], rows, late, 0.0, 1)
             worst = np.argsort(-beyond.values, kind="stable")[:most]
             todo, found[left] = left[beyond.instants[worst]], level
             found[todo] = self.slip(s[todo], theta=beyond.theta[worst]).values
@@ -319,7 +319,7 @@ class WorstCase:
         level = self.footing.slip.level_below(float(np.max(known(nominal), initial=0.0)))
         planes = None if self._slip_map is not None else self.footing.slip.half_spaces(level)
         if planes is not None:
-            beyond = self._farthest(s, planes, max_delay, None, count)
+            beyond = self.farthest(s, planes, max_delay, None, count)
             first = np.searchsorted(beyond.instants, np.arange(len(s)))
             last = np.searchsorted(beyond.instants, np.arange(len(s)), side="right") - 1
             for k in range(count):
@@ -331,7 +331,7 @@ class WorstCase:
                 sign = 1.0 if k % 2 else -1.0
                 yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]], max_delay)
 
-    def _farthest(
+    def farthest(
         self,
         s: np.ndarray,
         planes: np.ndarray,

@@ -1,0 +1,171 @@
+"""Limits of the contacts while a motion is cancelled, in the worst case of an uncertainty.
+
+Checks are those of `standing.within.cancelled`. Rows of a program are those of the worst state of the stop
+that begins at a node, with the worst deviations. A joint may be delayed, or overshoot, at each step of its
+acceleration: that of the motion, the beginning of the stop, the rest of the joint. Where a solve begins, it
+is chosen which state that is, what the joints do then, their accelerations before a step of the motion, and
+the deviations. So rows are smooth, with exact derivatives (the curvature of GT over the wrench is left out).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit_kinds.limit import ORDINARY, Sampled, Worst
+from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
+from ocptip.standing.limit_kinds.stops import CancelLimit, CancelRows, cancel_of
+from ocptip.standing.limit_kinds.worst_case import WorstCaseLimit
+from ocptip.standing.limits import WITHIN_OF, Limits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_cancel import CancelSlopes, StopStates, cancel_slopes, cancel_times
+from ocptip.standing.stops.joint_stops import without_creep
+from ocptip.standing.within.cancelled import worst_of_cancels
+from ocptip.standing.within.in_motion import WithinTolerance
+from ocptip.standing.within.worst_case import worst_case_of
+
+_STEP = 1e-9  # s, or rad/s^2
+_Chosen = tuple[np.ndarray, ...]
+"""Sign, moves, weights, share, fixed, theta: see `CancelSlopes`."""
+
+
+class WorstCancelLimit(WorstCaseLimit):
+    """One quantity in cancelled motions within the uncertainty."""
+
+    words = "{} in cancels within tolerance", "{}_cancel_worst_case"
+    node_kinds: tuple[int, ...] = (ORDINARY,)
+    of_motion = takes_objects = False
+
+    _fixed: _Chosen | None = None  # (N, width, n) or (N, width, size) each, of the nodes of a program
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
+        return bool(asked.tolerance.given) and CancelLimit.wanted(robot, asked)
+
+    def within(self, found: WithinTolerance) -> list[Worst]:
+        return []
+
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        robot, cancel = cancel_of(at.robot, self.asked)
+        if cancel not in at.memo:
+            cases, times = worst_case_of(robot, self.asked.tolerance), cancel_times(at.motion)
+            found = worst_of_cancels(cases, at.motion, cancel, times)
+            at.memo[cancel] = dict(zip(WITHIN_OF, found, strict=True))
+        worst = at.memo[cancel][self.quantity.symbol]
+        if worst is None:
+            return []
+        return [self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)]
+
+    def refusals(self, at: Instants) -> list[str]:
+        return []  # at rest nothing is cancelled
+
+    # --- rows of a program --------------------------------------------------------------------------------
+
+    @property
+    def _slopes(self) -> CancelSlopes:
+        robot, cancel = cancel_of(self.robot, self.asked)
+        return cancel_slopes(robot, cancel.decelerations, self.cases.deviations)
+
+    def _worst(self, s: np.ndarray, before: np.ndarray | None = None) -> tuple[np.ndarray, _Chosen]:
+        """Values (N, width) at the worst of the stops that begin in states (N, 3 n), and what is chosen.
+
+        Args:
+            s: states.
+            before: see `Instants.before`.
+        """
+        robot, cancel = cancel_of(self.robot, self.asked)
+        (q, qd, qdd), acting, n = np.split(s[:, : 3 * robot.n], 3, axis=1), s[:, 3 * robot.n :], robot.n
+        at = cancel.states(q, qd)
+        options, parts = self._options(at, qd, qdd, cancel.rates(qd), qdd if before is None else before)
+        badness, number = self.quantity.worst_of_options(self.cases, options, acting[at.owner])
+        greatest = np.full((len(s), self.width), -np.inf)
+        np.maximum.at(greatest, at.owner, badness)
+        state = np.zeros(greatest.shape, dtype=int)
+        rows, places = np.nonzero(badness == greatest[at.owner])
+        state[at.owner[rows], places] = rows
+
+        number = number[state, np.arange(self.width)]  # (N, width, n)
+        own = state[:, :, None], np.arange(n), number
+        sign = np.repeat(np.sign(without_creep(qd))[:, None], self.width, axis=1)
+        share, fixed = np.moveaxis(parts[own], -1, 0)
+        chosen = sign, at.moves[state].astype(float), at.weights[state], share, fixed
+        node, k = (part.ravel() for part in np.indices(greatest.shape))
+        flat = tuple(part.reshape(len(node), n) for part in chosen)
+        size = self.cases.deviations.size
+        stopped = self._slopes.states(s[node], *flat, np.zeros((len(node), size)))
+        late = options[own][..., 3].reshape(len(node), n)
+        theta = self.quantity.worst_within(self.cases, stopped, k, late)
+        values = self.quantity.within(self._smooth, stopped, k, theta).values
+        return values.reshape(greatest.shape), (*chosen, theta.reshape(*greatest.shape, size))
+
+    def _options(
+        self, at: StopStates, qd: np.ndarray, qdd: np.ndarray, rates: np.ndarray, before: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What joints may do in states of stops, (M, n, K, 4), see `worst_options`; the share of the
+        acceleration where the stop begins and what is added to it, (M, n, K, 2).
+
+        They are on time; at a step of their acceleration within the delay before, delayed or overshooting.
+        That step is that of the motion, that where the stop begins, both, or that where a joint rests.
+        """
+        own, more, late = at.owner, self.asked.tolerance.overshoot, self.asked.tolerance.late
+        speeds = without_creep(qd)
+        slower, rests = (-np.sign(speeds) * rates)[own], (np.abs(speeds) / rates)[own]
+        begun, earlier, after = qdd[own], before[own], at.after[:, None]
+        soon = after <= late + _STEP
+        starts, stepped = (soon & (np.abs(step) > _STEP) for step in (slower - begun, begun - earlier))
+        ends = (speeds[own] != 0) & ~at.moves & (after <= rests + late + _STEP)
+        none, one = np.zeros_like(slower), np.ones_like(slower)
+        kinds = [
+            (one > 0, none, np.where(at.moves, slower, 0.0)),
+            (starts & (late > 0), one, none),
+            (starts & (more > 0), -more * one, (1 + more) * slower),
+            (stepped & (late > 0), none, earlier),
+            (stepped & (more > 0), (1 + more) * one, -more * earlier),
+            (stepped & (more > 0), none, (1 + more) * slower - more * earlier),
+            (ends & (late > 0), none, slower),
+            (ends & (more > 0), none, -more * slower),
+        ]
+        given, share, fixed = (np.stack(part, axis=2) for part in zip(*kinds, strict=True))
+        max_delay = np.zeros_like(share)
+        since = after - np.where(at.moves | (speeds[own] == 0), 0.0, np.minimum(rests, after))
+        max_delay[:, :, 0] = np.clip(since, 0.0, late)
+        state = [np.repeat(part[:, :, None], len(kinds), axis=2) for part in (at.q, at.qd)]
+        options = np.stack([*state, share * begun[:, :, None] + fixed, max_delay], axis=3)
+        order = np.argsort(~given, axis=2, kind="stable")[..., None]
+        options = np.where(given[..., None], options, np.nan)
+        parts = np.stack([share, fixed], axis=3)
+        return np.take_along_axis(options, order, axis=2), np.take_along_axis(parts, order, axis=2)
+
+    def chosen(self, at: Instants) -> WorstCancelLimit:
+        other = copy(self)
+        other._fixed = self._worst(at.s, at.before)[1]
+        return other
+
+    def uses(self, at: Instants) -> np.ndarray:
+        key = self.name, self.asked.cancel, self.number
+        if key not in at.memo:
+            beyond = (self._worst(at.s, at.before)[0] - self._bound) / self.quantity.unit
+            at.memo[key] = 1 + (-beyond if self.quantity.least else beyond)
+        return at.memo[key]
+
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+        i, k = np.nonzero(mask)
+        if self._fixed is not None:
+            chosen = tuple(part[i, k] for part in self._fixed)
+        else:
+            nodes, place = np.unique(i, return_inverse=True)
+            chosen = tuple(part[place, k] for part in self._worst(at.s[nodes])[1])
+        stopped, unit = self._slopes.states(at.s[i], *chosen), self.quantity.unit
+        found = self.quantity.within(self._smooth, stopped, k, chosen[-1])
+        weights = found.slopes / unit
+        slopes = self._slopes.gradient(at.s[i], *chosen, weights)
+        return CancelRows(at, i, k, found.values / unit, slopes, chosen=chosen, weights=weights)
+
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        assert isinstance(rows, CancelRows)
+        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
+        chosen = (part[some] for part in rows.chosen)
+        weights = on[some, None] * rows.weights[some]
+        return some, self._slopes.hessian(rows.at.s[rows.nodes[some]], *chosen, weights)
