@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
@@ -27,6 +29,7 @@ ADAPTER_MASS = published_data("base")["KMS_adapter_mass_g"] / 1000
 _FACETS = 12
 
 
+@lru_cache(maxsize=32)  # what is built for a robot, above all its collision model, serves all tasks with it
 def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _FACETS) -> Robot:
     """The modular arm of a case on its base (6.14 to 6.17), base axes with the origin in Q_1.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
@@ -12,6 +12,41 @@ from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.jit.compiled import compiled, compiled_in_any_order
 from ocptip.standing.instants import NodeColumns
 from ocptip.standing.mechanism import StandingMechanism
+
+
+class _NodeLoads:
+    """The quantities but for the power, z, as functions of s; the power is the one that has a smooth form."""
+
+    def __init__(self, robot: StandingMechanism) -> None:
+        n = robot.n
+        self.size = 3 * n + robot.acts.size
+        self.columns = NodeColumns(n, robot.further_limits.count, len(robot.interfaces))
+        self._s = cs.SX.sym("s", self.size)
+        q, qd, qdd, *process = cs.vertsplit(self._s, sorted({0, n, 2 * n, 3 * n, self.size}))
+        loads = robot.load_expressions(q, qd, qdd, *process)
+        further, objects = robot.further_expressions(q, qd), robot.object_expressions(q, qd, qdd, *process)
+        self._z = cs.vertcat(*loads, further, *objects)
+        self.count = self._z.numel()
+        self.values = _batch("values", [self._s], [self._z])
+        self.jacobian = _batch("jacobian", [self._s], [self._z, cs.jacobian(self._z, self._s)])
+
+    @cached_property
+    def hessian(self) -> BatchFunction:
+        """Of s and weights of z: the upper half of the second derivatives of their product."""
+        weights = cs.SX.sym("weights", self.count)
+        hessian, _ = cs.hessian(cs.dot(weights, self._z), self._s)
+        upper = [hessian[r, c] for c in range(self.size) for r in range(c + 1)]
+        return _batch("hessian", [self._s, weights], [cs.vertcat(*upper)])
+
+
+@lru_cache(maxsize=16)
+def _loads_of(robot: StandingMechanism) -> _NodeLoads:
+    """Built once: all programs of a robot, and both forms of the power, have the same."""
+    return _NodeLoads(robot)
+
+
+def _batch(name: str, arguments: list[cs.SX], out: list[cs.SX]) -> BatchFunction:
+    return BatchFunction(cs.Function(name, arguments, out))
 
 
 class NodePhysics:
@@ -41,20 +76,12 @@ class NodePhysics:
 
     def __init__(self, robot: StandingMechanism, smooth: bool = False) -> None:
         self.robot, self.smooth = robot, smooth or not robot.direct_drives
-        n = self.n = robot.n
-        self._size = 3 * n + robot.acts.size
-        self.columns = NodeColumns(n, robot.further_limits.count, len(robot.interfaces))
-        self._s = cs.SX.sym("s", self._size)
-        q, qd, qdd, *process = cs.vertsplit(self._s, sorted({0, n, 2 * n, 3 * n, self._size}))
-        loads = robot.load_expressions(q, qd, qdd, *process)
-        further, objects = robot.further_expressions(q, qd), robot.object_expressions(q, qd, qdd, *process)
-        self._z = cs.vertcat(*loads, further, *objects)
+        self._loads = _loads_of(robot)
+        n, self.columns = robot.n, self._loads.columns
+        self.n, self._size = n, self._loads.size
         self._speeds = (
             -1 if robot.direct_drives else self.columns.further.stop - 1 - n
         )  # where they stand in z
-        jacobian = cs.jacobian(self._z, self._s)
-        self._values = self._batch("values", [self._s], [self._z])
-        self._jacobian = self._batch("jacobian", [self._s], [self._z, jacobian])
         self._power = self._power_function()
 
     def _power_function(self) -> BatchFunction:
@@ -76,28 +103,17 @@ class NodePhysics:
             cs.diag(cs.jacobian(of, by))
             for of, by in ((slopes[0], torque), (slopes[0], speed), (slopes[1], speed))
         ]
-        return self._batch("power", [torque, speed, direction], [total, *slopes, *bends])
-
-    @staticmethod
-    def _batch(name: str, arguments: list[cs.SX], out: list[cs.SX]) -> BatchFunction:
-        return BatchFunction(cs.Function(name, arguments, out))
-
-    @cached_property
-    def _hessian(self) -> BatchFunction:
-        weights = cs.SX.sym("weights", self._z.numel())
-        hessian, _ = cs.hessian(cs.dot(weights, self._z), self._s)
-        upper = [hessian[r, c] for c in range(self._size) for r in range(c + 1)]
-        return self._batch("hessian", [self._s, weights], [cs.vertcat(*upper)])
+        return _batch("power", [torque, speed, direction], [total, *slopes, *bends])
 
     def values(self, s: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """y (N, 7 + n + k) at s (3 n, N) and directions or rounding speeds (n, N)."""
-        z = self._values.in_columns(s)
+        z = self._loads.values.in_columns(s)
         return np.ascontiguousarray(np.vstack([self._powers(s, z, direction)[:1], z]).T)
 
     def jacobian(self, s: np.ndarray, direction: np.ndarray) -> NodeJacobian:
         """y and its first derivatives, and what the second ones need."""
-        found = self._jacobian.in_columns(s)
-        count = self._z.numel()
+        found = self._loads.jacobian.in_columns(s)
+        count = self._loads.count
         power = self._powers(s, found[:count], direction)
         y, slope = _join(found, power, self.n, self._size, self._speeds)
         return NodeJacobian(s, y, found[count:], slope, power[1:])
@@ -111,7 +127,7 @@ class NodePhysics:
     def hessian(self, at: NodeJacobian, weights: np.ndarray) -> NodeHessian:
         """Derivatives of the sum of weights (N, 7 + n + k) times y."""
         inputs = _weigh(at.s, weights, at.of_power, self.n, self._speeds)
-        upper, slopes = self._hessian.in_columns(inputs), np.empty(at.s.shape)
+        upper, slopes = self._loads.hessian.in_columns(inputs), np.empty(at.s.shape)
         _bend(upper, slopes, at.slopes, at.of_power, inputs, weights[:, 0].copy(), self.n, self._speeds)
         return NodeHessian(at, upper, slopes)
 
