@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ocptip.api.retime import RetimedPlan, retime
     from ocptip.api.simulate import simulate
     from ocptip.api.stand import stand
+    from ocptip.api.studio import studio
     from ocptip.api.tasks import load_task
     from ocptip.api.view import view
     from ocptip.basics.errors import InputError, OcptipError
@@ -99,6 +100,7 @@ _HOME = {
     "solve_many": "ocptip.contact",
     "stability": "ocptip.contact",
     "stand": "ocptip.api.stand",
+    "studio": "ocptip.api.studio",
     "view": "ocptip.api.view",
 }
 
@@ -142,6 +144,7 @@ __all__ = [
     "solve_many",
     "stability",
     "stand",
+    "studio",
     "view",
 ]
 

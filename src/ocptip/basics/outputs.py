@@ -76,6 +76,7 @@ OUTPUTS = {
     "place": ("placement.json", "placement.png", "map.png"),
     "cell": ("cell.json", "placement.png"),
     "chart": ("chart.json", "chart.csv", "chart.png", SUMS),
+    "studio": ("task/task.toml",),
     "drive": ("drive.json", "drive.csv", "nav2.yaml", "drive.png", SUMS),
 }
 """Names of the files that commands write into a folder; of cycles some have a number before the ending."""

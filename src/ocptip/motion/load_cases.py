@@ -18,6 +18,7 @@ from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
 from ocptip.standing.slope import MOST_TILT, around, tilted
 
 HALVINGS = 20
@@ -159,13 +160,13 @@ def tilt_by_direction(
         does not stand on level ground.
     """
     loads, gravity = _in_pose(robot, q, acting), robot.support.gravity
-    sides, keeps_contacts = around(gravity, count), _contact_test(robot)
+    sides, keeps_contacts = around(gravity, count), contact_test(robot)
 
     def stands(tilt: np.ndarray) -> np.ndarray:
         good = keeps_contacts(np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
         return np.all(good.reshape(count, -1), axis=1)
 
-    return sides, _largest(stands, np.full(count, MOST_TILT))
+    return sides, largest_levels(stands, np.full(count, MOST_TILT))
 
 
 def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
@@ -177,13 +178,13 @@ def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = No
     loads, gravity, keeps_contacts = (
         RestLoads(robot.driving(None), q, process),
         robot.support.gravity,
-        _contact_test(robot),
+        contact_test(robot),
     )
 
     def stands(payload: np.ndarray) -> np.ndarray:
         return keeps_contacts(loads.wrenches(gravity, payload[:, None]))
 
-    return _largest(stands, np.full(len(q), robot.mass))
+    return largest_levels(stands, np.full(len(q), robot.mass))
 
 
 def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float, push: float) -> LoadCase:
@@ -205,15 +206,15 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
     )  # fmt: skip
 
 
-def _contact_test(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
+def contact_test(footing: Footing) -> Callable[[np.ndarray], np.ndarray]:
     """Says of wrenches (N, 6) whether no contact is lost, (N,); what half spaces prove is not solved."""
-    held = robot.slip.half_spaces(1.0)
+    held = footing.slip.half_spaces(1.0)
 
     def stands(wrenches: np.ndarray) -> np.ndarray:
-        states = robot.contact_states(wrenches)
-        good = robot.tip_over.evaluate(states).GN < 1
+        states = footing.contact_states(wrenches)
+        good = footing.tip_over.evaluate(states).GN < 1
         left = np.flatnonzero(good if held is None else good & ~_inside(held, states))
-        good[left] = robot.slip.evaluate(states.select(left), derivatives=False).GT < 1
+        good[left] = footing.slip.evaluate(states.select(left), derivatives=False).GT < 1
         return good
 
     return stands
@@ -255,7 +256,7 @@ def _steepness(robot: Robot, wrenches: np.ndarray) -> np.ndarray:
     return across / np.maximum(down, 1e-300)
 
 
-def _largest(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray) -> np.ndarray:
+def largest_levels(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray) -> np.ndarray:
     """The largest levels (N,) up to `most` below which all stand, by bisection; 0 where nothing stands."""
     low, high = np.zeros_like(most), most
     for _ in range(HALVINGS):

@@ -66,7 +66,8 @@ class Show:
 
 def to_html(show: Show) -> str:
     """One HTML file, without anything from elsewhere."""
-    with _server(show) as (server, frame):
+    with open_server(show.centre, show.size) as server:
+        frame = show.stage(server)
         frame(0)
         recorder = server.get_scene_serializer()
         for k in range(1, len(show.times)):
@@ -84,24 +85,30 @@ def serve(show: Show, say: Callable[[str], None]) -> None:
         show: of the page.
         say: gets its address.
     """
-    with _server(show) as (server, frame):
+    with open_server(show.centre, show.size) as server:
+        frame = show.stage(server)
         frame(0)
         if len(show.times) > 1:
             slider = server.gui.add_slider(
                 "time [s]", min=0.0, max=float(show.times[-1]), step=0.001, initial_value=0.0
             )
             slider.on_update(lambda _: frame(int(np.abs(show.times - slider.value).argmin())))
-        say(f"http://localhost:{server.get_port()} (Ctrl-C ends it)")
-        try:
-            while True:
-                time.sleep(1.0)
-        except KeyboardInterrupt:
-            return
+        until_interrupted(server, say)
+
+
+def until_interrupted(server: Any, say: Callable[[str], None]) -> None:
+    """Serve until Ctrl-C; `say` gets the address."""
+    say(f"http://localhost:{server.get_port()} (Ctrl-C ends it)")
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        return
 
 
 @contextmanager
-def _server(show: Show) -> Iterator[tuple[Any, Callable[[int], None]]]:
-    """A server on a free port of this machine, with everything on stage."""
+def open_server(centre: np.ndarray, size: float) -> Iterator[Any]:
+    """A server on a free port of this machine; its camera shows a place (3,), m, of a size, m."""
     viser = library_viser()
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -109,9 +116,9 @@ def _server(show: Show) -> Iterator[tuple[Any, Callable[[int], None]]]:
     with redirect_stdout(io.StringIO()):  # its greetings
         server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
     try:
-        server.initial_camera.position = tuple(show.centre + show.size * np.array([0.56, -0.8, 0.4]))
-        server.initial_camera.look_at = tuple(show.centre)
-        yield server, show.stage(server)
+        server.initial_camera.position = tuple(centre + size * np.array([0.56, -0.8, 0.4]))
+        server.initial_camera.look_at = tuple(centre)
+        yield server
     finally:
         with redirect_stdout(io.StringIO()):
             server.stop()

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.contact.support import Support
 from ocptip.robots.collision.shapes import Ball, HalfSpace, Shape
 from ocptip.robots.geometry import Wall
+from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 
 LINK, JOINT, BASE, HELD = (70, 110, 160), (240, 170, 60), (90, 90, 90), (200, 110, 50)
@@ -57,20 +58,25 @@ def held(
                 solid(scene, f"{root}/{one.body}/held {part}.{number}", one.shape, size=size, **style)
             )
     if arm.payload is not None:
-        _, centre, _ = arm.payload.seen_from(arm.tool_rotation, arm.offsets[-1])
-        radius = max(0.02 * size, 0.5 * (arm.payload.mass / 2000) ** (1 / 3))
-        name = f"{root}/{arm.links}/payload {part + 1}"
-        found.append(scene.add_icosphere(name, float(radius), position=tuple(centre), **style))
+        found.append(payload_ball(scene, root, arm, part, size, **style))
     return [node for node in found if node is not None]
+
+
+def payload_ball(scene: Any, root: str, arm: ArmModel, part: int, size: float, **style: Any) -> Any:
+    """A light-metal ball for the mass of a payload."""
+    assert arm.payload is not None
+    _, centre, _ = arm.payload.seen_from(arm.tool_rotation, arm.offsets[-1])
+    radius = max(0.02 * size, 0.5 * (arm.payload.mass / 2000) ** (1 / 3))
+    name = f"{root}/{arm.links}/payload {part + 1}"
+    return scene.add_icosphere(name, float(radius), position=tuple(centre), **{"color": HELD, **style})
 
 
 def base_of(
     scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int, int] | None = None
 ) -> None:
-    """The solids of an arm's base, or else what is known of its form."""
-    style = {} if ghost is None else {"opacity": SHEER}
+    """The solids of an arm's base, transparent, or else what is known of its form."""
     for number, part in enumerate(robot.shapes):
-        solid(scene, f"{root}/{number}", part.shape, ghost or BASE, size, **style)
+        solid(scene, f"{root}/{number}", part.shape, ghost or BASE, size, opacity=SHEER)
     if not robot.shapes:
         base(scene, root, robot.support, robot.arm.mount_position, ghost or BASE)
 

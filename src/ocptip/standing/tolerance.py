@@ -299,17 +299,16 @@ class Uncertainty:
 
     def contacts(self, nominal: Sequence[Binding]) -> tuple[Binding, ...]:
         """The contacts with the minimum friction."""
-        return tuple(
-            replace(
-                contact,
-                **{
-                    field.name: (1 - self.friction) * getattr(contact, field.name)
-                    for field in fields(contact)
-                    if field.name.startswith("friction")
-                },
-            )
-            for contact in nominal
-        )
+        return with_friction(nominal, 1 - self.friction)
+
+
+def with_friction(nominal: Sequence[Binding], factor: float) -> tuple[Binding, ...]:
+    """The contacts with their friction times a factor."""
+    names = [[own.name for own in fields(c) if own.name.startswith("friction")] for c in nominal]
+    return tuple(
+        replace(contact, **{name: factor * getattr(contact, name) for name in own})
+        for contact, own in zip(nominal, names, strict=True)
+    )
 
 
 def _half_sides(what: str, half: np.ndarray) -> str:

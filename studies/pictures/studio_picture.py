@@ -1,0 +1,40 @@
+"""Makes the picture of docs/how-to/studio.md: the page of the studio in a headless Chromium.
+
+python -m studies.pictures.studio_picture docs/studio.png
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import ocptip
+from ocptip.pictures.studio import Actions, studio_page
+from studies.pictures.browser import browser_page
+
+TASK = Path(__file__).parents[2] / "src/ocptip/examples/tasks/ur5_cart.toml"
+_CLOSE = "document.querySelector('[class*=Notification-close]')?.click()"
+
+
+def main(path: Path) -> None:
+    """Type a payload and a push into the page, and take its picture."""
+    studio = ocptip.studio(TASK)
+    ends = {"start": studio.task.start, "goal": studio.task.goal}
+    actions = Actions(lambda which, q: which, lambda: ("", ()))
+    with studio_page(studio.task.name, studio.study, studio.conditions, ends, actions) as page:
+        page.idle.wait(60)
+        with browser_page(f"http://localhost:{page.server.get_port()}") as shown:
+            shown.wait_for("document.body.innerText.includes('further push')")
+            shown.enter("payload [kg]", 5.0)
+            shown.enter("push at the TCP [N]", 30.0)
+            page.idle.wait(60)
+            shown.run(_CLOSE)
+            time.sleep(3.0)  # the picture fades in
+            shown.run("document.querySelectorAll('*').forEach(one => { one.scrollTop = 0 })")
+            shown.picture(path)
+        print(page.answered)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
