@@ -83,7 +83,10 @@ class StandingMechanism(MadeOf, Footing, ABC):
         sensor: WrenchSensor,
     ) -> None:
         if support.dimension != 3:
-            raise InputError("support: a mechanism needs a spatial support, got a planar one")
+            raise InputError(
+                "support: a mechanism needs a spatial support, got a planar one; give each contact twice, "
+                "far apart across the plane, and the other positions three numbers"
+            )
         self.motors, self.limits, self.collision = motors, limits, collision
         self.mass, self.sensor = support.mass + mass, sensor
         if reference_moment is None:
