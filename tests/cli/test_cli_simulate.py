@@ -119,8 +119,8 @@ def test_bad_folders_and_a_clamp(written, tmp_path, capsys):
     task = experiment_task("C")
     write_plan(clamped, plan_of(task, task.reference))
     assert main(["export", str(clamped), "--mjcf", str(tmp_path / "c.xml")]) == 0
-    assert "the jaw that presses contact 3" in capsys.readouterr().out
-    assert mujoco.MjModel.from_xml_path(str(tmp_path / "c.xml")).joint("jaw3").id > 0
+    assert "jaws that press contact 3" in capsys.readouterr().out
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "c.xml")).joint("jaw3_lower").id > 0
 
 
 def test_without_mujoco(written, capsys, monkeypatch):

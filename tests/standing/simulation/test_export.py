@@ -1,5 +1,7 @@
 """Exported models: real bodies, the library's masses, and the same wrench on the base for any motion."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -8,8 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.bindings.clamps import ForceVariableHalfRigidClamp, RigidClamp
+from ocptip.contact.bindings.clamps import (
+    ForceConstantTwoSidedClamp,
+    ForceVariableHalfRigidClamp,
+    RigidClamp,
+)
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.bindings.wheel import FreeWheel
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.bodies import exists, real_bodies
 from ocptip.robots.payload import Payload
@@ -143,7 +150,7 @@ def test_feet_that_give_have_their_mass_from_the_base():
     assert np.allclose(rigid[:6, :6], given_way[:6, :6], atol=1e-9)
 
 
-def test_clamps_have_two_jaws_and_those_on_springs_or_levers_are_refused():
+def test_clamps_have_two_jaws_and_springs_need_a_stiffness():
     robot = ROBOTS["A"]
     own = robot.support
     clamp = RigidClamp(position=own.contacts[0].position, friction_upper=0.2, friction_lower=0.3)
@@ -154,15 +161,45 @@ def test_clamps_have_two_jaws_and_those_on_springs_or_levers_are_refused():
     spring = ForceVariableHalfRigidClamp(
         position=own.contacts[0].position, friction_upper=0.2, friction_lower=0.3, clamp_force=9.0
     )
-    with pytest.raises(InputError, match="contact 1: a force-variable-half-rigid-clamp has no model"):
+    with pytest.raises(InputError, match="contact 1: a force-variable-half-rigid-clamp keeps its preload by"):
         to_mjcf(robot.varied(support=own.varied([spring, *own.contacts[1:]])))
+    soft = [replace(contact, stiffness=1e6) for contact in (spring, *own.contacts[1:])]
+    model = mujoco.MjModel.from_xml_string(to_mjcf(robot.varied(support=own.varied(soft))))
+    jaw = model.joint("jaw1_lower")
+    assert (jaw.stiffness[0], jaw.stiffness[0] * model.qpos_spring[jaw.qposadr[0]]) == pytest.approx(
+        (1e6, 9.0)
+    )
+    wheel = FreeWheel(position=own.contacts[0].position, friction=0.5)
+    with pytest.raises(InputError, match="contact 1: a free-wheel has no model for a simulator"):
+        to_mjcf(robot.varied(support=own.varied([wheel, *own.contacts[1:]])))
+
+
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_jaws_on_a_lever_share_its_force(ratio):
+    """i / (1 + i) F_o + F_u / (1 + i) = F, whatever pulls at the clamp (A.5)."""
+    robot = experiment_task("C").robot
+    own = robot.support.contacts
+    jaws = {"position": own[2].position, "friction_upper": 0.2, "friction_lower": 0.3}
+    clamp = ForceConstantTwoSidedClamp(**jaws, clamp_force=100.0, lever_ratio=ratio)
+    held = robot.varied(support=robot.support.varied([*own[:2], clamp]))
+    model = mujoco.MjModel.from_xml_string(to_mjcf(held))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    for _ in range(3000):
+        mujoco.mj_step(model, data)
+    upper, lower = (data.sensor(f"foot3{side}_force").data[0] for side in ("", "_lower"))
+    assert (ratio * upper + lower) / (1 + ratio) == pytest.approx(100.0, rel=1e-3)
+    still = np.zeros((1, robot.n))
+    expected = held.contact_states(held.loads(still, still, still)[1]).contact_forces[0, 2, 0]
+    assert upper - lower == pytest.approx(expected, abs=0.2)
+    assert lower > 10
 
 
 def test_jaw_of_constant_force_presses_with_it_wherever_it_is():
     robot = experiment_task("C").robot
     model = mujoco.MjModel.from_xml_string(to_mjcf(robot))
     data = mujoco.MjData(model)
-    jaw = model.joint("jaw3")
+    jaw = model.joint("jaw3_lower")
     assert model.npair == 4
     assert model.body_mass.sum() == pytest.approx(robot.mass + 0.03 * robot.support.mass, rel=1e-12)
     for travel in (0.0, 0.02):

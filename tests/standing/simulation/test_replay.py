@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from mujoco import MjModel
 
-from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.bindings.clamps import (
+    ForceConstantTwoSidedClamp,
+    ForceVariableHalfRigidClamp,
+    ForceVariableTwoSidedClamp,
+    RigidClamp,
+)
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.standing.parts import Part
@@ -165,6 +170,45 @@ def test_clamp_lets_go_beyond_its_force():
     assert np.median(replay.forces[lifted, 2]) == pytest.approx(-10.0, abs=1.0)  # and the jaw's inertia
     assert not replay.stands
     assert replay.lift > 0.5e-3
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "stiffness"),
+    [
+        (ForceConstantTwoSidedClamp, {"lever_ratio": 1.5}, None),
+        (ForceVariableTwoSidedClamp, {"lever_ratio": 1.5}, 1e6),
+        (ForceVariableHalfRigidClamp, {}, 1e6),
+    ],
+)
+def test_clamps_on_springs_and_levers_hold_as_the_library_says(kind, options, stiffness):
+    """Case C, slower, with other clamps in its third contact."""
+    robot, motion = plan_of("C-effective")
+    own = robot.support.contacts
+    jaws = {"position": own[2].position, "friction_upper": 0.2, "friction_lower": 0.2}
+    contacts = [*own[:2], kind(**jaws, clamp_force=100.0, **options)]
+    held = robot.support.varied([replace(contact, stiffness=stiffness) for contact in contacts])
+    part = Part(robot.varied(support=held), motion.time_scaled(1.6))
+    replay = Simulator((part,)).run()
+    beside = compared((part,), replay)
+    assert replay.stands
+    assert beside.stands
+    assert beside.rms < 1.5  # N
+    assert beside.least[2] < -1
+    if stiffness:  # rigid jaws ring in the simulator
+        assert replay.forces[:, 2].min() == pytest.approx(beside.least[2], abs=0.5)
+
+
+def test_jaws_on_a_lever_yield_at_their_force():
+    """The pull at which the lower jaw of a lever yields is (1 + i) F."""
+    robot, motion = plan_of("C-effective")
+    own = robot.support.contacts
+    jaws = {"position": own[2].position, "friction_upper": 0.2, "friction_lower": 0.2}
+    weak = ForceConstantTwoSidedClamp(**jaws, clamp_force=8.0, lever_ratio=0.1)
+    part = Part(robot.varied(support=robot.support.varied([*own[:2], weak])), motion)
+    replay = Simulator((part,)).run()
+    up = (replay.times < 0.8) & (replay.heights[:, 2] > 0.5e-3) & (replay.forces[:, 2] < 0)
+    assert np.median(replay.forces[up, 2]) == pytest.approx(-8.8, abs=0.3)
+    assert not replay.stands
 
 
 @pytest.mark.parametrize("rise", [0.02, 0.08])

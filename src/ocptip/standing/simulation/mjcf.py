@@ -35,7 +35,7 @@ from ocptip.standing.simulation.elements import (
     upright,
 )
 from ocptip.standing.simulation.objects import OBJECT_BODY, add_objects, object_states
-from ocptip.standing.simulation.world import jaws_of, pressed
+from ocptip.standing.simulation.world import jaws_of, sliding_jaws
 from ocptip.trajectories.trajectory import Trajectory
 
 BASE, PAYLOAD, PROCESS = "base", "payload", "process"
@@ -49,6 +49,7 @@ _KEYS = 0.02  # s between keyframes
 _SERVO = 2 * np.pi * 20.0  # rad/s: natural frequency of the actuators
 _POINT = 1e-9  # kg m^2: moments of a point mass
 _CONSTANT = 1e-9  # 1/rad, 1/m: relative stiffness of a spring of almost constant torque
+_LEVER = {"solref": "0.0005 1", "solimp": "0.99 0.99 0.001 0.5 2"}  # stiffer than soles, or jaws ring
 ON_SPRINGS = {"solref": [2 * STEP, 1.0], "solimp": [0.97, 0.97, 1e-3, 0.5, 2.0]}
 """Contact of a sole on springs, which is lighter."""
 
@@ -96,13 +97,13 @@ def to_mjcf(
     add(world, "site", name=_AXES)
     add(world, "light", pos="1 -1 3", dir="-0.3 0.3 -1", directional="true")
     base = _base(world, robot.support)
-    contact, sensors = ET.Element("contact"), ET.Element("sensor")
-    _feet(world, base, contact, sensors, robot, start)
+    contact, sensors, equality = (ET.Element(name) for name in ("contact", "sensor", "equality"))
+    _feet(world, base, contact, sensors, equality, robot, start)
     bodies = real_bodies(robot.arm)
     link = _arm(base, robot, bodies)
     add_objects(root, {BASE: base, GRIPPER: link}, contact, sensors, loaded, start)
     root.append(contact)
-    _drives(root, robot, bodies, start)
+    _drives(root, equality, robot, bodies, start)
     root.append(sensors)
     _keyframes(root, loaded, bodies, motion, begin)
     ET.indent(root)
@@ -127,11 +128,12 @@ def remarks_of(robot: Robot) -> list[str]:
     found.append("solref, solimp, the sole's radius and the actuators' gains are numbers for the simulator")
     if robot.support.elastic is not None:
         found.append(f"compliant feet are bodies with {FOOT:g} of the base's mass each, taken from it")
-    if jaws := pressed(robot.support):
-        numbers = ", ".join(str(k + 1) for k in jaws)
+    if jaws := sliding_jaws(robot.support):
+        numbers = ", ".join(dict.fromkeys(jaw.name.partition("_")[0] for jaw in jaws))
         found.append(
-            f"the jaw that presses contact {numbers} is a body for the simulator; it slides along the normal "
-            f"without weight, has {JAW:g} of the base's mass, and a spring of almost constant force pushes it"
+            f"jaws that press contact {numbers} are bodies for the simulator; each slides along the normal "
+            f"without weight, has {JAW:g} of the base's mass, and a spring or a lever pushes it; springs "
+            "without a stiffness have an almost constant force"
         )
     if robot.objects:
         found.append(
@@ -202,6 +204,7 @@ def _feet(
     base: ET.Element,
     contact: ET.Element,
     sensors: ET.Element,
+    equality: ET.Element,
     robot: Robot,
     start: np.ndarray,
 ) -> None:
@@ -225,14 +228,19 @@ def _feet(
                     damping=text(delays[k] * stiffness),
                 )  # fmt: skip
             place = np.zeros(3)
-        for jaw, side in zip(jaws_of(own, k), ("", "_lower"), strict=False):
-            foot, floor = jaw.name("foot") + side, jaw.name("ground") + side
+        for jaw in jaws_of(own, k):
+            foot, floor = f"{FOOT_BODY}{jaw.name}", f"ground{jaw.name}"
             at = {"pos": text(own.position), "quat": text(upright(jaw.normal))}
             grey = {"rgba": "0.8 0.8 0.8 1"}
-            if jaw.force:
-                slider = add(world, "body", name=jaw.name(JAW_BODY), gravcomp="1", **at)
-                joint = add(slider, "joint", name=jaw.name(JAW_BODY), type="slide", axis="0 0 1")
-                _spring(joint, jaw.force, 0.0)
+            if jaw.slides:
+                jaw_name = f"{JAW_BODY}{jaw.name}"
+                slider = add(world, "body", name=jaw_name, gravcomp="1", **at)
+                joint = add(slider, "joint", name=jaw_name, type="slide", axis="0 0 1")
+                _spring(joint, jaw.force, jaw.stiffness)
+                if jaw.lever:
+                    ends = {"joint1": jaw_name, "joint2": f"{JAW_BODY}{k + 1}"}
+                    ratio = text([0.0, jaw.lever, 0.0, 0.0, 0.0])
+                    add(equality, "joint", name=jaw_name, **ends, polycoef=ratio, **_LEVER)
                 mass = JAW * support.mass
                 inertial(slider, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
                 # A plane must not move; the face of this box is where the plane would be.
@@ -314,10 +322,11 @@ def _rotor(
     inertial(own, (mass, np.zeros(3), np.diag([transverse, transverse, axial])))
 
 
-def _drives(root: ET.Element, robot: Robot, bodies: ArmBodies, start: np.ndarray) -> None:
+def _drives(
+    root: ET.Element, equality: ET.Element, robot: Robot, bodies: ArmBodies, start: np.ndarray
+) -> None:
     """Gears between joints, and a position servo per joint that leads."""
     arm = robot.arm
-    equality = ET.Element("equality")
     for rotor in bodies.rotors:
         joint = arm.chain_names[rotor.joint]
         gear = text([0.0, rotor.ratio, 0.0, 0.0, 0.0])
@@ -362,7 +371,7 @@ def joint_order(robot: Robot, bodies: ArmBodies, values: np.ndarray) -> np.ndarr
     for k in range(arm.links):
         found += [rotor.ratio * own[..., k] for rotor in bodies.rotors if rotor.joint == k]
         found.append(own[..., k])
-    before, after = (np.zeros((*values.shape[:-1], n)) for n in (feet, len(pressed(robot.support))))
+    before, after = (np.zeros((*values.shape[:-1], n)) for n in (feet, len(sliding_jaws(robot.support))))
     return np.concatenate([before, np.stack(found, axis=-1), after], axis=-1)
 
 

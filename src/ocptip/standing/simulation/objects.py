@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.robots.kinematics import gripper_pose, jacobian
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
@@ -58,8 +59,11 @@ def add_objects(
         below, (turn, origin) = bodies[own.object.on], axes[own.object.on]
         for number, one in enumerate(own.footing.support.contacts):
             at = np.asarray(one.position)
-            for jaw, side in zip(jaws_of(one, number), ("", "_lower"), strict=False):
-                foot, floor = (f"{OBJECT_BODY}{name} {jaw.name(what)}{side}" for what in ("foot", "ground"))
+            jaws = jaws_of(one, number)
+            if any(jaw.stiffness or jaw.lever for jaw in jaws):
+                raise InputError(f"object {name!r}: a {one.kind} has no model for a simulator on objects")
+            for jaw in jaws:
+                foot, floor = (f"{OBJECT_BODY}{name} {what}{jaw.name}" for what in ("foot", "ground"))
                 normal, inside = turn @ jaw.normal, origin + turn @ at
                 own_normal, own_place = own.rotation.T @ jaw.normal, own.rotation.T @ (at - own.origin)
                 if jaw.force:

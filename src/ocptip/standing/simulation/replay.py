@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, OcptipError
-from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.bindings.clamps import ForceConstantTwoSidedClamp, RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.numerics.vectors import skew
 from ocptip.robots.bodies import real_bodies
@@ -224,7 +224,8 @@ class Simulator:
             away = place - place[0]
             height = (place - np.asarray(contact.position)) @ contact.normal + SENSOR
             if not isinstance(contact, RigidClamp):
-                heights[:, k] = np.maximum(height, 0.0)
+                yields = isinstance(contact, ForceConstantTwoSidedClamp)  # also downwards
+                heights[:, k] = np.abs(height) if yields else np.maximum(height, 0.0)
             across = np.linalg.norm(away - (away @ contact.normal)[:, None] * contact.normal, axis=1)
             slides[k] = np.max(across, where=held, initial=0.0)
         middle = times[:-1] + 0.5 * self.step
@@ -272,7 +273,7 @@ def prescribed(text: str, step: float) -> Any:
     except ValueError as error:
         raise OcptipError(f"MuJoCo: {error}") from error
     for what in (*spec.actuators, *spec.equalities, *spec.keys):
-        if not what.name.startswith(PROCESS):
+        if not what.name.startswith((PROCESS, JAW_BODY)):
             spec.delete(what)
     spec.option.timestep = step
     for joint in spec.joints:

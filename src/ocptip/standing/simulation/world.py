@@ -10,13 +10,22 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.binding import DAMPING_RATIO, Binding
-from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp, RigidClamp
+from ocptip.contact.bindings.clamps import (
+    ForceConstantHalfRigidClamp,
+    ForceConstantTwoSidedClamp,
+    ForceVariableHalfRigidClamp,
+    ForceVariableTwoSidedClamp,
+    RigidClamp,
+)
 from ocptip.contact.bindings.unilateral import UnilateralContact, feet
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import union
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
+
+_CONSTANT = ForceConstantHalfRigidClamp | ForceConstantTwoSidedClamp
+_VARIABLE = ForceVariableHalfRigidClamp | ForceVariableTwoSidedClamp
 
 
 @dataclass(frozen=True)
@@ -123,20 +132,25 @@ class Jaw:
     """One side of a contact that can push.
 
     Attributes:
-        contact: number, from 0.
+        name: of the contact's number, from 1, and the side.
         normal: (3,) direction in which the ground pushes the base.
         friction: coefficient.
-        force: N, with which a jaw that yields presses; 0: a rigid one.
+        force: N, with which a spring presses the jaw onto the base at the start; 0: it has none.
+        stiffness: N/m, of that spring; 0: its force is constant.
+        lever: travel towards the base per travel of the other jaw, which has the spring; 0: no lever.
     """
 
-    contact: int
+    name: str
     normal: np.ndarray
     friction: float
     force: float = 0.0
+    stiffness: float = 0.0
+    lever: float = 0.0
 
-    def name(self, what: str) -> str:
-        """Name of a geom, site or sensor."""
-        return f"{what}{self.contact + 1}"
+    @property
+    def slides(self) -> bool:
+        """Whether it is a moving body; else it is the ground."""
+        return bool(self.force or self.lever)
 
 
 def jaws_of(contact: Binding, number: int) -> list[Jaw]:
@@ -145,18 +159,32 @@ def jaws_of(contact: Binding, number: int) -> list[Jaw]:
     Raises:
         InputError: rigid bodies that touch do not behave like this contact.
     """
+    name, below, normal = f"{number + 1}", f"{number + 1}_lower", np.asarray(contact.normal)
     if isinstance(contact, UnilateralContact):
-        return [Jaw(number, np.asarray(contact.normal), contact.friction)]
-    if isinstance(contact, RigidClamp | ForceConstantHalfRigidClamp):
-        upper, lower, normal = contact.friction_upper, contact.friction_lower, np.asarray(contact.normal)
-        force = getattr(contact, "clamp_force", 0.0)
-        return [Jaw(number, normal, upper), Jaw(number, -normal, lower, force)]
-    raise InputError(
-        f"contact {number + 1}: a {contact.kind} has no model for a simulator: the stiffness that keeps its "
-        "preload, or its lever, is not described; feet, rigid and force-constant half-rigid clamps have one"
-    )
+        return [Jaw(name, normal, contact.friction)]
+    if isinstance(contact, RigidClamp):
+        return [Jaw(name, normal, contact.friction_upper), Jaw(below, -normal, contact.friction_lower)]
+    if not isinstance(contact, _CONSTANT | _VARIABLE):
+        raise InputError(
+            f"contact {name}: a {contact.kind} has no model for a simulator; feet and clamps have"
+        )
+    force, stiffness = contact.clamp_force, 0.0
+    if isinstance(contact, _VARIABLE):
+        stiffness = contact.stiffness or 0.0
+        if not stiffness:
+            raise InputError(
+                f"contact {name}: a {contact.kind} keeps its preload by a spring of unknown stiffness; give "
+                "all contacts a stiffness, or --stiffness"
+            )
+    if isinstance(contact, ForceConstantTwoSidedClamp | ForceVariableTwoSidedClamp):
+        # The source of force moves by ds, the jaws by i / (1 + i) ds and 1 / (1 + i) ds.
+        own = 1 + 1 / contact.lever_ratio
+        upper = Jaw(name, normal, contact.friction_upper, own * force, own**2 * stiffness)
+        return [upper, Jaw(below, -normal, contact.friction_lower, lever=1 / contact.lever_ratio)]
+    upper, lower = contact.friction_upper, contact.friction_lower
+    return [Jaw(name, normal, upper), Jaw(below, -normal, lower, force, stiffness)]
 
 
-def pressed(support: Support) -> list[int]:
-    """Numbers, from 0, of contacts with a jaw that presses with a constant force; each is a joint."""
-    return [k for k, own in enumerate(support.contacts) if isinstance(own, ForceConstantHalfRigidClamp)]
+def sliding_jaws(support: Support) -> list[Jaw]:
+    """Jaws that are bodies; each is a joint."""
+    return [jaw for k, own in enumerate(support.contacts) for jaw in jaws_of(own, k) if jaw.slides]
