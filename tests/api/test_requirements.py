@@ -72,7 +72,17 @@ def test_values_of_a_block_are_those_of_statics(tmp_path, friction, text, value)
     scene.write_text(f"{base}feet = {feet}\n")
     outcome, easy = ocptip.stand(scene).require(f"{text}, tilt >= 5 deg")
     assert outcome.value == pytest.approx(value, rel=4e-3)
-    assert (outcome.met, easy.met, easy.value) == (False, True, 5.0)
+    assert (outcome.met, easy.met) == (False, True)
+    assert easy.value == pytest.approx(np.degrees(np.arctan(min(0.4, friction))), rel=4e-3)
+
+
+def test_deviations_have_the_value_at_which_a_contact_is_lost(tmp_path):
+    scene = tmp_path / "scene.toml"
+    feet = "[[0.3, 0.2, 0], [0.3, -0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0]]"
+    scene.write_text(f"[base]\nmass = 40\ncenter_of_mass = [0, 0, 0.5]\nfriction = 3\nfeet = {feet}\n")
+    push, less = ocptip.stand(scene).require("base push >= 10 N, friction loss >= 20 %")
+    assert push.value == pytest.approx(40 * 9.81 * 0.2 / 0.29**0.5, rel=4e-3)
+    assert (less.at_least, less.value) == (True, 99.9)
 
 
 def test_margins_of_a_scene(rover):

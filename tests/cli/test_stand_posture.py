@@ -70,10 +70,11 @@ def test_a_posture_that_tips_the_base_or_breaks_limits(capsys, tmp_path):
     code, data = answered(capsys, "--posture", "0,0,0,0,0,0", task=light)
     assert code == 1
     assert not data["persistent"]
-    assert main(["stand", str(TASK), "--posture", "400,-10,0,0,0,0"]) == 0
+    assert main(["stand", str(TASK), "--posture", "400,-10,0,0,0,0"]) == 1
     text = capsys.readouterr().out
     assert "in the given posture   STABLE" in text
-    assert "but " in text
+    assert ", BUT THE ARM CANNOT REST THERE." in " ".join(text.split())
+    assert "\nBroken  " in text
 
 
 def test_a_base_that_brakes_in_a_turn(capsys):

@@ -85,6 +85,13 @@ def test_the_mass_is_the_brink(task, found):
     assert not stands(heavier(1.02 * found["extra_mass"].value), task.reference)
 
 
+def test_with_the_mass_that_drives_move_a_torque_is_at_its_limit(task, found):
+    arm = task.robot.arm.with_payload(Payload(found["extra_mass"].drives))
+    heavy = Robot(arm, task.robot.support, task.robot.motors)
+    torques, _ = heavy.loads(*task.reference.states(task.reference.both_sides(0.01)))
+    assert np.max(np.abs(torques) / heavy.limits.torque) == pytest.approx(1.0, abs=1e-6)
+
+
 def test_a_payload_is_held_already(task, found):
     part = 0.4 * found["extra_mass"].value
     arm = task.robot.arm.with_payload(Payload(part))
@@ -234,8 +241,13 @@ def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
     text = " ".join(" ".join(robustness_lines(rows)).split())
     assert text == (
         "Robust to (one at a time): tilt 3.84 deg | any friction feet of 2.3e5 N/m and stiffer "
-        "until a contact is lost; torques, clearance and joint limits not included"
+        "until a contact is lost; not included: clearance, joint limits, torques"
     )
+    held = Tolerated("extra_mass", 2.02, "kg", False, 0.1, "tips", drives=5.5)
+    text = " ".join(" ".join(robustness_lines([*rows, held])).split())
+    assert "payload +2.02 kg (drives +5.5 kg)" in text
+    assert text.endswith("other torques")
+    assert f"{held}" == "2.02 kg more at the gripper (tips, 0.100 s); the drives move 5.5 kg more"
     capped = robustness_lines([*rows, Tolerated("delay", 100.0, "ms", True, np.nan, "")])
     assert "delay >= 100 ms" in capped[1]
     assert capped[-2].endswith("until a contact is lost; >= : not searched further;")

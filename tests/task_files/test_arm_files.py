@@ -96,7 +96,7 @@ def test_a_short_file_of_a_foreign_arm(folder):
         "base_link 'base' and tool_frame 'tool0'",
         "locked",
         "acceleration limits of joints lift",
-        "motors",
+        "energy",
     ]
     assert "finger_1, finger_2 at 0.01" in robot.notes[1]  # the second one mimics the first
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 NO_MARGIN = 1 - 1e-9
 """GN and GT from here on are 1 but for rounding."""
+_DOUBLINGS = 12  # of a required deviation, until a contact is lost
+_MOST = {"tilt": 45.0, "friction loss": 99.9}  # what an uncertainty may have, deg and %
 
 
 def worst_of_scene(scene: Scene, tolerance: Uncertainty, reference: float | None = None) -> WithinAtRest:
@@ -136,19 +138,36 @@ class Standing:
             return wanted.compared(float(np.nanmin(self.normal_reserves)), note="nominal")
         if not self.nominally_stable:
             return wanted.compared(0.0, note="not stable without any deviation")
-        uncertainty, within = deviation(wanted), None
-        if self.posture is not None:
-            within = self.posture.within(uncertainty)
-        elif wanted.name not in ("payload", "push"):
-            within = worst_of_scene(self.scene, uncertainty)
-        if wanted.bound == 0:
-            return wanted.compared(0.0, at_least=True)
-        if within is None or within.ignored:
-            raise InputError(f"require: {wanted.name}: needs an arm; give its task file with --posture")
-        value, at_least = within.possible * wanted.bound, within.stands
+        note, slope = "alone, else nominal", self.largest_slope if wanted.name == "tilt" else None
+        if slope is not None:
+            angle = float(np.degrees(slope.angle))
+            return wanted.compared(angle, at_least=not slope.loss, note=note)
+        value, at_least = self._largest(wanted)
         if wanted.name == "payload" and self.posture and (held := self.posture.held_by_drives) < value:
             return wanted.compared(held, note="beyond what is held, nominal; the drives hold no more")
-        return wanted.compared(value, at_least=at_least)
+        return wanted.compared(value, at_least=at_least, note=note)
+
+    def _largest(self, wanted: Requirement) -> tuple[float, bool]:
+        """The largest deviation that loses no contact, and whether it is only at least that.
+
+        Raises:
+            InputError: it is none of a base without an arm.
+        """
+        value = kept = wanted.bound or 1.0
+        for _ in range(_DOUBLINGS):
+            uncertainty, within = deviation(replace(wanted, bound=value)), None
+            if self.posture is not None:
+                within = self.posture.within(uncertainty)
+            elif wanted.name not in ("payload", "push"):
+                within = worst_of_scene(self.scene, uncertainty)
+            if within is None or within.ignored:
+                raise InputError(f"require: {wanted.name}: needs an arm; give its task file with --posture")
+            if not within.stands:
+                return within.possible * value, False
+            kept, value = value, max(value, min(2 * value, _MOST.get(wanted.name, np.inf)))
+            if value == kept:
+                break
+        return kept, True
 
     @property
     def state(self) -> ContactState:

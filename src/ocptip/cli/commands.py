@@ -258,7 +258,7 @@ COMMANDS = (
         "is a standing base stable? verdict, margins, contact forces",
         "Is the base of a scene file stable, or a robot task in a posture? Prints verdict, contact forces "
         "and margins.",
-        "0 stable, 1 not stable (or no verified answer)",
+        "0 stable, 1 not stable, no verified answer, or the arm cannot rest there (torque, angle, clearance)",
         (
             argument("scene", "SCENE.toml", "a scene, or with --posture a robot task"),
             argument(

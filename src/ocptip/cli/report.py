@@ -138,6 +138,8 @@ class Document:
         texts = [
             "Base and links are rigid; contacts obey Coulomb's law with the friction given above.",
             "The ground bears every foot; it is level unless a tilt is named.",
+            "Contacts hold as given: wheels only while drives or brakes hold them.",
+            "Masses and centres of mass are those of task and robot description; weigh the base.",
             *dict.fromkeys(note for stage in self.about.stages for note in stage.task.robot.notes),
         ]
         if self.about.checked is not None:
@@ -209,9 +211,13 @@ class Document:
             times, held = map(np.concatenate, zip(*payloads, strict=True))
             yield heading("Largest payload")
             least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
+            drives = [one.drives for one in self.about.tolerated if one.drives is not None]
+            moved = "Drives not checked"
+            if drives:
+                moved = f"The drives move {quantity(min(drives), 'kg', 3)} more"
             yield paragraph(
-                f"At rest in the postures of the motion, up to the mass of the robot; minimum: {least}. "
-                "Drives not checked."
+                "Contacts alone, in the nominal model, at rest in the postures of the motion, up to the mass "
+                f"of the robot; minimum: {least}. {moved}."
             )
             yield picture(payload_figure(times, held), "What the gripper may hold, at rest.")
 

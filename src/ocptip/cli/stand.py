@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,8 +95,13 @@ class StandReport(GatedReport):
 
     @property
     def kept(self) -> bool:
-        """True if the base is stable."""
-        return self.found.stable
+        """True if the base is stable and the arm can rest in its posture."""
+        return self.found.stable and not self.broken
+
+    @property
+    def broken(self) -> Sequence[str]:
+        """Why the arm cannot rest in its posture: torques, angles, clearance."""
+        return self.found.posture.refusals if self.found.posture else ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
@@ -131,8 +136,8 @@ class StandReport(GatedReport):
         if found.nominally_stable and (names := [own.scene.name for own in lacking]):
             join, be = "AND" if lost else "BUT", "IS" if len(names) == 1 else "ARE"
             verdict += f", {join} {some(names, 3)} {be} NOT STABLE{' AT ALL' if lost else ''}"
-        if found.posture and found.posture.refusals:
-            verdict += ", BUT the arm cannot be there, see below"
+        if self.broken:
+            verdict += ", BUT THE ARM CANNOT REST THERE"
         return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
 
     def _answer(self) -> str:
@@ -164,9 +169,9 @@ class StandReport(GatedReport):
         return f"NOT STABLE. {moves[:1].upper()}{moves[1:]}."
 
     def _margins(self) -> list[tuple[str, str]]:
-        """The margins against tipping and sliding."""
+        """What the arm cannot hold, and the margins against tipping and sliding."""
         found = self.found
-        rows = [("Tipping margin", _axis_text(found))]
+        rows = [*under("Broken", self.broken), ("Tipping margin", _axis_text(found))]
         if np.isfinite(found.slip.GT[0]):
             full = found.redistribution == "full"
             used = _share_text(found.slip.GT[0])
@@ -185,7 +190,7 @@ class StandReport(GatedReport):
             rows.append(("Max slope", _slope_text(found.largest_slope)))
         if largest := found.largest_payload:
             scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
-            rows.append(("Max payload", f"in all, {scope}: {largest}"))
+            rows.append(("Max payload", f"in total at the gripper, {scope}: {largest}"))
         if found.posture and (share := found.possible_process) is not None:
             scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
             kept = "all of it keeps" if share == 1 else f"{np.floor(100 * share):.0f} % of it keep"
@@ -311,7 +316,8 @@ def _slope_text(slope: FloorSlope) -> str:
     downhill = f"downhill {towards(slope.downhill)}"
     also = ""
     if slope.loss != "tips" and slope.tips is not None:
-        also = f", if friction held it would tip at {quantity(float(np.degrees(slope.tips)), 'deg', 3)}"
+        tips = quantity(float(np.degrees(slope.tips)), "deg", 3)
+        also = f", if friction held it would tip at {tips} in its worst direction"
     return f"{angle} of the floor, nominal, {downhill}; beyond it the base {slope.loss}{about}{also}"
 
 

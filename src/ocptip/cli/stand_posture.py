@@ -9,7 +9,6 @@ import numpy as np
 from ocptip.api.postures import RestingPosture, resting_posture, rests_of
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import did_you_mean, percent, quantity
-from ocptip.cli.layout import under
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
@@ -20,7 +19,7 @@ _ELSEWHERE = {"gn_reference": "reference_moment in [limits]"}
 
 
 def posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
-    """Joint values, torques at rest, and what the posture breaks."""
+    """Joint values, base motion and torques at rest."""
     robot, torques = posture.robot, posture.instant.torques[0]
     rows = [("posture", joint_values(robot, posture.q))]
     if (motion := posture.base_motion) is not None:
@@ -32,7 +31,7 @@ def posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
     if shares[joint] > 0:
         holds = quantity(torques[joint], robot.motor_units[joint] if robot.motor_units else "N m")
         rows.append(("torque", f"{holds}, {percent(shares[joint])} of the limit ({robot.names[joint]})"))
-    return rows + under("but", posture.refusals)
+    return rows
 
 
 def joint_values(robot: StandingMechanism, q: np.ndarray) -> str:

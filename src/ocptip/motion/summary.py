@@ -255,7 +255,8 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
             lines.append(part)
     capped = [one for one in tolerated if one.at_most and one.quantity not in ("friction", "foot_stiffness")]
     lines.append(f"until a contact is lost{'; >= : not searched further' if capped else ''};")
-    lines.append("torques, clearance and joint limits not included")
+    torques = "other torques" if any(one.drives is not None for one in tolerated) else "torques"
+    lines.append(f"not included: clearance, joint limits, {torques}")
     return [title + lines[0], *(" " * len(title) + line for line in lines[1:])]
 
 

@@ -72,6 +72,7 @@ class Tolerated:
         time: s, where the contact is lost; NaN if none is.
         how: direction, and what happens.
         between: of feet one of which lifts on the stiffest: on those between these, in `unit`, none does.
+        drives: of masses, what the drives can move of them, in `unit`; None: not limited, or not of a mass.
     """
 
     quantity: str
@@ -81,15 +82,17 @@ class Tolerated:
     time: float
     how: str
     between: tuple[float, float] | None = None
+    drives: float | None = None
 
     def __str__(self) -> str:
         if self.quantity == "foot_stiffness":
             return self._of_feet()
         name, unit = _WORDS[self.quantity], f" {self.unit}" if self.unit else ""
         value = f"{name[0]}{self.value:.3g}{unit}{name[1]}"
+        drives = "" if self.drives is None else f"; the drives move {self.drives:.3g}{unit} more"
         if self.at_most:
-            return f"{value} and {'less' if self.quantity == 'friction' else 'more'}"
-        return f"{value} ({self.how}, {self.time:.3f} s)"
+            return f"{value} and {'less' if self.quantity == 'friction' else 'more'}{drives}"
+        return f"{value} ({self.how}, {self.time:.3f} s){drives}"
 
     @property
     def short(self) -> str:
@@ -98,7 +101,8 @@ class Tolerated:
         if self.quantity == "friction":
             return "any friction" if self.at_most else f"friction {100 * (value - 1):.3g} %"
         if self.quantity != "foot_stiffness":
-            return f"{name} {sign}{value:.3g} {self.unit}".replace("+ ", "+").replace("+>= ", ">= +")
+            text = f"{name} {sign}{value:.3g} {self.unit}".replace("+ ", "+").replace("+>= ", ">= +")
+            return text if self.drives is None else f"{text} (drives +{self.drives:.3g} {self.unit})"
         if np.isfinite(value):
             return f"{name} of {_stiffness_text(min(value, STIFFEST))} and stiffer"
         if self.between is None:
@@ -122,7 +126,8 @@ class Tolerated:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         own = dict(vars(self))
-        between = own.pop("between")
+        between, drives = own.pop("between"), own.pop("drives")
+        own |= {"drives": drives} if drives is not None else {}
         return own | ({"between": list(between)} if between else {})
 
 
@@ -144,7 +149,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     """Robustness of the motion of an arm, each quantity alone.
 
     - tilt: of floor and base, in any direction, degrees;
-    - extra_mass: a point mass at the gripper, kg;
+    - extra_mass: a point mass at the gripper, kg, and the one that the drives can move;
     - push: a force at the gripper in any direction, N;
     - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
     - faster: all times shorter, per cent of speed;
@@ -174,12 +179,15 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
         solver.largest(
             "tilt", "deg", np.degrees(1.0), TILT, _named(parts, downhill, around(free), "downhill")
         ),
-        solver.largest(
-            "extra_mass",
-            "kg",
-            1.0,
-            robot.mass,
-            [_Case(lambda m: parts.total() + m * parts.extra, parts.times, "")],
+        replace(
+            solver.largest(
+                "extra_mass",
+                "kg",
+                1.0,
+                robot.mass,
+                [_Case(lambda m: parts.total() + m * parts.extra, parts.times, "")],
+            ),
+            drives=parts.held_by_drives(robot, motion),
         ),
         solver.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, everywhere(free), "")),
         _least_friction(robot, parts),
@@ -234,9 +242,12 @@ class _Parts(RestLoads):
         bare = arm.with_payload(None)
         one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
 
-        def wrench(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> np.ndarray:
+        def loads(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> Any:
             given = {"gravity": gravity, "about": about, "base_motion": self.base_motion}
-            return evaluate_dynamics(model, q, *rates, **given).wrench
+            return evaluate_dynamics(model, q, *rates, **given)
+
+        def wrench(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> np.ndarray:
+            return loads(model, rates, gravity).wrench
 
         moving = (qd, qdd)
         self.inertial, self.crossed = wrench(arm, moving, np.zeros(3)), np.zeros((len(q), 6))
@@ -244,8 +255,19 @@ class _Parts(RestLoads):
             back = wrench(arm, (-qd, qdd), np.zeros(3))
             self.crossed = 0.5 * (self.inertial - back)
             self.inertial = 0.5 * (self.inertial + back) - wrench(arm, (0 * qd, 0 * qdd), np.zeros(3))
-        both = wrench(one, moving, self.support.gravity), wrench(bare, moving, self.support.gravity)
-        self.extra = both[0] - both[1]
+        with_it, without = (loads(model, moving, self.support.gravity) for model in (one, bare))
+        self.extra, self._extra_torques = with_it.wrench - without.wrench, with_it.torque - without.torque
+
+    def held_by_drives(self, robot: Robot, motion: Trajectory) -> float | None:
+        """kg: the largest point mass at the gripper that the drives can move; None: not limited."""
+        states, per_kilogram = motion.states(self.times), self._extra_torques
+        torques = robot.loads(*states, robot.acting(self.times))[0]
+        limit = robot.limits.torque
+        unused = np.where(per_kilogram > 0, limit - torques, limit + torques)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            masses = np.where(per_kilogram != 0, unused / np.abs(per_kilogram), np.inf)
+        least = max(float(np.min(masses)), 0.0)
+        return least if np.isfinite(least) else None
 
     def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
         """Wrenches (N, 6) on the base with gravity (3,), m/s^2, and the arm's speed times `speed`."""

@@ -142,7 +142,7 @@ class Robot(StandingMechanism):
             source: path, text (it begins with <), or `pinocchio.Model`, which needs `tool_frame`.
             contacts: positions (n, 3), m, base axes, of ordinary contacts with a vertical normal; or contacts
                 of any kind.
-            base_mass: kg, without the arm; default: of those links of the URDF that do not move.
+            base_mass: kg, with those links of the URDF that do not move; default: of these alone.
             base_com: (3,), m, base axes; default likewise.
             friction: coefficient of the contacts, where `contacts` are positions.
             base_inertia, gravity: see `Support`.

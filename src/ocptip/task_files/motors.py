@@ -122,6 +122,8 @@ def arm_and_motors(
     modular = "name" in data.table("arm")
     table = data.table("motors")
     arm = arm.with_gears(read_gears(table, arm))
+    if load is not None and not held and arm.may_collide:
+        arm = arm.with_notes("payload: no solid is given, its collisions are not checked")
     kind = table.get("kind", "modular" if modular else "estimated")
     if kind == "dc":
         return arm, dc_motors(table, arm.n)
@@ -130,10 +132,7 @@ def arm_and_motors(
     if kind == "estimated":
         _require_limits(data, arm)
         motors = table.make(DCMotors.estimated, arm, **table.given("standby", "regeneration"))
-        if "kind" in table:
-            return arm, motors
-        note = "motors: estimated from torque and speed limits, for the file describes none"
-        return arm.with_notes(note), motors
+        return arm.with_notes("energy: motors are estimated from limits of torque and speed"), motors
     if not modular:
         raise table.error("the power maps 'modular' are for the modular arms only", "kind")
     return arm, modular_motors()

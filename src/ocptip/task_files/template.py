@@ -147,11 +147,11 @@ def _groups(arm: ArmModel, foot: ExampleBase, to_fill: Sequence[str]) -> dict[st
         usual.insert(0, "acceleration limits")
     groups = {"From the URDF": known, "From a default": usual}
     groups[f"To be given, in the lines that begin with {MARK}"] = list(to_fill)
-    groups["Not known to any URDF either"] = [
+    wheels = [
         "whether drives or brakes hold the wheels",
-        'whether wheels are omni or mecanum (kind = "free-wheel")',
-        "power of the drives",
+        'whether they are omni or mecanum (kind = "free-wheel")',
     ]
+    groups["Not known to any URDF either"] = [*(wheels if _rolling(foot) else ()), "power of the drives"]
     return groups
 
 
@@ -172,10 +172,11 @@ def _base(foot: ExampleBase) -> Iterator[str]:
     yield f"# {foot.source}."
     keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else "invented"
     if foot.foot_mass > 1e-9:
-        about += (
-            f"; your value has to include {foot.foot_mass:.3g} kg of links of the URDF that do not move, "
-        )
-        about += f"with their centre at {_list(np.round(foot.foot_center, 3))} m as the arm is mounted here"
+        about += f"; has to include {foot.foot_mass:.3g} kg of links of the URDF"
+        links, centre = f"{foot.foot_mass:.3g}", _list(np.round(foot.foot_center, 3))
+        yield f"# Links of the URDF that do not move: {links} kg, centre {centre} m, as mounted here."
+        yield f"# For a base of m kg, centre c, without them: mass = m + {links},"
+        yield f"# center_of_mass = (m c + {links} {centre}) / (m + {links})."
     yield _line(keys, "mass", f"{foot.mass:.9g}", about, mark=not foot.of_urdf)
     where, invented = "of the URDF" if foot.of_urdf else "invented", not foot.contacts_of_urdf
     yield _line(keys, "center_of_mass", _list(np.round(foot.center_of_mass, 6)), where, mark=not foot.of_urdf)
