@@ -47,11 +47,12 @@ def test_stand_loads_what_it_needs():
     assert not any(name.startswith(("ocptip.motion", "ocptip.robots")) for name in modules)
 
 
-def test_plan_begins_without_what_only_some_tasks_need():
-    code, modules = loaded(["plan", "missing.toml", "--jobs", "1"])
+def test_plan_and_check_begin_without_what_only_some_tasks_need():
+    code, modules = loaded(["plan", "missing.toml", "--jobs", "1"], ["check", "missing.csv"])
     assert code == 2
     assert modules >= {"ocptip.motion.plan", "casadi", "numba"}
-    assert not modules & {f"scipy.{name}" for name in ("interpolate", "optimize", "sparse", "spatial")}
+    heavy = ("interpolate", "optimize", "sparse", "spatial", "stats")
+    assert not modules & {f"scipy.{name}" for name in heavy}
     assert not any(name.startswith("ocptip.parallel") for name in modules)
 
 

@@ -8,9 +8,10 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.contact.solver import solve
 from ocptip.contact.support import Support
-from ocptip.placement import place, place_for_path
 from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.for_path import place_for_path
 from ocptip.placement.ground import HeightField, Wave
+from ocptip.placement.place import place
 from ocptip.placement.result import evaluate_placement
 from ocptip.placement.search.starts import sample
 from ocptip.placement.terrain import plane, rough_ground

@@ -6,11 +6,11 @@ import pytest
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve
 from ocptip.contact.support import Support
-from ocptip.placement import place
 from ocptip.placement.estimates import NOT_HELD, edge_moments, friction_shares
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.ground import Bump, HeightField, Wave
 from ocptip.placement.limits.placed import LeastMoments, addable
+from ocptip.placement.place import place
 from ocptip.placement.problem import Weights
 from ocptip.placement.search.physics import PatchPhysics
 from ocptip.placement.search.starts import best_branches, exact_scores, sample

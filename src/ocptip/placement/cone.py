@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+import scipy  # subpackages load on first use
 
 from ocptip.basics.frozen import read_only
 
@@ -81,8 +81,8 @@ def _encloses(points: np.ndarray, half_angle: float) -> bool:
     centre = np.array([0.0, 0.0, np.cos(half_angle)])
     unit = np.array([1.0, 1.0, half_angle / (1 - centre[2])])  # a flat cap made as high as wide, for Qhull
     try:
-        planes = ConvexHull((points - centre) * unit).equations
-    except QhullError:
+        planes = scipy.spatial.ConvexHull((points - centre) * unit).equations
+    except scipy.spatial.QhullError:
         return False
     normals, offsets = planes[:, :3] * unit, -planes[:, 3]
     sizes = np.linalg.norm(normals, axis=1)

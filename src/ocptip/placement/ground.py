@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as cs
 import numpy as np
-from scipy.interpolate import NdBSpline, make_interp_spline
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.numerics.batch import BatchFunction
+
+if TYPE_CHECKING:
+    from scipy.interpolate import NdBSpline
 
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 """Orders of the derivatives by x and y that a height field gives."""
@@ -97,9 +101,10 @@ class HeightGrid:
 
     def spline(self) -> NdBSpline:
         """The surface over (x, y); beyond the grid its outermost pieces go on."""
+        make_interp_spline = scipy.interpolate.make_interp_spline
         along_x = make_interp_spline(self.x, self.heights.T, _DEGREE)
         both = make_interp_spline(self.y, along_x.c.T, _DEGREE)
-        return NdBSpline((along_x.t, both.t), both.c.T, _DEGREE, extrapolate=True)
+        return scipy.interpolate.NdBSpline((along_x.t, both.t), both.c.T, _DEGREE, extrapolate=True)
 
 
 class HeightField:

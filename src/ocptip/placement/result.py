@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import PlanningError
+from ocptip.basics.values import rotations
 from ocptip.basics.write import plain
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import Evaluator
@@ -165,7 +165,7 @@ class Placement:
                 "base": {
                     "position": self.base_position,
                     "rotation": self.base_rotation,
-                    "rpy_deg": Rotation.from_matrix(self.base_rotation).as_euler("xyz", degrees=True),
+                    "rpy_deg": rotations().from_matrix(self.base_rotation).as_euler("xyz", degrees=True),
                 },
                 **self._feet(),
                 "angles_deg": {

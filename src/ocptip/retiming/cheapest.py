@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as cs
 import clarabel
 import numpy as np
-from scipy import sparse
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
@@ -248,7 +248,7 @@ class _ConeRows:
     def __init__(self, columns: int) -> None:
         self._columns = columns
         self._kinds: dict[str, list[tuple[list, np.ndarray]]] = {"zero": [], "positive": []}
-        self._products: list[tuple[sparse.csr_matrix, np.ndarray, int]] = []
+        self._products: list[tuple[scipy.sparse.csr_matrix, np.ndarray, int]] = []
 
     def add(self, kind: str, entries: list[tuple[np.ndarray, np.ndarray]], b: np.ndarray) -> None:
         """Rows sum entries <= b (positive), or = b (zero); each entry has a column and a value per row."""
@@ -293,16 +293,18 @@ class _ConeRows:
                 put(2 + k, entry, 2.0)
         places = np.concatenate(rows), np.concatenate(columns)
         shape = count * size, self._columns
-        self._products.append((sparse.csr_matrix((np.concatenate(values), places), shape), b.ravel(), size))
+        self._products.append(
+            (scipy.sparse.csr_matrix((np.concatenate(values), places), shape), b.ravel(), size)
+        )
 
-    def matrices(self) -> tuple[sparse.csc_matrix, np.ndarray, list]:
+    def matrices(self) -> tuple[scipy.sparse.csc_matrix, np.ndarray, list]:
         """A, b and the cones."""
         parts, b, cones = [], [], []
         for kind, blocks in self._kinds.items():
             count = 0
             for entries, right in blocks:
                 rows, columns, values = (np.concatenate(own) for own in zip(*entries, strict=True))
-                parts.append(sparse.csr_matrix((values, (rows, columns)), (len(right), self._columns)))
+                parts.append(scipy.sparse.csr_matrix((values, (rows, columns)), (len(right), self._columns)))
                 b.append(right)
                 count += len(right)
             if count:
@@ -313,7 +315,7 @@ class _ConeRows:
             parts.append(matrix)
             b.append(right)
             cones += [clarabel.SecondOrderConeT(size)] * (len(right) // size)
-        return sparse.csc_matrix(sparse.vstack(parts)), np.concatenate(b), cones
+        return scipy.sparse.csc_matrix(scipy.sparse.vstack(parts)), np.concatenate(b), cones
 
 
 def cheapest(

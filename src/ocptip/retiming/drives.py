@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy  # subpackages load on first use
 
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import DCMotors, Motors
@@ -71,7 +71,9 @@ def _below(motors: Motors, limits: JointLimits) -> QuadraticDrives:
         for shift in _SHIFTS * limits.torque[joint]:
             terms = _terms(coarse[0] + shift, coarse[1])
             least = [(0, None), (0, None), (None, None), (None, None), (0, None)]
-            fit = linprog(-terms.mean(axis=0), A_ub=terms, b_ub=coarse[2], bounds=least, method="highs")
+            fit = scipy.optimize.linprog(
+                -terms.mean(axis=0), A_ub=terms, b_ub=coarse[2], bounds=least, method="highs"
+            )
             if fit.success and (best is None or fit.fun < best[0]):
                 best = fit.fun, shift, fit.x
         shift, values = (0.0, np.zeros(5)) if best is None else best[1:]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
+import scipy  # subpackages load on first use
 
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Uncertainty
@@ -42,21 +42,21 @@ class Couplings:
         names: (R,) of the limits.
     """
 
-    A: sparse.csr_matrix
+    A: scipy.sparse.csr_matrix
     b: np.ndarray
     names: tuple[str, ...]
 
     @classmethod
     def none(cls, nodes: int) -> Couplings:
         """No rows."""
-        return cls(sparse.csr_matrix((0, nodes)), np.empty(0), ())
+        return cls(scipy.sparse.csr_matrix((0, nodes)), np.empty(0), ())
 
     def __len__(self) -> int:
         return len(self.b)
 
     def joined(self, other: Couplings) -> Couplings:
         """Both."""
-        A = sparse.csr_matrix(sparse.vstack([self.A, other.A]))
+        A = scipy.sparse.csr_matrix(scipy.sparse.vstack([self.A, other.A]))
         return Couplings(A, np.concatenate([self.b, other.b]), (*self.names, *other.names))
 
 
@@ -151,7 +151,7 @@ class LateJoints:
                     first, last = max(node - 1, 0), min(node + 2, len(x))
                     over = (self._after if part else self._before)[first - node + 1 : last - node + 1]
                     A[row, first:last] += factor * on[row, 2, joint] * over[:, node, joint]
-        rows = Couplings(sparse.csr_matrix(A), A @ x - excess, tuple(names))
+        rows = Couplings(scipy.sparse.csr_matrix(A), A @ x - excess, tuple(names))
         return float(np.max(excess, initial=-_NEAR)), slips, rows
 
     def _options(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.trajectories.path import JointPath
@@ -143,7 +143,7 @@ def spline_through(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> F
     given, kept = _checked(points, tolerance)
     points = given[kept]
     lengths = polygon_lengths(points)
-    curve = CubicSpline(lengths, points, bc_type="natural")
+    curve = scipy.interpolate.CubicSpline(lengths, points, bc_type="natural")
     leg = Leg(curve, lengths, points, np.arange(len(points)))
     return _with_left_out(joined([leg], f"smooth curve through {len(points)} points"), given, kept)
 

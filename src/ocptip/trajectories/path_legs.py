@@ -10,13 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline, PPoly
-from scipy.linalg import solveh_banded
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError
 from ocptip.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 LEAST = 1e-9  # rad or m: points that are nearer to each other are the same
 _DEGREE = 5
@@ -52,7 +55,7 @@ class Leg:
     ) -> Leg:
         """Leg of polynomials between knots."""
         kept = np.append(np.diff(knots) > LEAST * knots[-1], True)  # blends may leave no line between them
-        curve = PPoly(np.stack(rows, axis=1)[:, kept[:-1]], np.array(knots)[kept])
+        curve = scipy.interpolate.PPoly(np.stack(rows, axis=1)[:, kept[:-1]], np.array(knots)[kept])
         return cls(curve, lengths[own], points[own], np.arange(len(points))[own])
 
     @classmethod
@@ -79,7 +82,7 @@ class Leg:
         pace = np.diff(q, axis=0) / w
         rows = [(first + last - 2 * pace) / w**2, (3 * pace - 2 * first - last) / w, first, q[:-1]]
         knots = np.append(0.0, np.cumsum(widths))
-        return cls(PPoly(np.stack(rows), knots), knots, q, np.arange(len(q)))
+        return cls(scipy.interpolate.PPoly(np.stack(rows), knots), knots, q, np.arange(len(q)))
 
     @classmethod
     def fitted(
@@ -178,7 +181,7 @@ def _least_squares(at: np.ndarray, values: np.ndarray, knots: np.ndarray, jumps:
     inner = np.sort(np.concatenate([knots, np.repeat(jumps, _DEGREE - 2)]))
     edge = np.full(_DEGREE + 1, at[-1])
     t = np.concatenate([np.zeros(_DEGREE + 1), inner, edge])
-    design = BSpline.design_matrix(at, t, _DEGREE).tocsr()
+    design = scipy.interpolate.BSpline.design_matrix(at, t, _DEGREE).tocsr()
     count = len(t) - _DEGREE - 1
     weights = np.gradient(at)
     coefficients = np.zeros((count, values.shape[1]))
@@ -189,10 +192,10 @@ def _least_squares(at: np.ndarray, values: np.ndarray, knots: np.ndarray, jumps:
     bands = np.zeros((_DEGREE + 1, count - 2))
     for k in range(_DEGREE + 1):
         bands[_DEGREE - k, k:] = np.diagonal(normal, k)
-    coefficients[1:-1] = solveh_banded(bands, free.T @ (weights[:, None] * left))
-    spline, ends = BSpline(t, coefficients, _DEGREE), np.unique(t)
+    coefficients[1:-1] = scipy.linalg.solveh_banded(bands, free.T @ (weights[:, None] * left))
+    spline, ends = scipy.interpolate.BSpline(t, coefficients, _DEGREE), np.unique(t)
     rows = [spline(ends[:-1], nu=k) / factorial(k) for k in range(_DEGREE, -1, -1)]
-    return PPoly(np.stack(rows), ends)
+    return scipy.interpolate.PPoly(np.stack(rows), ends)
 
 
 def polygon_lengths(points: np.ndarray) -> np.ndarray:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
+import scipy  # subpackages load on first use
 
+from ocptip.basics.values import rotations
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.limit import smallest_margin
 from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
@@ -102,9 +102,9 @@ def solutions(
             rotation = wanted.rotation
             if wanted.orientation == "axis":
                 roll = rng.uniform(-np.pi, np.pi, N)
-                rotation = rotation @ Rotation.from_rotvec(roll[:, None] * wanted.tool_axis).as_matrix()
+                rotation = rotation @ rotations().from_rotvec(roll[:, None] * wanted.tool_axis).as_matrix()
             elif wanted.orientation == "free":
-                rotation = Rotation.random(N, rng).as_matrix()
+                rotation = rotations().random(N, rng).as_matrix()
             rounds.append(branches_within_limits(arm, *evaluator.targets(task, origin, base, rotation)))
         return np.concatenate(rounds, axis=1)
     position, rotation = evaluator.targets(task, origin, base)
@@ -367,7 +367,7 @@ def _draw(evaluator: Evaluator, patch: int, rng: np.random.Generator, count: int
     """Quasi-random parameters (count, k) within bounds and reach of the first task."""
     problem = evaluator.problem
     low, high = _box(evaluator, patch)
-    unit = qmc.Halton(problem.terrain[patch].size, rng=rng).random(count)
+    unit = scipy.stats.qmc.Halton(problem.terrain[patch].size, rng=rng).random(count)
     return low + unit * (high - low)
 
 
