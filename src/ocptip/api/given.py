@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -17,6 +18,7 @@ from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.read import only_inside, require_readable
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.output import PLAN, TRAJECTORY
+from ocptip.motion.source import TaskSource, source_of
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
@@ -28,6 +30,8 @@ from ocptip.trajectories.bags import is_bag
 from ocptip.trajectories.drive_profile import DriveProfile, load_drive_profile
 from ocptip.trajectories.read import load_motion, load_motions, motion_origin
 from ocptip.trajectories.trajectory import Trajectory
+
+_DRIVE = "drive.csv"  # of a profile that is no part of the task
 
 ProfileLike = DriveProfile | str | os.PathLike[str]
 """How a base drives: what `load_drive_profile` gives or takes."""
@@ -85,15 +89,26 @@ def _is_file(motion: object) -> bool:
     )
 
 
-def _driving(task: Task, profile: DriveProfile | None) -> Task:
+def driving(task: Task, profile: ProfileLike | None) -> Task:
     """The task of an arm on a base that drives so; None: as it is."""
     if profile is None:
         return task
+    profile = profile if isinstance(profile, DriveProfile) else load_drive_profile(profile)
     if task.is_cycle:
         raise InputError("drive_profile: not for cycles, whose segments would each begin with it")
     if not isinstance(task.robot, Robot):
         raise InputError("drive_profile: only for arms, this robot is a parallel one")
-    return task.each(lambda own: replace(own, robot=cast(Robot, own.robot).driving(profile)))
+    return task.each(partial(_driven, profile=profile))
+
+
+def _driven(task: MotionTask, profile: DriveProfile) -> MotionTask:
+    """The task with this profile, which its source holds as a file."""
+    robot, source = cast(Robot, task.robot).driving(profile), source_of(task)
+    if source is not None and "case" not in source.data:
+        motion = {**source.data["motion"], "drive_profile": _DRIVE}
+        files = {**source.files, _DRIVE: profile.to_csv().encode()}
+        source = TaskSource({**source.data, "motion": motion}, robot, files)
+    return replace(task, robot=robot, source=source)
 
 
 def _held(task: Task, posture: ArrayLike | str) -> tuple[str, Task, Trajectory]:
@@ -124,13 +139,13 @@ def given_motion(
     if drive_profile is not None and not isinstance(drive_profile, DriveProfile):
         drive_profile = load_drive_profile(drive_profile)
     if not isinstance(motion, Trajectory) and task is not None and not _is_file(motion):
-        driven = _driving(load_task(task, base=base), drive_profile)
+        driven = driving(load_task(task, base=base), drive_profile)
         if driven.robot.acts.end:
             return _held(driven, cast("ArrayLike | str", motion))
     if drive_profile is not None:
         how = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
         name, task, found = given_motion(motion, task, base=base, **how)
-        return name, _driving(task, drive_profile), found
+        return name, driving(task, drive_profile), found
     if not isinstance(motion, str | os.PathLike | Trajectory):
         raise InputError("motion: a posture is held only where the base drives; give a drive profile")
     if not isinstance(motion, str | os.PathLike):

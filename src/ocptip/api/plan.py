@@ -328,7 +328,7 @@ def plan(
             positive_number(name, number)
     task = prepared(load_task(task), controller, rise_time, stops)
     refuse_objects(task, *["sensitivities"] * sensitivities)
-    refuse_driving(task)
+    refuse_driving(task, *["sensitivities"] * sensitivities)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}

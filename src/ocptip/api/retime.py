@@ -10,14 +10,14 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
-from ocptip.api.given import MotionLike, task_of_motion
+from ocptip.api.given import MotionLike, ProfileLike, driving, task_of_motion
 from ocptip.api.plan import Plan, silent
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
-from ocptip.motion.cycles.task import CycleTask, refuse_objects
+from ocptip.motion.cycles.task import CycleTask, refuse_driving, refuse_objects
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
@@ -158,6 +158,7 @@ def retime(
     path: MotionLike,
     *,
     base: Base | None = None,
+    drive_profile: ProfileLike | None = None,
     objective: Literal["time", "energy", "both"] | None = None,
     price_per_second: float | None = None,
     max_duration: float | None = None,
@@ -180,6 +181,7 @@ def retime(
         task: robot and limits; what :func:`ocptip.load_task` takes. None: what the path's file names.
         path: a file of waypoints (TOML), or a motion or its file, whose times are not kept.
         base: of a case, if it is not that of the file.
+        drive_profile: how the base drives meanwhile, instead of as in the task, see :func:`ocptip.check`.
         objective, price_per_second: what is minimised; default "time".
         max_duration: s, at most.
         jerk: deg/s^3 (sliding joints: m/s^3), at most; None: acceleration steps are allowed.
@@ -207,7 +209,9 @@ def retime(
         task, file = task_of_motion(path, task, base)
         reading = {"columns": columns, "unit": unit, "rate": rate, "topic": topic}
         name, given = file.name, load_path(file, task, tolerance=path_tolerance, **reading)
+    task = driving(task, drive_profile)
     refuse_objects(task)
+    refuse_driving(task)
     motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
     goal = (
         TIME if objective is None and price_per_second is None else objective_of(objective, price_per_second)

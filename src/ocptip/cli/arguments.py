@@ -188,6 +188,18 @@ GATE = group(
     ),
     argument("--junit", "FILE", "write verdict and requirements as a JUnit report (XML)"),
 )
+
+
+def drive_profile(more: str = "") -> Argument:
+    """The motion of the base of a command; `more` ends its help."""
+    return argument(
+        "--drive-profile",
+        "PROFILE",
+        "how the base drives meanwhile: CSV with velocities (v, w) or a course (x, y, yaw), a bag, or "
+        f"'2 m, 0.8 m/s, 1 m/s^2'{more}",
+    )
+
+
 FILE_OF_MOTION = group(
     "format of the motion",
     COLUMNS,

@@ -30,6 +30,7 @@ from ocptip.cli.arguments import (
     TOPIC,
     UNIT,
     argument,
+    drive_profile,
     group,
     objective,
     stops,
@@ -246,6 +247,7 @@ COMMANDS = (
                 EFFORT,
             ),
             LIMITS,
+            group("a base that drives", drive_profile()),
             group("format of the path", UNIT, COLUMNS, TOPIC),
             GATE,
             OUT,
@@ -308,15 +310,7 @@ COMMANDS = (
             *MOTION_OF,
             LIMITS,
             FILE_OF_MOTION,
-            group(
-                "a base that drives",
-                argument(
-                    "--drive-profile",
-                    "PROFILE",
-                    "how the base drives meanwhile: CSV with velocities (v, w) or a course (x, y, yaw), a "
-                    "bag, or '2 m, 0.8 m/s, 1 m/s^2'; MOTION may then be a posture (start, goal)",
-                ),
-            ),
+            group("a base that drives", drive_profile("; MOTION may then be a posture (start, goal)")),
             group(
                 "further answers",
                 stops(

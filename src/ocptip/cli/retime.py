@@ -27,7 +27,9 @@ def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and the message says where and why."""
     read_gate(options)
     refuse_early(options.motion)  # the task may have to be compiled first
-    with naming_options(*typed(options, "base", "controller", "rate", "jerk", "max_duration")):
+    with naming_options(
+        *typed(options, "base", "drive_profile", "controller", "rate", "jerk", "max_duration")
+    ):
         asked = options.case or options.task
         task, path = task_of_motion(options.motion, asked, options.base)
         task = load_task(task, **given_limits(options))
@@ -37,6 +39,7 @@ def run(options: Namespace) -> Report:
             plan = retime(
                 task,
                 path,
+                drive_profile=options.drive_profile,
                 objective=options.objective,
                 price_per_second=options.price_per_second,
                 max_duration=options.max_duration,

@@ -6,6 +6,7 @@ at both ends of every interval, so that there is no singularity where a coeffici
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -14,7 +15,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.retiming.kernels import MOST, controllable, greatest, reduced
-from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
+from ocptip.retiming.rows import Clock, HalfPlanes, Places, TimingLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
 
@@ -23,6 +24,8 @@ _RAMP = 0.25  # share of the time of a stretch in which nodes get farther apart
 _SAME = 1e-6  # of x: rooms that differ by less are the same
 _TURNS, _MOST_TIMES = 5, 10  # for which a count is enough; of it at most
 _PER_PIECE, _TURNING = 8, 1e-3  # places per piece of a path; of the greatest derivative: slower is none
+_BETWEEN = np.array([0.25, 0.5, 0.75])
+_BEYOND = 1e-7  # excess of rows between nodes, in units of the limits, that is none
 _CLOSE = 0.2  # of the next step: nearer to a breakpoint there are no further nodes
 
 
@@ -92,9 +95,10 @@ class Grid:
         robot, path, limits: whose.
         s: (N + 1,) nodes, all breakpoints among them.
         ends: x at start and end, 1/s^2.
+        clocks: of what acts over time; rows hold by each of them.
 
     Attributes:
-        places: nodes; those at which derivatives have steps occur twice.
+        every: nodes by each clock; those at which derivatives have steps occur twice.
         left, right: (N,), the places at both ends of the intervals.
         widths: (N,).
         bounds: (N + 1, 2), minimum and maximum x at the nodes.
@@ -107,8 +111,10 @@ class Grid:
         limits: TimingLimits,
         s: np.ndarray,
         ends: tuple[float, float] = (0.0, 0.0),
+        clocks: Sequence[Clock] = (),
     ) -> None:
         self.robot, self.path, self.limits, self.s, self.widths = robot, path, limits, s, np.diff(s)
+        self.clocks: Sequence[Clock | None] = clocks or (None,)
         count = len(s) - 1
         double = np.isin(s, path.breakpoints[1:-1])
         first = np.arange(count + 1) + np.cumsum(double) - double
@@ -117,11 +123,24 @@ class Grid:
         before = np.zeros(len(places), dtype=bool)
         before[self.right] = True
         before[self.left] = False
-        self.places = Places.of(robot, path, places, before)
-        self.planes: HalfPlanes = limits.half_planes(self.places)
+        self.every = self.by_clock(places, before)
+        self.planes = HalfPlanes.joined(map(limits.half_planes, self.every))
         self.bounds = np.tile([0.0, np.inf], (count + 1, 1))
         self.bounds[[0, -1]] = np.array(ends)[:, None]
         self.bounds[np.isin(s, path.breakpoints[path.corners])] = 0.0
+
+    @property
+    def places(self) -> Places:
+        """The nodes by the first clock."""
+        return self.every[0]
+
+    def by_clock(self, s: np.ndarray, left: np.ndarray) -> list[Places]:
+        """Places of the path, see `Places.of`, by each clock."""
+        return [Places.of(self.robot, self.path, s, left, clock) for clock in self.clocks]
+
+    def acting(self, s: np.ndarray) -> np.ndarray:
+        """(P, k): what acts at places (P,), see `StandingMechanism.acting`, by the first clock."""
+        return self.by_clock(s, np.zeros(len(s), dtype=bool))[0].process
 
     def polygons(self, extra: ExtraRows) -> Polygons:
         """The feasible set of each interval under all rows."""
@@ -145,6 +164,69 @@ class Grid:
         if number >= 2 * size:
             return extra.names[int(np.searchsorted(extra.intervals, interval)) + number - 2 * size]
         return self.planes.names[number % size] if number >= 0 else "speed" if number in (-3, -4) else ""
+
+
+class Between:
+    """Places between the nodes of a grid, and its ends: where rows are evaluated again.
+
+    Args:
+        grid: the nodes.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        count, shares = len(grid.widths), len(_BETWEEN)
+        self._grid, self._intervals = grid, np.repeat(np.arange(count), shares)
+        self._shares = np.tile(_BETWEEN, count)
+        s = grid.s[self._intervals] + self._shares * grid.widths[self._intervals]
+        limits = grid.limits
+        inside = grid.by_clock(s, np.zeros(len(s), dtype=bool))
+        self._planes = HalfPlanes.joined(map(limits.half_planes, inside))
+        self._places = inside[0]
+        self._sides = [(own, self._intervals, self._shares) for own in inside]
+        if limits.curved:
+            every = np.arange(count)
+            for own, share in ((grid.left, 0.0), (grid.right, 1.0)):
+                shares_there = np.full(count, share)
+                self._sides += [(places.some(own), every, shares_there) for places in grid.every]
+
+    def broken(self, x: np.ndarray, rows: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
+        """Intervals, shares of them, rows (3, R) alpha u + beta x <= gamma, and names of what is broken.
+
+        Args:
+            x: (N + 1,), the timing.
+            rows: evaluate all rows, not only tangents.
+        """
+        found = [self._broken_rows(x)] if rows else []
+        for places, intervals, shares in self._sides if self._grid.limits.curved else []:
+            u, here = self._at(x, intervals, shares)
+            tangents = self._grid.limits.tangents(places, u, here)
+            own = tangents.places
+            excess = tangents.alpha * u[own] + tangents.beta * here[own] - tangents.gamma
+            bad = excess > _BEYOND
+            block = np.stack([tangents.alpha, tangents.beta, tangents.gamma - _BEYOND])[:, bad]
+            names = [tangents.names[k] for k in np.flatnonzero(bad)]
+            found.append((intervals[own[bad]], shares[own[bad]], block, names))
+        if not found:
+            return np.empty(0, dtype=int), np.empty(0), np.empty((3, 0)), []
+        intervals, shares, blocks, lists = zip(*found, strict=True)
+        every = [name for names in lists for name in names]
+        return np.concatenate(intervals), np.concatenate(shares), np.concatenate(blocks, axis=1), every
+
+    def _broken_rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
+        u, here = self._at(x, self._intervals, self._shares)
+        planes, caps = self._planes, self._places.caps
+        excess = planes.alpha * u[:, None] + planes.beta * here[:, None] - planes.gamma
+        k, row = np.nonzero(excess > _BEYOND)
+        fast = np.flatnonzero(here > caps * (1 + _BEYOND))
+        block = np.stack([planes.alpha[k, row], planes.beta[k, row], planes.gamma[k, row]])
+        caps = np.stack([np.zeros(len(fast)), np.ones(len(fast)), caps[fast]])
+        names = [planes.names[r] for r in row] + ["speed"] * len(fast)
+        every = np.concatenate([k, fast])
+        return self._intervals[every], self._shares[every], np.hstack([block, caps]), names
+
+    def _at(self, x: np.ndarray, intervals: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        step = np.diff(x)[intervals]
+        return step / (2 * self._grid.widths[intervals]), np.maximum(x[intervals] + shares * step, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,8 +336,9 @@ def _deciding(grid: Grid, extra: ExtraRows, polygons: Polygons, x: np.ndarray) -
 def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray, stuck: int) -> str:
     """Why no timing exists, with place, limit and amount."""
     place = grid.s[stuck]
-    if (why := grid.limits.why_not_at_rest(grid.places)) is not None:
-        return f"path: cannot be timed: at s = {why[0]:.4f}: {'; '.join(why[1])}"
+    for places in grid.every:
+        if (why := grid.limits.why_not_at_rest(places)) is not None:
+            return f"path: cannot be timed: at {why[0]}: {'; '.join(why[1])}"
     if polygons.counts[stuck] == 0:
         name = grid.name(int(polygons.numbers[stuck, 0]), extra, stuck)
         return f"path: cannot be timed: no speed keeps all limits at s = {place:.4f} ({name})"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,15 +17,17 @@ from ocptip.motion.objective import TIME, Objective
 from ocptip.numerics.threads import one_thread
 from ocptip.retiming.cheapest import CheapestTiming, PoweredTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
-from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, enough, fastest, spaced
+from ocptip.retiming.fastest import Between, ExtraRows, FastestTiming, Grid, enough, fastest, spaced
 from ocptip.retiming.jerk import steady
 from ocptip.retiming.late import Couplings, LateJoints
-from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
+from ocptip.retiming.rows import Clock, TimingLimits
+from ocptip.retiming.while_driving import clocks_to_try
+from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.trajectory import Trajectory
 
 FASTEST_NODES, CHEAPEST_NODES = 300, 100
@@ -35,8 +38,6 @@ joints also need cone programs.
 JERK_NODES = 150
 """The same with a limit of the jerk, whose program is the slowest."""
 
-_BETWEEN = np.array([0.25, 0.5, 0.75])
-_BEYOND = 1e-7  # excess of rows between nodes, in units of the limits, that is none
 _ROUNDS, _MOST_ROUNDS = 4, 25  # of rows between nodes; of tangents
 _LATE = 1e-5  # excess of rows of late joints, in units of M0 and GT, that is none
 _TIGHTENINGS = 4
@@ -173,33 +174,36 @@ def retime(
     usual = usual if own_jerk is None else min(usual, JERK_NODES)
     count = whole_number("nodes", enough(path, usual) if nodes is None else nodes, 8)
     squares = speeds[0] ** 2, speeds[1] ** 2
-    asked, best, known, own = limits, None, None, robot.along(path)
-    for _ in range(_TIGHTENINGS):
-        timing = TimingLimits(own, asked)
-        found = _solve(own, path, timing, objective, spaced(path, count), squares, known)
-        motion, slower = _within_peaks(
-            robot, _long_enough(Trajectory.from_path(path, found.grid.s, found.x), limits)
-        )
-        checked = check_motion(robot, motion, limits)
-        best = found, motion, checked, slower
-        tighter = _tightened(robot, asked, limits, checked)
-        if checked.timed_well or tighter == asked:
+    best: Retimed | None = None
+    for clocks in _clocks(robot, path, limits, objective, spaced(path, count), squares):
+        asked, known, own = limits, None, _along(robot, path, clocks)
+        for _ in range(_TIGHTENINGS):
+            timing = TimingLimits(own, asked)
+            found = _solve(own, path, timing, objective, spaced(path, count), squares, known, clocks)
+            motion, slower = _within_peaks(
+                robot, _long_enough(Trajectory.from_path(path, found.grid.s, found.x), limits)
+            )
+            checked = check_motion(robot, motion, limits)
+            tighter = _tightened(robot, asked, limits, checked)
+            if checked.timed_well or tighter == asked:
+                break
+            asked, known = tighter, found.couplings
+        if own_jerk is not None:
+            motion = _long_enough(steady(found.grid, motion, own_jerk), limits)
+            motion, slower = _within_peaks(robot, motion, own_jerk)
+            checked = check_motion(robot, motion, limits)
+        if not checked.verified:
+            motion, checked, more = _slowed(robot, motion, limits, checked)
+            slower *= more
+        if best is None or checked.timed_well:
+            best = Retimed(
+                motion, checked, objective, found.fast.active, *_curve(found), _duration(found), found.cheap,
+                slower, tuple(found.grid.limits.later), own_jerk, perf_counter() - begun,
+            )  # fmt: skip
+        if checked.timed_well:
             break
-        asked, known = tighter, found.couplings
     assert best is not None
-    found, motion, checked, slower = best
-    if own_jerk is not None:
-        motion = _long_enough(steady(found.grid, motion, own_jerk), limits)
-        motion, slower = _within_peaks(robot, motion, own_jerk)
-        checked = check_motion(robot, motion, limits)
-    if not checked.verified:
-        motion, checked, more = _slowed(robot, motion, limits, checked)
-        slower *= more
-    curve, names = _curve(found)
-    return Retimed(
-        motion, checked, objective, found.fast.active, curve, names, _duration(found), found.cheap, slower,
-        tuple(found.grid.limits.later), own_jerk, perf_counter() - begun,
-    )  # fmt: skip
+    return best
 
 
 @one_thread
@@ -221,11 +225,37 @@ def least_cost(
         InputError: the path cannot be timed: says where, and by which limit.
         SolverError: the program of the cheapest timing is not solved.
     """
-    grid, robot = spaced(path, nodes), robot.along(path)
-    found = _solve(robot, path, TimingLimits(robot, limits), objective, grid, (0.0, 0.0))
+    grid = spaced(path, nodes)
+    clocks = next(_clocks(robot, path, limits, objective, grid, (0.0, 0.0)))
+    robot = _along(robot, path, clocks)
+    timing = TimingLimits(robot, limits)
+    found = _solve(robot, path, timing, objective, grid, (0.0, 0.0), clocks=clocks)
     if found.cheap is not None and objective.name != "time":
         return found.cheap.cost
     return _long_enough(Trajectory.from_path(path, grid, found.x), limits).end
+
+
+def _along(robot: StandingMechanism, path: JointPath, clocks: Sequence[Clock]) -> StandingMechanism:
+    return robot.along(path, clocks[0].timing) if clocks else robot.along(path)
+
+
+def _clocks(
+    robot: StandingMechanism,
+    path: JointPath,
+    limits: Limits,
+    objective: Objective,
+    s: np.ndarray,
+    ends: tuple[float, float],
+) -> Iterator[tuple[Clock, ...]]:
+    """Clocks with which to time the path, see `clocks_to_try`; without a drive profile there are none."""
+
+    def timed(limits: Limits, clocks: Sequence[Clock]) -> PathTiming:
+        own = _along(robot if clocks else cast(Robot, robot).driving(None), path, clocks)
+        found = _solve(own, path, TimingLimits(own, limits), objective, s, ends, clocks=clocks)
+        return PathTiming(path, s, found.x)
+
+    profile = robot.acts.drive_profile
+    return iter([()]) if profile is None else clocks_to_try(profile, timed, limits)
 
 
 def _solve(
@@ -236,18 +266,19 @@ def _solve(
     s: np.ndarray,
     ends: tuple[float, float],
     known: Couplings | None = None,
+    clocks: Sequence[Clock] = (),
 ) -> _Solved:
     """On a grid, with rows between the nodes where they are broken, and with tangents.
 
     `known` are rows of delayed joints of the same grid, of limits that are not tighter.
     """
-    grid, extra = Grid(robot, path, timing, s, ends), ExtraRows.none()
+    grid, extra = Grid(robot, path, timing, s, ends, clocks), ExtraRows.none()
     late = LateJoints(grid) if LateJoints.wanted(timing.asked.tolerance) else None
     drives, couplings = _drives(robot, objective, late is not None), known or Couplings.none(len(s))
     longest = timing.asked.max_duration * (1 - _KEPT)
     spent = objective.with_power(robot.support.power)
     price = Price(spent.energy_weight, spent.time_weight, longest)
-    between, measured = _Between(grid), drives is not None and not drives.exact
+    between, measured = Between(grid), drives is not None and not drives.exact
     settled, turn = not measured, 0
     while True:
         fast = fastest(grid, extra)
@@ -290,71 +321,6 @@ def _improved(
     costs = [powered.cost(x) for x in tried]
     k = int(np.argmin(costs))
     return CheapestTiming(tried[k], costs[k], bound.lower_bound)
-
-
-class _Between:
-    """Places between the nodes of a grid, and its ends: where rows are evaluated again.
-
-    Args:
-        grid: the nodes.
-    """
-
-    def __init__(self, grid: Grid) -> None:
-        count, shares = len(grid.widths), len(_BETWEEN)
-        self._grid, self._intervals = grid, np.repeat(np.arange(count), shares)
-        self._shares = np.tile(_BETWEEN, count)
-        s = grid.s[self._intervals] + self._shares * grid.widths[self._intervals]
-        limits = grid.limits
-        self._places = Places.of(grid.robot, grid.path, s, np.zeros(len(s), dtype=bool))
-        self._planes: HalfPlanes = limits.half_planes(self._places)
-        self._sides = [(self._places, self._intervals, self._shares)]
-        if limits.curved:
-            every = np.arange(count)
-            for own, share in ((grid.left, 0.0), (grid.right, 1.0)):
-                self._sides.append((_some(grid.places, own), every, np.full(count, share)))
-
-    def broken(self, x: np.ndarray, rows: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
-        """Intervals, shares of them, rows (3, R) alpha u + beta x <= gamma, and names of what is broken.
-
-        Args:
-            x: (N + 1,), the timing.
-            rows: evaluate all rows, not only tangents.
-        """
-        found = [self._broken_rows(x)] if rows else []
-        for places, intervals, shares in self._sides if self._grid.limits.curved else []:
-            u, here = self._at(x, intervals, shares)
-            tangents = self._grid.limits.tangents(places, u, here)
-            own = tangents.places
-            excess = tangents.alpha * u[own] + tangents.beta * here[own] - tangents.gamma
-            bad = excess > _BEYOND
-            block = np.stack([tangents.alpha, tangents.beta, tangents.gamma - _BEYOND])[:, bad]
-            names = [tangents.names[k] for k in np.flatnonzero(bad)]
-            found.append((intervals[own[bad]], shares[own[bad]], block, names))
-        if not found:
-            return np.empty(0, dtype=int), np.empty(0), np.empty((3, 0)), []
-        intervals, shares, blocks, lists = zip(*found, strict=True)
-        every = [name for names in lists for name in names]
-        return np.concatenate(intervals), np.concatenate(shares), np.concatenate(blocks, axis=1), every
-
-    def _broken_rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
-        u, here = self._at(x, self._intervals, self._shares)
-        planes, caps = self._planes, self._places.caps
-        excess = planes.alpha * u[:, None] + planes.beta * here[:, None] - planes.gamma
-        k, row = np.nonzero(excess > _BEYOND)
-        fast = np.flatnonzero(here > caps * (1 + _BEYOND))
-        block = np.stack([planes.alpha[k, row], planes.beta[k, row], planes.gamma[k, row]])
-        caps = np.stack([np.zeros(len(fast)), np.ones(len(fast)), caps[fast]])
-        names = [planes.names[r] for r in row] + ["speed"] * len(fast)
-        every = np.concatenate([k, fast])
-        return self._intervals[every], self._shares[every], np.hstack([block, caps]), names
-
-    def _at(self, x: np.ndarray, intervals: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        step = np.diff(x)[intervals]
-        return step / (2 * self._grid.widths[intervals]), np.maximum(x[intervals] + shares * step, 0.0)
-
-
-def _some(places: Places, rows: np.ndarray) -> Places:
-    return Places(places.robot, *(part[rows] for part in (places.s, places.q, places.dq, places.ddq)))
 
 
 def _duration(found: _Solved) -> float:

@@ -7,8 +7,8 @@ convex sets from outside.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,11 +20,37 @@ from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Affine, affine_loads, affine_objects
-from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.path import JointPath, PathTiming
 
 FASTEST = 1e6  # 1/s^2: x is never greater: a path takes at least a millisecond
 NEAR = 0.995  # of a limit: where its tangents are taken
+_SLOWEST = 1e-3  # of the mean of x: tangents of sqrt(x) are taken there, or where it is faster
 _FLAT = 1e-9  # of further quantities in their units: they do not change with the speed
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When places of a path are passed: what acts over time is taken then.
+
+    Attributes:
+        timing: of the path, of a round before.
+        shift: s, by which it is passed later; before the start it is time 0.
+        fixed: s, of all places instead; None: as the timing says.
+    """
+
+    timing: PathTiming
+    shift: float = 0.0
+    fixed: float | None = None
+
+    def times(self, s: np.ndarray) -> np.ndarray:
+        """(P,) s, at places (P,)."""
+        if self.fixed is not None:
+            return np.full(len(s), self.fixed)
+        return np.maximum(self.timing.passes(s)[0] + self.shift, 0.0)
+
+    def pace(self, s: np.ndarray) -> np.ndarray:
+        """(P,), 1/s: ds/dt there, not below a small share of its mean."""
+        return np.sqrt(np.maximum(self.timing.passes(s)[1] ** 2, _SLOWEST * np.mean(self.timing.x)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +61,7 @@ class Places:
         robot: whose.
         s: (P,).
         q, dq, ddq: (P, n), the path and its derivatives over s.
+        clock: gives the times of what acts there; without one they are s.
     """
 
     robot: StandingMechanism
@@ -42,30 +69,56 @@ class Places:
     q: np.ndarray
     dq: np.ndarray
     ddq: np.ndarray
+    clock: Clock | None = None
 
     @classmethod
-    def of(cls, robot: StandingMechanism, path: JointPath, s: np.ndarray, left: np.ndarray) -> Places:
+    def of(
+        cls,
+        robot: StandingMechanism,
+        path: JointPath,
+        s: np.ndarray,
+        left: np.ndarray,
+        clock: Clock | None = None,
+    ) -> Places:
         """At s (P,); where `left` (P,) is True, with the derivatives before them."""
         before, after = path.at(s, side="left"), path.at(s)
-        return cls(robot, s, *(np.where(left[:, None], a, b) for a, b in zip(before, after, strict=True)))
+        parts = (np.where(left[:, None], a, b) for a, b in zip(before, after, strict=True))
+        return cls(robot, s, *parts, clock)
 
     def __len__(self) -> int:
         return len(self.s)
 
+    def some(self, rows: np.ndarray) -> Places:
+        """Some of them."""
+        parts = {name: getattr(self, name)[rows] for name in ("s", "q", "dq", "ddq")}
+        return replace(self, **parts)
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """(P,), of what acts."""
+        return self.s if self.clock is None else self.clock.times(self.s)
+
     @cached_property
     def process(self) -> np.ndarray:
-        """(P, 6) of one that varies, else (P, 0)."""
-        return self.robot.acting(self.s)
+        """(P, k) of what acts, see `StandingMechanism.acting`."""
+        return self.robot.acting(self.times)
 
     @cached_property
     def loads(self) -> tuple[Affine, Affine]:
         """Torques and wrenches."""
-        return affine_loads(self.robot, self.q, self.dq, self.ddq, self.process)
+        return affine_loads(self.robot, self.q, self.dq, self.ddq, self.process, self._pace)
 
     @cached_property
     def objects(self) -> tuple[Affine, ...]:
         """Wrenches on the objects."""
-        return affine_objects(self.robot, self.q, self.dq, self.ddq, self.process)
+        return affine_objects(self.robot, self.q, self.dq, self.ddq, self.process, self._pace)
+
+    @property
+    def _pace(self) -> np.ndarray | None:
+        """(P,), 1/s: ds/dt at which Coriolis forces of a base that turns are taken; None: there are none."""
+        driving = self.robot.acts.split(self.process)[1]
+        turns = self.clock is not None and driving is not None and driving.turns
+        return self.clock.pace(self.s) if self.clock is not None and turns else None
 
     @cached_property
     def caps(self) -> np.ndarray:
@@ -121,6 +174,13 @@ class HalfPlanes:
     alpha: np.ndarray
     beta: np.ndarray
     gamma: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Iterable[HalfPlanes]) -> HalfPlanes:
+        """All rows of several."""
+        every = list(parts)
+        blocks = (np.hstack([getattr(own, name) for own in every]) for name in ("alpha", "beta", "gamma"))
+        return cls(tuple(name for own in every for name in own.names), *blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,14 +281,15 @@ class TimingLimits:
             np.concatenate([f[0] for f in found]), names, *np.concatenate([f[2] for f in found], axis=1)
         )
 
-    def why_not_at_rest(self, places: Places) -> tuple[float, list[str]] | None:
-        """The first place at which the robot cannot rest, and why; None: it can everywhere."""
+    def why_not_at_rest(self, places: Places) -> tuple[str, list[str]] | None:
+        """The first place at which the robot cannot rest, in words, and why; None: it can everywhere."""
         kinds: Sequence[Limit] = limits_of(self.robot, self.asked)
         kinds = [limit for limit in kinds if not limit.of_place and limit.name != SpeedLimit.name]
         for k in range(len(places)):
-            at = Instants.at_rest(self.robot, places.q[k : k + 1], places.s[k : k + 1])
+            at = Instants.at_rest(self.robot, places.q[k : k + 1], places.times[k : k + 1])
             if reasons := [reason for limit in kinds for reason in limit.refusals(at)]:
-                return float(places.s[k]), reasons
+                when = "" if places.clock is None else f", passed at {places.times[k]:.3f} s"
+                return f"s = {places.s[k]:.4f}{when}", reasons
         return None
 
 

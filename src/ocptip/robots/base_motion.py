@@ -66,6 +66,10 @@ class BaseMotion:
                 raise InputError(f"base_motion: expected {count} instants, one of each state, got {len(own)}")
         return np.hstack([np.broadcast_to(own, (count, 3)) for own in self._parts])
 
+    def some(self, rows: np.ndarray) -> BaseMotion:
+        """At some of the instants; what is the same at all of them stays."""
+        return BaseMotion(*(own[rows] if own.ndim == 2 else own for own in self._parts))
+
     def to_dict(self) -> dict[str, list]:
         """Plain data: m/s^2, rad/s, rad/s^2."""
         return {item.name: own.tolist() for item, own in zip(fields(self), self._parts, strict=True)}

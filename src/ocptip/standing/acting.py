@@ -14,7 +14,7 @@ from ocptip.robots.kinematics import chain, gripper_batch
 from ocptip.robots.model import ArmModel
 from ocptip.robots.process import PATH, TIME, ProcessWrench
 from ocptip.trajectories.drive_profile import DriveProfile
-from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -115,15 +115,18 @@ class Acting:
             values = _covered(tool(motion.states(times)[0]))
         return replace(self, process=process.over_time(times, values))
 
-    def along(self, path: JointPath, tool: Callable[[np.ndarray], np.ndarray]) -> Acting:
-        """The same over places on a path of the joints.
+    def along(
+        self,
+        path: JointPath,
+        tool: Callable[[np.ndarray], np.ndarray],
+        timing: PathTiming | None = None,
+    ) -> Acting:
+        """The same with a process over places s on a path of the joints, or with a timing over its time.
 
         Raises:
-            InputError: the base drives, or the process varies over time, which a path has not yet.
+            InputError: the process varies over time, which a path has not yet.
         """
         process = self.process
-        if self.drive_profile is not None:
-            raise InputError("drive_profile: drives over time, which a path does not know before it is timed")
         if process is None:
             return self
         if process.over != PATH:
@@ -133,7 +136,8 @@ class Acting:
             )
         first, last = path.breakpoints[[0, -1]]
         places = np.union1d(np.linspace(first, last, _STEPS + 1), path.breakpoints)
-        return replace(self, process=process.over_time(places, _covered(tool(path.at(places)[0]))))
+        times = places if timing is None else timing.passes(places)[0]
+        return replace(self, process=process.over_time(times, _covered(tool(path.at(places)[0]))))
 
     def pieces(self, motion: Trajectory) -> np.ndarray:
         """Intervals (S, 2), s, between switching times of the motion and `knots`."""

@@ -48,7 +48,7 @@ from ocptip.standing.objects import (
 )
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.drive_profile import DriveProfile
-from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.trajectory import Trajectory
 
 
@@ -348,10 +348,10 @@ class Robot(StandingMechanism):
         self.require_fit(motion.n)
         return self._acted_on(self.acts.during(motion, self.tool))
 
-    def along(self, path: JointPath) -> Self:
+    def along(self, path: JointPath, timing: PathTiming | None = None) -> Self:
         """See `StandingMechanism.along` and `Acting.along`."""
         self.require_fit(path.joints)
-        return self._acted_on(self.acts.along(path, self.tool))
+        return self._acted_on(self.acts.along(path, self.tool, timing))
 
     def at_pace(self, factor: float) -> Self:
         """The same with all times of what acts over time multiplied by a factor > 0."""

@@ -34,7 +34,7 @@ from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
 from ocptip.standing.samples import MotionSamples
 from ocptip.standing.sensor import WrenchSensor
-from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.trajectory import Trajectory
 
 
@@ -273,8 +273,8 @@ class StandingMechanism(MadeOf, Footing, ABC):
         """The same mechanism with what acts on it as a function of the time of a motion."""
         return self
 
-    def along(self, path: JointPath) -> Self:
-        """The same mechanism, with places s on a path as the times of what acts on it."""
+    def along(self, path: JointPath, timing: PathTiming | None = None) -> Self:
+        """The same mechanism, with places s on a path as the times of what acts on it, or with its timing."""
         return self
 
     def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ from ocptip.trajectories.trajectory import Trajectory
 
 POSE, UNITS = ("x", "y", "yaw"), ("m", "m", "rad")
 _LONGEST = 0.02  # s: of pieces of a base that turns on a path: their velocities are off by less than 1e-8
+_SAMPLED = 0.005  # s: of curved velocities in files, so that their accelerations are nearly the same
 _NAMES = {
     **dict.fromkeys(("v", "vx", "v_x", "linear.x", "linear_x"), 0),
     **dict.fromkeys(("vy", "v_y", "linear.y", "linear_y"), 1),
@@ -95,6 +96,16 @@ class DriveProfile:
         powers = factor ** -np.arange(1.0, len(own.derivatives) + 1)[:, None, None]
         changed = {"derivatives": powers * own.derivatives, "goal": own.goal / factor}
         return DriveProfile(replace(own, breaks=factor * own.breaks, **changed))
+
+    def to_csv(self) -> str:
+        """Time, v, vy and w: what `load_drive_profile` reads; exact where velocities are straight lines."""
+        own = self.velocities
+        times, values = own.breaks, np.vstack([own.derivatives[0], own.goal])
+        if np.any(own.derivatives[2:]):
+            times = np.unique(np.append(np.arange(0.0, self.end, _SAMPLED), times))
+            values = own.at(times, range(1))[0]
+        rows = np.column_stack([times, values]).tolist()
+        return "\n".join(["time,v,vy,w", *(",".join(map(repr, row)) for row in rows), ""])
 
     def __str__(self) -> str:
         speeds, breaks = self.velocities.peaks(0), self.velocities.breaks

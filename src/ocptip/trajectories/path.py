@@ -199,6 +199,15 @@ class PathTiming:
         speeds = np.sqrt(self.x)
         return np.append(0.0, np.cumsum(2 * np.diff(self.s) / (speeds[:-1] + speeds[1:])))
 
+    def passes(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """When it passes places (N,), s, and how fast, ds/dt, (N,); between nodes with constant d2s/dt2."""
+        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        way, width = s - self.s[k], self.s[k + 1] - self.s[k]
+        before = np.sqrt(self.x[k])
+        here = np.sqrt(np.maximum(self.x[k] + way / width * (self.x[k + 1] - self.x[k]), 0.0))
+        late = np.divide(2 * way, before + here, out=np.zeros_like(way), where=way > 0)
+        return self.node_times[k] + late, here
+
     @property
     def u(self) -> np.ndarray:
         """d2s/dt2 after the nodes, (N,), 1/s^2; without given times it is constant between nodes."""

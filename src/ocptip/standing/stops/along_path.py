@@ -135,6 +135,7 @@ def affine_loads(
     dq: np.ndarray,
     ddq: np.ndarray,
     process: np.ndarray | None = None,
+    pace: np.ndarray | None = None,
 ) -> tuple[Affine, Affine]:
     """Torques (N, n) and wrenches (N, 6) on the base as affine functions of u = s'' and x = s'^2.
 
@@ -142,32 +143,51 @@ def affine_loads(
         robot: whose.
         q, dq, ddq: (N, n), a path and its first two derivatives over s.
         process: (N, 6) there, of one that varies.
+        pace: (N,) > 0: on a base that turns, Coriolis forces grow with s', which is no affine function of
+            x; they are those of its tangent at this s'. None: the base does not turn.
     """
-    acting = None if process is None else np.tile(process, (3, 1))
-    torque, wrench = robot.loads(*_three_states(q, dq, ddq), acting)
-    return _affine(torque), _affine(wrench)
+    states = _states(q, dq, ddq, pace)
+    acting = None if process is None else np.tile(process, (len(states[0]) // len(q), 1))
+    torque, wrench = robot.loads(*states, acting)
+    return _affine(torque, pace), _affine(wrench, pace)
 
 
 def affine_objects(
-    robot: StandingMechanism, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, process: np.ndarray
+    robot: StandingMechanism,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    process: np.ndarray,
+    pace: np.ndarray | None = None,
 ) -> tuple[Affine, ...]:
     """The wrenches (N, 6) on the objects as such functions, see `affine_loads`."""
-    _, driving = robot.acts.split(np.tile(process, (3, 1)))
-    return tuple(map(_affine, robot.object_wrenches(*_three_states(q, dq, ddq), driving)))
+    states = _states(q, dq, ddq, pace)
+    _, driving = robot.acts.split(np.tile(process, (len(states[0]) // len(q), 1)))
+    return tuple(_affine(wrench, pace) for wrench in robot.object_wrenches(*states, driving))
 
 
-def _three_states(
-    q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+def _states(
+    q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, pace: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """States (3 N, n) that give affine functions: with q'' alone, with speed and path curvature, at rest."""
+    """States (3 N, n) that give affine functions: with q'' alone, with speed and path curvature, at rest.
+
+    With a pace (4 N, n): also with the speed backward.
+    """
     still = np.zeros_like(q)
-    return np.vstack([q, q, q]), np.vstack([still, dq, still]), np.vstack([dq, ddq, still])
+    rates = [(still, dq), (dq, ddq), (still, still), *[(-dq, ddq)] * (pace is not None)]
+    qd, qdd = (np.vstack(own) for own in zip(*rates, strict=True))
+    return np.vstack([q] * len(rates)), qd, qdd
 
 
-def _affine(values: np.ndarray) -> Affine:
-    """Coefficients of u and x, and the rest, from values (3 N, k) in such states."""
-    of_u, of_x, rest = np.split(values, 3)
-    return of_u - rest, of_x - rest, rest
+def _affine(values: np.ndarray, pace: np.ndarray | None) -> Affine:
+    """Coefficients of u and x, and the rest, from the values in such states."""
+    of_u, of_x, rest, *back = np.split(values, 3 if pace is None else 4)
+    of_u, of_x = of_u - rest, of_x - rest
+    if pace is None:
+        return of_u, of_x, rest
+    backward, pace = back[0] - rest, pace[:, None]
+    of_pace = 0.5 * (of_x - backward)
+    return of_u, 0.5 * (of_x + backward) + of_pace / (2 * pace), rest + 0.5 * pace * of_pace
 
 
 @dataclass(frozen=True, eq=False)

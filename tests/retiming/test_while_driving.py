@@ -1,0 +1,145 @@
+"""Timing of paths while the base drives: loads on a base that turns, and timings that keep all limits."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import ocptip
+from ocptip.basics.errors import InputError
+from ocptip.cli.main import main
+from ocptip.motion.check import check_motion
+from ocptip.motion.objective import TIME
+from ocptip.retiming import while_driving
+from ocptip.retiming.retime import least_cost, retime
+from ocptip.robots.base_motion import BaseMotion
+from ocptip.standing.arm import Robot
+from ocptip.standing.instants import Instants
+from ocptip.standing.stops.along_path import affine_loads
+from ocptip.trajectories.drive_profile import DriveProfile, load_drive_profile
+from ocptip.trajectories.path import PathTiming
+from tests.places import EXAMPLES
+from tests.retiming.paths import random_path
+
+TASK = EXAMPLES / "tasks" / "ur5_cart.toml"
+BRAKES = DriveProfile.of_velocities(  # in a curve
+    np.array([0, 0.4, 0.9, 1.2]), np.array([[0.9, 0, 0.9], [0.9, 0, 0.9], [0, 0, 0], [0, 0, 0]])
+)
+NODES = 60
+
+
+@pytest.fixture(scope="module")
+def task():
+    return ocptip.load_task(TASK, uncertainty="none", objective="time")
+
+
+def test_a_timing_says_when_it_passes_places(task):
+    path = random_path(task, 1)
+    s = np.array([0.0, 0.1, 0.25, 0.4, 0.5, 0.75, 1.0])
+    timing = PathTiming(path, s, np.array([0.0, 0.5, 0.9, 0.2, 0.6, 0.7, 0.0]))
+    times, rates = timing.passes(s)
+    np.testing.assert_allclose(times, timing.node_times, atol=1e-12)
+    np.testing.assert_allclose(rates, np.sqrt(timing.x), atol=1e-12)
+    places = np.linspace(0, 1, 60)[1:-1]
+    motion = ocptip.Trajectory(timing=timing)
+    np.testing.assert_allclose(motion.states(timing.passes(places)[0])[0], path.at(places)[0], atol=1e-10)
+
+
+def test_loads_on_a_turning_base_are_those_of_its_motion_at_the_pace_of_the_tangent(task):
+    rng, robot = np.random.default_rng(2), task.robot.driving(BRAKES)
+    q, dq, ddq = rng.normal(size=(3, 5, 6))
+    acting, pace = rng.normal(size=(5, 9)), rng.uniform(0.2, 2.0, 5)
+    u, x = rng.normal(size=5), pace**2
+    exact = robot.loads(q, dq * pace[:, None], dq * u[:, None] + ddq * x[:, None], acting)
+    found = affine_loads(robot, q, dq, ddq, acting, pace)
+    for own, (of_u, of_x, rest) in zip(exact, found, strict=True):
+        np.testing.assert_allclose(of_u * u[:, None] + of_x * x[:, None] + rest, own, atol=1e-9)
+    slower = robot.loads(q, 0.9 * dq * pace[:, None], dq * u[:, None] + 0.81 * ddq * x[:, None], acting)[1]
+    of_u, of_x, rest = found[1]
+    off = np.abs(of_u * u[:, None] + 0.81 * of_x * x[:, None] + rest - slower).max()
+    assert 0 < off < 0.01 * np.abs(of_x * x[:, None]).max()  # a tangent: wrong only by the square of the step
+
+
+def test_a_path_timed_while_the_base_brakes_stands_where_the_timing_at_rest_tips(task):
+    path, robot = random_path(task, 1, 0.1), task.robot.driving(BRAKES)
+    resting = retime(task.robot, path, task.limits, nodes=NODES)
+    assert resting.check.verified
+    assert not check_motion(robot, resting.motion, task.limits).stands
+    found = retime(robot, path, task.limits, nodes=NODES)
+    assert found.check.verified
+    assert found.motion.end < 1.5 * resting.motion.end
+    assert max(found.check.worst["GN"].value, found.check.worst["GT"].value) > 0.87  # as fast as it may
+    assert least_cost(robot, path, task.limits, TIME, NODES) == pytest.approx(found.motion.end, rel=0.02)
+
+
+def test_where_no_clock_settles_limits_hold_whenever_a_place_is_passed(task, monkeypatch):
+    monkeypatch.setattr(while_driving, "_ROUNDS", 0)
+    knots, speeds = BRAKES.velocities.breaks, 0.3 * np.array([[1, 0, 1], [1, 0, 1], [0, 0, 0], [0, 0, 0]])
+    path = random_path(task, 1, 0.1)
+    found = retime(
+        task.robot.driving(DriveProfile.of_velocities(knots, speeds)), path, task.limits, nodes=NODES
+    )
+    assert found.check.verified
+    later = DriveProfile.of_velocities(np.append(0, 0.3 + knots), np.vstack([speeds[:1], speeds]))
+    assert check_motion(task.robot.driving(later), found.motion, task.limits).verified
+
+
+def test_a_base_that_tips_by_itself_is_told_with_place_and_time(task):
+    hard = DriveProfile.of_velocities(
+        np.array([0, 0.1, 0.4]), np.array([[3.0, 0, 0], [3.0, 0, 0], [0, 0, 0]])
+    )
+    with pytest.raises(InputError, match=r"at s = 0\.\d+, passed at 0\.\d+ s: .*"):
+        retime(task.robot.driving(hard), random_path(task, 1, 0.1), task.limits, nodes=NODES)
+
+
+def test_some_instants_keep_the_motion_of_the_base(task):
+    q = np.tile(task.start, (3, 1))
+    motion = BaseMotion(np.array([[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]]), (0.0, 0.0, 0.5))
+    found = Instants.of_states(task.robot, q, 0 * q, 0 * q, base_motion=motion).some(np.array([2, 0]))
+    assert found.base_motion is not None
+    np.testing.assert_array_equal(found.base_motion.rows(2)[:, [0, 5]], [[3.0, 0.5], [1.0, 0.5]])
+
+
+def test_sensitivities_of_a_driving_base_are_refused(task):
+    driven = task.each(lambda own: dataclasses.replace(own, robot=own.robot.driving(BRAKES)))
+    with pytest.raises(InputError, match="sensitivities: not for a base that drives"):
+        ocptip.plan(driven, sensitivities=True)
+
+
+def test_the_folder_of_a_timed_path_holds_the_profile(task, tmp_path, capsys):
+    sweep = EXAMPLES / "paths" / "ur5_sweep.json"
+    options = ["retime", str(sweep), "--task", str(TASK), "--tolerance", "none", "--no-figures"]
+    out = str(tmp_path / "plan")
+    assert main([*options, "--drive-profile", "0.3 m, 0.5 m/s, 0.8 m/s^2", "--out", out]) == 0
+    assert "CHECKED at samples" in capsys.readouterr().out
+    assert main(["check", out, "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert any("while the base drives" in text for text in again["assumed"])
+    assert main(["retime", str(sweep), "--case", "A", "--drive-profile", "0.3 m, x m/s, 1 m/s^2"]) == 2
+
+
+@pytest.mark.parametrize("name", ["arc", "straight"])
+def test_profiles_are_read_as_they_are_written(name, tmp_path):
+    curved = load_drive_profile("40 deg, 60 deg/s, 90 deg/s^2")
+    profile = {"arc": curved, "straight": BRAKES}[name]
+    (tmp_path / "drive.csv").write_text(profile.to_csv())
+    t = np.linspace(0.013, profile.end - 0.013, 50)
+    np.testing.assert_allclose(
+        load_drive_profile(tmp_path / "drive.csv").rows(t),
+        profile.rows(t),
+        atol=1e-12 if name == "straight" else 1e-2,
+    )
+
+
+@pytest.mark.slow
+def test_within_an_uncertainty(task):
+    own = ocptip.load_task(TASK, uncertainty="workshop", objective="time")
+    path = random_path(own, 1, 0.1)
+    robot = own.robot
+    assert isinstance(robot, Robot)
+    found = retime(robot.driving(BRAKES), path, own.limits, nodes=NODES)
+    assert found.check.verified
+    plain = retime(task.robot.driving(BRAKES), path, task.limits, nodes=NODES)
+    assert found.motion.end > plain.motion.end
+    assert not check_motion(robot.driving(BRAKES), plain.motion, own.limits).verified
