@@ -68,12 +68,20 @@ def test_ranges_hold_every_position(seed: int) -> None:
         ([0.0, 1.0], np.full((2, 1, 1), np.nan), "coefficients"),
         ([0.0, 1.0], np.ones((1, 1, 1)), "D and n"),
         ([0.0, 0.5, 1.0], np.ones((2, 2, 1)), "has a gap of 0.5 at s = 0.5"),
-        ([0.0, 0.5, 1.0], np.array([[[1.0], [0.0]], [[0.0], [0.5]]]), "does not move between s = 0.5 and 1"),
     ],
 )
 def test_what_is_no_path_is_refused(ends: list[float], rows: np.ndarray, text: str) -> None:
     with pytest.raises(InputError, match=text):
         JointPath(np.array(ends), rows)
+
+
+def test_a_piece_that_rests_has_no_timing() -> None:
+    path = JointPath(
+        np.array([0.0, 0.5, 1.0]), np.array([[[1.0, 1.0], [0.0, 1.0]], [[0.0, 0.0], [0.5, 0.5]]])
+    )
+    path.require_motion()
+    with pytest.raises(InputError, match=r"does not move between s = 0\.5 and 1"):
+        path.some(slice(1)).require_motion()
 
 
 @pytest.mark.parametrize("place", [-1e-9, 1.001, np.nan])

@@ -98,10 +98,10 @@ def driving(task: Task, profile: ProfileLike | None) -> Task:
         raise InputError("drive_profile: not for cycles, whose segments would each begin with it")
     if not isinstance(task.robot, Robot):
         raise InputError("drive_profile: only for arms, this robot is a parallel one")
-    return task.each(partial(_driven, profile=profile))
+    return task.each(partial(driven, profile=profile))
 
 
-def _driven(task: MotionTask, profile: DriveProfile) -> MotionTask:
+def driven(task: MotionTask, profile: DriveProfile) -> MotionTask:
     """The task with this profile, which its source holds as a file."""
     robot, source = cast(Robot, task.robot).driving(profile), source_of(task)
     if source is not None and "case" not in source.data:

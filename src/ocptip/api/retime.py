@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
-from ocptip.api.given import MotionLike, ProfileLike, driving, task_of_motion
+from ocptip.api.given import MotionLike, ProfileLike, driven, driving, task_of_motion
 from ocptip.api.plan import Plan, silent
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
@@ -18,7 +18,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.task import CycleTask, refuse_driving, refuse_objects
-from ocptip.motion.execution import Execution, execute
+from ocptip.motion.execution import Execution, execute, slowed_as_needed
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
 from ocptip.motion.plan_files import run_by
@@ -28,9 +28,12 @@ from ocptip.motion.tolerated import robustness
 from ocptip.pictures.phase_plane import draw_phase_plane
 from ocptip.retiming.retime import Retimed
 from ocptip.retiming.retime import retime as time_path
+from ocptip.retiming.whole_body import BaseLimits, Run
 from ocptip.standing.arm import Robot
+from ocptip.standing.limits import Limits
 from ocptip.task_files.path import load_path, path_along, refuse_early
 from ocptip.trajectories.controllers import Controller
+from ocptip.trajectories.drive_profile import POSE
 from ocptip.trajectories.path_fit import FittedPath
 from ocptip.trajectories.tool_path import ToolPath, tool_distance
 from ocptip.trajectories.trajectory import Trajectory
@@ -63,6 +66,7 @@ class Timing:
         controller: Controller,
         rate: float | None,
         stage: Callable[[str], None],
+        base: BaseLimits | None = None,
     ) -> Timing:
         """Time a path; arguments are those of :func:`retime`."""
         robot, limits = task.robot, task.limits
@@ -72,10 +76,17 @@ class Timing:
         if limited and fit.path.bends.size:
             task = _beyond_jerk_limits(task, fit)
             robot = task.robot
-        timed = time_path(robot, fit.path, limits, task.objective, jerk=most)
+        timed = time_path(robot, fit.path, limits, task.objective, jerk=most, base=base)
         stage("checking the timing ...")
         step = None if rate is None else 1 / rate
-        execution = execute(robot, timed.motion, limits, controller, step=step)
+        if base is None:
+            execution = execute(robot, timed.motion, limits, controller, step=step)
+        else:
+            timed, execution = _whole_body(timed, limits, controller, step)
+            profile = cast(Robot, timed.robot).drive_profile
+            assert profile is not None  # its base drives
+            task = driven(task, profile)
+            fit, robot = fit.some(slice(len(POSE), None)), task.robot
         stage("proving the timing ...")
         proved = certified(robot, execution.motion, execution.check, limits)
         before = None if task.reference is None else check_motion(robot, task.reference, limits)
@@ -108,6 +119,23 @@ class Timing:
             return self.fit.tool[:1]
         robot = self.task.robot
         return np.array([tool_distance(robot.arm, self.fit)] if isinstance(robot, Robot) else [])
+
+
+def _whole_body(
+    timed: Retimed, limits: Limits, controller: Controller, step: float | None
+) -> tuple[Retimed, Execution]:
+    """The timing and its execution by a controller, slower with the base where that is needed."""
+
+    def tried(factor: float) -> Execution:
+        run = Run(timed.robot, timed.motion, True).slowed(factor)
+        own = execute(run.robot, run.motion, limits, controller, step=step, slowest=1.0)
+        return replace(own, slower=factor)
+
+    execution = slowed_as_needed(tried) or tried(1.0)
+    run = Run(timed.robot, timed.motion, True).slowed(execution.slower)
+    check = timed.check if execution.slower == 1 else check_motion(run.robot, run.motion, limits)
+    slower = timed.slower * execution.slower
+    return replace(timed, robot=run.robot, motion=run.motion, check=check, slower=slower), execution
 
 
 def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:
@@ -159,6 +187,7 @@ def retime(
     *,
     base: Base | None = None,
     drive_profile: ProfileLike | None = None,
+    base_limits: BaseLimits | str | None = None,
     objective: Literal["time", "energy", "both"] | None = None,
     price_per_second: float | None = None,
     max_duration: float | None = None,
@@ -182,6 +211,8 @@ def retime(
         path: a file of waypoints (TOML), or a motion or its file, whose times are not kept.
         base: of a case, if it is not that of the file.
         drive_profile: how the base drives meanwhile, instead of as in the task, see :func:`ocptip.check`.
+        base_limits: of a base that drives on the path, such as "1 m/s, 1 m/s^2, 60 deg/s, 300 N"; the path
+            then has x, y and yaw of the base, too, and both are timed together.
         objective, price_per_second: what is minimised; default "time".
         max_duration: s, at most.
         jerk: deg/s^3 (sliding joints: m/s^3), at most; None: acceleration steps are allowed.
@@ -199,6 +230,7 @@ def retime(
     for name, value in (("rate", rate), ("jerk", jerk), ("max_duration", max_duration)):
         if value is not None:
             positive_number(name, value)
+    limits_of_base = BaseLimits.of(base_limits) if isinstance(base_limits, str) else base_limits
     if isinstance(path, Trajectory):
         if task is None:
             raise InputError("task: missing; a motion that is no file does not say which robot it is of")
@@ -208,8 +240,13 @@ def retime(
         refuse_early(path)  # the task may have to be compiled first
         task, file = task_of_motion(path, task, base)
         reading = {"columns": columns, "unit": unit, "rate": rate, "topic": topic}
+        reading["with_base"] = limits_of_base is not None
         name, given = file.name, load_path(file, task, tolerance=path_tolerance, **reading)
     task = driving(task, drive_profile)
+    if limits_of_base and task.is_cycle:
+        raise InputError("base_limits: not for cycles")
+    if given.paths[0].path.joints > task.robot.n and not limits_of_base:
+        raise InputError(f"{name}: is a path of base and arm; give limits of the base (base_limits)")
     refuse_objects(task)
     refuse_driving(task)
     motions: Sequence[Trajectory | None] = given.motions or [None] * len(given.paths)
@@ -221,12 +258,14 @@ def retime(
         most = {"min_duration": 0.0, "max_duration": max_duration}
     timings = []
     for segment, fit, motion in zip(task.segments, given.paths, motions, strict=True):
-        ends = {"start": fit.path.start, "goal": fit.path.goal, "targets": (None, None), "choices": ()}
+        columns_of_arm = slice(-segment.task.robot.n, None)
+        ends = {"start": fit.path.start[columns_of_arm], "goal": fit.path.goal[columns_of_arm]}
+        ends |= {"targets": (None, None), "choices": (), "reference": None if limits_of_base else motion}
         limits = replace(segment.task.limits, **most)
-        asked = replace(segment.task, **ends, reference=motion, limits=limits, objective=goal)
+        asked = replace(segment.task, **ends, limits=limits, objective=goal)
         where = f"{name} (segment {segment.name})" if task.is_cycle else name
         with naming(where):
-            timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or silent))
+            timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or silent, limits_of_base))
     planned = _cycle(cast(CycleTask, task), timings) if task.is_cycle else timings[0].plan
     executions = tuple(own.execution for own in timings)
     motion = run_by(planned, executions)

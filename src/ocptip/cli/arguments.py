@@ -200,6 +200,12 @@ def drive_profile(more: str = "") -> Argument:
     )
 
 
+BASE_LIMITS = argument(
+    "--base-limits",
+    "LIMITS",
+    "PATH also has x, y and yaw of the base, timed together with the arm within these limits, such as "
+    "'1 m/s, 1 m/s^2, 60 deg/s, 90 deg/s^2, 300 N' (force of all drives)",
+)
 FILE_OF_MOTION = group(
     "format of the motion",
     COLUMNS,

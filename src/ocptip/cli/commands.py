@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from ocptip.cli.arguments import (
     BAG,
+    BASE_LIMITS,
     BASE_LINK,
     CANCEL,
     COLUMNS,
@@ -247,7 +248,7 @@ COMMANDS = (
                 EFFORT,
             ),
             LIMITS,
-            group("a base that drives", drive_profile()),
+            group("a base that drives", drive_profile(), BASE_LIMITS),
             group("format of the path", UNIT, COLUMNS, TOPIC),
             GATE,
             OUT,

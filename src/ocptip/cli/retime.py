@@ -28,7 +28,7 @@ def run(options: Namespace) -> Report:
     read_gate(options)
     refuse_early(options.motion)  # the task may have to be compiled first
     with naming_options(
-        *typed(options, "base", "drive_profile", "controller", "rate", "jerk", "max_duration")
+        *typed(options, "base", "drive_profile", "base_limits", "controller", "rate", "jerk", "max_duration")
     ):
         asked = options.case or options.task
         task, path = task_of_motion(options.motion, asked, options.base)
@@ -40,6 +40,7 @@ def run(options: Namespace) -> Report:
                 task,
                 path,
                 drive_profile=options.drive_profile,
+                base_limits=options.base_limits,
                 objective=options.objective,
                 price_per_second=options.price_per_second,
                 max_duration=options.max_duration,

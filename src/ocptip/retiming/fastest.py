@@ -138,9 +138,12 @@ class Grid:
         """Places of the path, see `Places.of`, by each clock."""
         return [Places.of(self.robot, self.path, s, left, clock) for clock in self.clocks]
 
-    def acting(self, s: np.ndarray) -> np.ndarray:
-        """(P, k): what acts at places (P,), see `StandingMechanism.acting`, by the first clock."""
-        return self.by_clock(s, np.zeros(len(s), dtype=bool))[0].process
+    def acting(self, s: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(P, k): what acts at places (P,), see `StandingMechanism.acting`, by a timing x (N + 1,)."""
+        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.widths) - 1)
+        step = np.diff(x)[k] / self.widths[k]
+        here = np.maximum(x[k] + (s - self.s[k]) * step, 0.0)
+        return self.by_clock(s, np.zeros(len(s), dtype=bool))[0].acting(0.5 * step, here)
 
     def polygons(self, extra: ExtraRows) -> Polygons:
         """The feasible set of each interval under all rows."""

@@ -121,7 +121,7 @@ class LateJoints:
         nearly.
         """
         options, made, places = self._options(x)
-        acting, axes = self._grid.acting(places), self._cases.axes
+        acting, axes = self._grid.acting(places, x), self._cases.axes
         functions = range(axes + (self._planes is None))
         number, values, slopes = worst_options(
             options, self._cases, acting, (self._most - _FAR) * self._units, functions

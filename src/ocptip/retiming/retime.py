@@ -22,11 +22,13 @@ from ocptip.retiming.jerk import steady
 from ocptip.retiming.late import Couplings, LateJoints
 from ocptip.retiming.rows import Clock, TimingLimits
 from ocptip.retiming.while_driving import clocks_to_try
+from ocptip.retiming.whole_body import BaseLimits, Run, able_to_drive
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.drive_profile import POSE
 from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -52,6 +54,7 @@ class Retimed:
     """A path with its timing, and the evidence.
 
     Attributes:
+        robot: that moves so: on a path of base and arm its base drives by the timing.
         motion: the result.
         check: of the motion, against all limits.
         objective: what is minimised.
@@ -67,6 +70,7 @@ class Retimed:
         seconds: that it took, with the check.
     """
 
+    robot: StandingMechanism
     motion: Trajectory
     check: MotionCheck
     objective: Objective
@@ -137,6 +141,7 @@ def retime(
     nodes: int | None = None,
     ends: tuple[float, float] = (0.0, 0.0),
     jerk: ArrayLike | None = None,
+    base: BaseLimits | None = None,
 ) -> Retimed:
     """Time a path so that the robot stands and keeps its limits: as fast, or as cheaply, as possible.
 
@@ -148,7 +153,7 @@ def retime(
 
     Args:
         robot: on its support.
-        path: of its joints.
+        path: of its joints; with `base` x, y and yaw of the base come before them.
         limits: default 0.9 for GN and GT, the arm's torques, no collision. With an uncertainty by which
             joints are delayed or overshoot, the fastest timing is also that of a cone program.
         objective: `TIME`, `ENERGY` or `priced`.
@@ -158,6 +163,7 @@ def retime(
         jerk: maximum of each joint, (n,) or one for all, rad/s^3 or m/s^3, beside the limits of jerk that
             joints and `limits` have. Where there is one, accelerations are continuous: a second stage,
             nowhere faster than the first, a local solution.
+        base: limits of a base that drives on the path.
 
     Raises:
         InputError: the path does not fit the robot, or cannot be timed: says where, and by which limit; or
@@ -165,45 +171,77 @@ def retime(
         SolverError: the program of the cheapest timing, or that of the jerk, is not solved.
     """
     begun, limits = perf_counter(), limits or Limits()
-    if path.joints != robot.n:
-        raise InputError(f"path: has {path.joints} joints, the {robot.kind} has {robot.n}")
+    _require_fit(robot, path, base)
     speeds = [positive_number("ends", speed, zero_allowed=True) for speed in ends]
     own_jerk = _limits_of_jerk(robot, limits, jerk)
+    if base is not None:
+        if own_jerk is not None:
+            raise InputError("jerk: limits of jerk are not for paths of base and arm together")
+        robot = able_to_drive(cast(Robot, robot))
     coupled = LateJoints.wanted(limits.tolerance)
     usual = FASTEST_NODES if objective.name == "time" and not coupled else CHEAPEST_NODES
     usual = usual if own_jerk is None else min(usual, JERK_NODES)
     count = whole_number("nodes", enough(path, usual) if nodes is None else nodes, 8)
-    squares = speeds[0] ** 2, speeds[1] ** 2
+    squares, s = (speeds[0] ** 2, speeds[1] ** 2), spaced(path, count)
     best: Retimed | None = None
-    for clocks in _clocks(robot, path, limits, objective, spaced(path, count), squares):
-        asked, known, own = limits, None, _along(robot, path, clocks)
-        for _ in range(_TIGHTENINGS):
-            timing = TimingLimits(own, asked)
-            found = _solve(own, path, timing, objective, spaced(path, count), squares, known, clocks)
-            motion, slower = _within_peaks(
-                robot, _long_enough(Trajectory.from_path(path, found.grid.s, found.x), limits)
-            )
-            checked = check_motion(robot, motion, limits)
-            tighter = _tightened(robot, asked, limits, checked)
-            if checked.timed_well or tighter == asked:
-                break
-            asked, known = tighter, found.couplings
+    for clocks in [()] if base else _clocks(robot, path, limits, objective, s, squares):
+        found, run, checked, slower = _tight(robot, path, limits, objective, s, squares, clocks, base)
         if own_jerk is not None:
-            motion = _long_enough(steady(found.grid, motion, own_jerk), limits)
-            motion, slower = _within_peaks(robot, motion, own_jerk)
-            checked = check_motion(robot, motion, limits)
+            run = _long_enough(run._replace(motion=steady(found.grid, run.motion, own_jerk)), limits)
+            run, slower = _within_peaks(run, own_jerk)
+            checked = check_motion(run.robot, run.motion, limits)
         if not checked.verified:
-            motion, checked, more = _slowed(robot, motion, limits, checked)
+            run, checked, more = _slowed(run, limits, checked)
             slower *= more
         if best is None or checked.timed_well:
+            curve, names = _curve(found)
             best = Retimed(
-                motion, checked, objective, found.fast.active, *_curve(found), _duration(found), found.cheap,
-                slower, tuple(found.grid.limits.later), own_jerk, perf_counter() - begun,
+                run.robot, run.motion, checked, objective, found.fast.active, curve, names,
+                _duration(found), found.cheap, slower, tuple(found.grid.limits.later), own_jerk,
+                perf_counter() - begun,
             )  # fmt: skip
         if checked.timed_well:
             break
     assert best is not None
     return best
+
+
+def _require_fit(robot: StandingMechanism, path: JointPath, base: BaseLimits | None) -> None:
+    """Raise InputError if the path is not one of the robot, or rests."""
+    joints = robot.n + (len(POSE) if base else 0)
+    if path.joints != joints:
+        with_base = " and x, y, yaw of its base" if base else ""
+        raise InputError(
+            f"path: has {path.joints} columns, the {robot.kind} has {robot.n} joints{with_base}"
+            if base
+            else f"path: has {path.joints} joints, the {robot.kind} has {robot.n}"
+        )
+    path.require_motion()
+    if base and (robot.acts.size or not isinstance(robot, Robot)):
+        raise InputError("path of base and arm: for arms, without a drive profile and a process that varies")
+
+
+def _tight(
+    robot: StandingMechanism,
+    path: JointPath,
+    limits: Limits,
+    objective: Objective,
+    s: np.ndarray,
+    ends: tuple[float, float],
+    clocks: Sequence[Clock],
+    base: BaseLimits | None,
+) -> tuple[_Solved, Run, MotionCheck, float]:
+    """A timing, with limits that are tightened where its motion breaks them; the factor of its slow-down."""
+    asked, known, own = limits, None, _along(robot, path, clocks)
+    for turn in range(_TIGHTENINGS):
+        found = _solve(own, path, TimingLimits(own, asked, base), objective, s, ends, known, clocks)
+        run, slower = _within_peaks(_long_enough(Run.of(robot, PathTiming(path, s, found.x)), limits))
+        checked = check_motion(run.robot, run.motion, limits)
+        tighter = _tightened(robot, asked, limits, checked)
+        if checked.timed_well or tighter == asked or turn == _TIGHTENINGS - 1:
+            return found, run, checked, slower
+        asked, known = tighter, found.couplings
+    raise AssertionError("the last turn returns")
 
 
 @one_thread
@@ -232,7 +270,7 @@ def least_cost(
     found = _solve(robot, path, timing, objective, grid, (0.0, 0.0), clocks=clocks)
     if found.cheap is not None and objective.name != "time":
         return found.cheap.cost
-    return _long_enough(Trajectory.from_path(path, grid, found.x), limits).end
+    return max(Trajectory.from_path(path, grid, found.x).end, limits.min_duration)
 
 
 def _along(robot: StandingMechanism, path: JointPath, clocks: Sequence[Clock]) -> StandingMechanism:
@@ -342,9 +380,9 @@ def _curve(found: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
     return np.array(speeds), tuple(names)
 
 
-def _long_enough(motion: Trajectory, limits: Limits) -> Trajectory:
+def _long_enough(run: Run, limits: Limits) -> Run:
     """Slower where the motion has to take longer; all limits are kept on the way to rest."""
-    return motion.time_scaled(max(1.0, limits.min_duration / motion.end))
+    return run.slowed(max(1.0, limits.min_duration / run.motion.end))
 
 
 def _limits_of_jerk(robot: StandingMechanism, limits: Limits, jerk: ArrayLike | None) -> np.ndarray | None:
@@ -358,15 +396,14 @@ def _limits_of_jerk(robot: StandingMechanism, limits: Limits, jerk: ArrayLike | 
     return most if jerk is not None or np.isfinite(most).any() else None
 
 
-def _within_peaks(
-    robot: StandingMechanism, motion: Trajectory, jerk: np.ndarray | None = None
-) -> tuple[Trajectory, float]:
+def _within_peaks(run: Run, jerk: np.ndarray | None = None) -> tuple[Run, float]:
     """Slower by what speeds, accelerations and jerks, which a motion knows, are too great between nodes."""
-    speed = float(np.max(motion.speed_peaks / robot.limits.speed))
-    acceleration = float(np.max(motion.acceleration_peaks / robot.limits.acceleration))
+    limits, motion = run.robot.limits, run.motion
+    speed = float(np.max(motion.speed_peaks / limits.speed))
+    acceleration = float(np.max(motion.acceleration_peaks / limits.acceleration))
     sharp = 0.0 if jerk is None else float(np.max(motion.jerk_peaks / jerk))
     factor = max(speed, np.sqrt(acceleration), np.cbrt(sharp), 1.0) * (1 + _ROUNDING)
-    return motion.time_scaled(factor), factor
+    return run.slowed(factor), factor
 
 
 def _tightened(robot: StandingMechanism, asked: Limits, limits: Limits, checked: MotionCheck) -> Limits:
@@ -383,19 +420,19 @@ def _tightened(robot: StandingMechanism, asked: Limits, limits: Limits, checked:
 class _Slowed(NamedTuple):
     """A motion with all its times stretched by a factor, and its check."""
 
-    motion: Trajectory
+    run: Run
     check: MotionCheck
     factor: float
 
 
-def _slowed(robot: StandingMechanism, motion: Trajectory, limits: Limits, checked: MotionCheck) -> _Slowed:
+def _slowed(run: Run, limits: Limits, checked: MotionCheck) -> _Slowed:
     """The motion slowed down by the minimum factor, up to that of `execute`, that cures what timing can."""
 
     def tried(factor: float) -> _Slowed:
         if factor == 1:
             return unchanged
-        slower = motion.time_scaled(factor)
-        return _Slowed(slower, check_motion(robot, slower, limits), factor)
+        slower = run.slowed(factor)
+        return _Slowed(slower, check_motion(slower.robot, slower.motion, limits), factor)
 
-    unchanged = _Slowed(motion, checked, 1.0)
+    unchanged = _Slowed(run, checked, 1.0)
     return slowed_as_needed(tried) or unchanged

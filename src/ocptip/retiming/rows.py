@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ocptip.retiming.whole_body import BaseLimits, BasePath
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.kinds import AccelerationLimit, FurtherLimit, SpeedLimit, limits_of
 from ocptip.standing.limit_kinds.limit import ORDINARY, Limit
@@ -62,6 +63,7 @@ class Places:
         s: (P,).
         q, dq, ddq: (P, n), the path and its derivatives over s.
         clock: gives the times of what acts there; without one they are s.
+        base: on its path, where that is part of the path.
     """
 
     robot: StandingMechanism
@@ -70,6 +72,7 @@ class Places:
     dq: np.ndarray
     ddq: np.ndarray
     clock: Clock | None = None
+    base: BasePath | None = None
 
     @classmethod
     def of(
@@ -82,8 +85,11 @@ class Places:
     ) -> Places:
         """At s (P,); where `left` (P,) is True, with the derivatives before them."""
         before, after = path.at(s, side="left"), path.at(s)
-        parts = (np.where(left[:, None], a, b) for a, b in zip(before, after, strict=True))
-        return cls(robot, s, *parts, clock)
+        parts = [np.where(left[:, None], a, b) for a, b in zip(before, after, strict=True)]
+        more = path.joints - robot.n
+        pose, d, dd = (part[:, :more] for part in parts)
+        q, dq, ddq = (part[:, more:] for part in parts)
+        return cls(robot, s, q, dq, ddq, clock, BasePath(pose, d, dd) if more else None)
 
     def __len__(self) -> int:
         return len(self.s)
@@ -91,34 +97,46 @@ class Places:
     def some(self, rows: np.ndarray) -> Places:
         """Some of them."""
         parts = {name: getattr(self, name)[rows] for name in ("s", "q", "dq", "ddq")}
-        return replace(self, **parts)
+        return replace(self, **parts, base=self.base and self.base.some(rows))
 
     @cached_property
     def times(self) -> np.ndarray:
         """(P,), of what acts."""
         return self.s if self.clock is None else self.clock.times(self.s)
 
+    def acting(self, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(P, k): what acts, see `StandingMechanism.acting`, at path accelerations u and squared speeds x."""
+        return self._process if self.base is None else self.base.rows(u, x)
+
     @cached_property
-    def process(self) -> np.ndarray:
-        """(P, k) of what acts, see `StandingMechanism.acting`."""
+    def _process(self) -> np.ndarray:
         return self.robot.acting(self.times)
+
+    @cached_property
+    def _in_states(self) -> np.ndarray:
+        """What acts in the states of `affine_loads`."""
+        if self.base is None:
+            return self._process
+        one, none = np.ones(len(self)), np.zeros(len(self))
+        return np.stack([self.base.rows(u, x) for u, x in ((one, none), (none, one), (none, none))])
 
     @cached_property
     def loads(self) -> tuple[Affine, Affine]:
         """Torques and wrenches."""
-        return affine_loads(self.robot, self.q, self.dq, self.ddq, self.process, self._pace)
+        return affine_loads(self.robot, self.q, self.dq, self.ddq, self._in_states, self._pace)
 
     @cached_property
     def objects(self) -> tuple[Affine, ...]:
         """Wrenches on the objects."""
-        return affine_objects(self.robot, self.q, self.dq, self.ddq, self.process, self._pace)
+        return affine_objects(self.robot, self.q, self.dq, self.ddq, self._in_states, self._pace)
 
     @property
     def _pace(self) -> np.ndarray | None:
         """(P,), 1/s: ds/dt at which Coriolis forces of a base that turns are taken; None: there are none."""
-        driving = self.robot.acts.split(self.process)[1]
-        turns = self.clock is not None and driving is not None and driving.turns
-        return self.clock.pace(self.s) if self.clock is not None and turns else None
+        if self.clock is None:
+            return None
+        driving = self.robot.acts.split(self._process)[1]
+        return self.clock.pace(self.s) if driving is not None and driving.turns else None
 
     @cached_property
     def caps(self) -> np.ndarray:
@@ -137,20 +155,19 @@ class Places:
 
     def instants(self, u: np.ndarray, x: np.ndarray) -> Instants:
         """The instants at the points with path accelerations u and squared path speeds x, (P,) each."""
-        u, x = u[:, None], x[:, None]
+        acting, u, x = self.acting(u, x), u[:, None], x[:, None]
         torque, wrench = (part[0] * u + part[1] * x + part[2] for part in self.loads)
         qd, qdd = self.dq * np.sqrt(x), self.dq * u + self.ddq * x
-        return Instants(
-            self.robot, self.q, torque, wrench, self.robot.further(self.q, qd), qd, qdd, self.process
-        )
+        return Instants(self.robot, self.q, torque, wrench, self.robot.further(self.q, qd), qd, qdd, acting)
 
     def slopes(self, at: Instants, u: np.ndarray, x: np.ndarray) -> NodeSlopes:
         """Over (u, x), of the state, of torques and wrenches; those of all else are 0."""
         n, count = self.q.shape[1], len(self)
         own = np.maximum(x, 1e-12)[:, None]
-        still = np.zeros_like(self.process)
-        of_u = np.hstack([np.zeros((count, 2 * n)), self.dq, still])
-        of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(own)), self.ddq, still])
+        still = np.zeros_like(at.process)
+        acting = (still, still) if self.base is None else self.base.slopes(own[:, 0])
+        of_u = np.hstack([np.zeros((count, 2 * n)), self.dq, acting[0]])
+        of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(own)), self.ddq, acting[1]])
         power, none = np.zeros((count, 1)), np.zeros_like(at.further)
         carried = [own.wrenches for own in at.interfaces[1:]]
         y = np.hstack([power, at.torques, at.wrenches, at.further, *carried])
@@ -204,15 +221,16 @@ class TimingLimits:
     Args:
         robot: whose.
         asked: the task's numbers.
+        base: limits of a base whose path is part of the path.
 
     Attributes:
         curved: limits of which there are only tangents.
         later: names of limits that a check sees, but no timing: at acceleration steps and in stops.
     """
 
-    def __init__(self, robot: StandingMechanism, asked: Limits) -> None:
+    def __init__(self, robot: StandingMechanism, asked: Limits, base: BaseLimits | None = None) -> None:
         self.robot = robot
-        self.asked = asked
+        self.asked, self.base = asked, base
         self._affine: list[Limit] = []
         self._cones: list[tuple[str, int, np.ndarray]] = []
         self.curved: list[Limit] = []
@@ -241,6 +259,10 @@ class TimingLimits:
             np.stack([*(-rate for rate in rates), np.ones_like(rates[0])]),
         ]
         wrenches = places.loads[1], *places.objects
+        if places.base is not None and self.base is not None:
+            of_base, block = places.base.half_planes(self.base, wrenches[0])
+            names += of_base
+            blocks.append(block)
         for name, interface, rows in self._cones:
             names += [name] * len(rows)
             of_u, of_x, rest = (part @ (rows.T / self._units[interface]) for part in wrenches[interface])

@@ -23,6 +23,7 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
 from ocptip.task_files.doubts import require_kind
 from ocptip.task_files.joints import end_keys, read_end
+from ocptip.trajectories.drive_profile import POSE, UNITS
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.tool_path import tool_lines
@@ -35,6 +36,9 @@ _WAYPOINT = Keys(
     {
         **end_keys("at", "waypoint"),
         "at": schema.vector("Coordinates of a parallel robot, m and rad.", otherwise="the other keys"),
+        "base": schema.vector(
+            "Pose of the base there: x and y, m, and yaw, degrees; with `--base-limits`.", default=None
+        ),
     },
 )
 _PATH = {
@@ -88,6 +92,7 @@ def load_path(
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
     topic: str | None = None,
+    with_base: bool = False,
 ) -> GivenPath:
     """Read a path: waypoints (TOML), or any motion that `load_motion` reads, whose times are a comparison.
 
@@ -97,6 +102,7 @@ def load_path(
         tolerance: degrees (sliding joints, tool lines: mm): how far the path may be from what is given:
             corners are blended, noise is smoothed. Default: that of a file of waypoints, or none.
         unit, rate, columns, topic: see `load_motion`; the task's start is where the robot is at 0 s.
+        with_base: motions also have x, y, m, and yaw of the base; columns of paths begin with them.
 
     Raises:
         InputError: the file cannot be read, holds no path, or one of another robot; one line that says where.
@@ -106,23 +112,28 @@ def load_path(
         positive_number("--path-tolerance", tolerance, zero_allowed=True)
     if path.suffix.lower() == ".toml":
         return _waypoints(path, task, tolerance)
-    known = {"unit": unit or "", "start": task.start, "rate": rate, "columns": columns, "topic": topic}
-    motion = load_motions(path, task.robot.names, task.robot.units, **known)
+    base = (POSE, UNITS) if with_base else ((), ())
+    names, units = (*base[0], *task.robot.names), (*base[1], *task.robot.units)
+    start = np.append(np.zeros(len(base[0])), task.start)
+    known = {"unit": unit or "", "start": start, "rate": rate, "columns": columns, "topic": topic}
+    motion = load_motions(path, names, units, **known)
     with naming(path.name):
         return path_along(motion, task, tolerance)
 
 
 def path_along(motion: Trajectory, task: Task, tolerance: float | None = None) -> GivenPath:
     """The path of a motion, whose times are a comparison; see :func:`load_path`."""
-    task.robot.require_fit(motion.n)
+    if motion.n != task.robot.n + len(POSE):  # with its base
+        task.robot.require_fit(motion.n)
     motions = segments_of(task, motion).segments
-    within = None if not tolerance else joint_tolerance(task, tolerance)
+    within = None if not tolerance else joint_tolerance(task, tolerance, motion.n > task.robot.n)
     return GivenPath(tuple(path_of_motion(one, within) for one in motions), motions)
 
 
-def joint_tolerance(task: Task, tolerance: float) -> np.ndarray:
-    """(n,), rad or m, from degrees and mm."""
-    return np.where(np.array(task.robot.units) == "rad", np.deg2rad(tolerance), 1e-3 * tolerance)
+def joint_tolerance(task: Task, tolerance: float, with_base: bool = False) -> np.ndarray:
+    """(n,), rad or m, from degrees and mm; those of the base come first."""
+    units = (*(UNITS if with_base else ()), *task.robot.units)
+    return np.where(np.array(units) == "rad", np.deg2rad(tolerance), 1e-3 * tolerance)
 
 
 def refuse_early(path: str | os.PathLike[str]) -> None:
@@ -174,6 +185,7 @@ def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float |
     within = given if tolerance is None else tolerance
     points = table.tables("waypoint")
     ends = [read_end(task.robot, point, "at", task.limits) for point in points]
+    base = _base(table, points, between)
     for point in points:
         point.close()
     with table.at("waypoint", points="waypoint", poses="waypoint"):
@@ -183,9 +195,19 @@ def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float |
         for branches, _ in ends:
             near = postures[-1] if postures else before
             postures.append(_nearest(task, branches, near)[0])
-        if between == "spline":
-            return spline_through(np.array(postures), joint_tolerance(task, within))
-        return blended_lines(np.array(postures), joint_tolerance(task, within))
+        places, most = np.hstack([base, postures]), joint_tolerance(task, within, base.size > 0)
+        return spline_through(places, most) if between == "spline" else blended_lines(places, most)
+
+
+def _base(table: Table, points: Sequence[Table], between: str) -> np.ndarray:
+    """(M, 3) x, y and yaw of the base at waypoints; (M, 0) where they have none."""
+    given = [point["base"] for point in points]
+    known = [own for own in given if own is not None]
+    if not known:
+        return np.empty((len(points), 0))
+    if len(known) < len(given) or between == "tool lines":
+        raise table.error("base: of all waypoints or of none, and not on tool lines", "waypoint")
+    return np.array(known) * [1.0, 1.0, np.pi / 180]
 
 
 def _nearest(task: MotionTask, branches: np.ndarray, near: np.ndarray) -> np.ndarray:

@@ -54,10 +54,17 @@ class JointPath:
         if np.any(gaps > GAP * (1 + np.abs(given).max())):
             k = int(np.argmax(gaps))
             raise InputError(f"path: has a gap of {gaps[k]:.3g} at s = {ends[k + 1]:.6g}")
-        still = np.flatnonzero(~np.any(given[:-1], axis=(0, 2)))
+
+    def require_motion(self) -> None:
+        """Raise InputError if nothing moves in a piece, which then has no timing."""
+        still, ends = np.flatnonzero(~np.any(self.coefficients[:-1], axis=(0, 2))), self.breakpoints
         if still.size:
             k = int(still[0])
             raise InputError(f"path: does not move between s = {ends[k]:.6g} and {ends[k + 1]:.6g}")
+
+    def some(self, columns: slice) -> JointPath:
+        """The path of some of the joints."""
+        return JointPath(self.breakpoints, self.coefficients[:, :, columns])
 
     @property
     def joints(self) -> int:

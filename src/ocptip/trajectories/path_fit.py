@@ -12,7 +12,7 @@ again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -52,6 +52,10 @@ class FittedPath:
     how: str
     places: np.ndarray
     samples: np.ndarray
+
+    def some(self, columns: slice) -> FittedPath:
+        """The path of some of the joints."""
+        return replace(self, path=self.path.some(columns), samples=self.samples[:, columns])
 
     @property
     def distance(self) -> np.ndarray:

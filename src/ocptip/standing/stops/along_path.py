@@ -142,13 +142,13 @@ def affine_loads(
     Args:
         robot: whose.
         q, dq, ddq: (N, n), a path and its first two derivatives over s.
-        process: (N, 6) there, of one that varies.
+        process: (N, k) there, of what acts, see `StandingMechanism.acting`; or (3, N, k): where it is affine
+            in u and x itself, at u = 1, at x = 1, and at rest.
         pace: (N,) > 0: on a base that turns, Coriolis forces grow with s', which is no affine function of
             x; they are those of its tangent at this s'. None: the base does not turn.
     """
     states = _states(q, dq, ddq, pace)
-    acting = None if process is None else np.tile(process, (len(states[0]) // len(q), 1))
-    torque, wrench = robot.loads(*states, acting)
+    torque, wrench = robot.loads(*states, None if process is None else _each(process, len(states[0])))
     return _affine(torque, pace), _affine(wrench, pace)
 
 
@@ -162,8 +162,14 @@ def affine_objects(
 ) -> tuple[Affine, ...]:
     """The wrenches (N, 6) on the objects as such functions, see `affine_loads`."""
     states = _states(q, dq, ddq, pace)
-    _, driving = robot.acts.split(np.tile(process, (len(states[0]) // len(q), 1)))
+    _, driving = robot.acts.split(_each(process, len(states[0])))
     return tuple(_affine(wrench, pace) for wrench in robot.object_wrenches(*states, driving))
+
+
+def _each(process: np.ndarray, count: int) -> np.ndarray:
+    """What acts in each of the states: the same, (N, k), or something of its own, (3, N, k)."""
+    rows = process.reshape(-1, process.shape[-1])
+    return np.tile(rows, (count // len(rows), 1)) if len(rows) else rows
 
 
 def _states(
