@@ -7,20 +7,21 @@ import numpy as np
 import pytest
 
 import ocptip
+from ocptip.api.given import driving
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.objective import TIME
+from ocptip.motion.source import source_of
 from ocptip.retiming import while_driving
 from ocptip.retiming.retime import least_cost, retime
 from ocptip.robots.base_motion import BaseMotion
-from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.stops.along_path import affine_loads
 from ocptip.trajectories.drive_profile import DriveProfile, load_drive_profile
 from ocptip.trajectories.path import PathTiming
 from tests.places import EXAMPLES
-from tests.retiming.paths import random_path
+from tests.retiming.paths import arm_of, random_path
 
 TASK = EXAMPLES / "tasks" / "ur5_cart.toml"
 BRAKES = DriveProfile.of_velocities(  # in a curve
@@ -107,6 +108,20 @@ def test_sensitivities_of_a_driving_base_are_refused(task):
         ocptip.plan(driven, sensitivities=True)
 
 
+def test_the_source_of_a_driven_task_holds_the_profile(task, tmp_path):
+    driven = driving(task, "40 deg, 60 deg/s, 90 deg/s^2").segments[0].task
+    source = source_of(driven)
+    assert source is not None
+    for name, content in source.files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "task.toml").write_text(source.text("driven", driven.limits, TIME), encoding="utf-8")
+    again = ocptip.load_task(tmp_path / "task.toml").robot
+    t = np.linspace(0.01, 1.3, 40)
+    np.testing.assert_allclose(again.acting(t), driven.robot.acting(t), atol=1e-9)
+
+
+@pytest.mark.slow
 def test_the_folder_of_a_timed_path_holds_the_profile(task, tmp_path, capsys):
     sweep = EXAMPLES / "paths" / "ur5_sweep.json"
     options = ["retime", str(sweep), "--task", str(TASK), "--tolerance", "none", "--no-figures"]
@@ -119,27 +134,28 @@ def test_the_folder_of_a_timed_path_holds_the_profile(task, tmp_path, capsys):
     assert main(["retime", str(sweep), "--case", "A", "--drive-profile", "0.3 m, x m/s, 1 m/s^2"]) == 2
 
 
-@pytest.mark.parametrize("name", ["arc", "straight"])
-def test_profiles_are_read_as_they_are_written(name, tmp_path):
-    curved = load_drive_profile("40 deg, 60 deg/s, 90 deg/s^2")
-    profile = {"arc": curved, "straight": BRAKES}[name]
+@pytest.mark.parametrize("profile", [load_drive_profile("40 deg, 60 deg/s, 90 deg/s^2"), BRAKES])
+def test_profiles_are_read_as_they_are_written(profile, tmp_path):
     (tmp_path / "drive.csv").write_text(profile.to_csv())
     t = np.linspace(0.013, profile.end - 0.013, 50)
-    np.testing.assert_allclose(
-        load_drive_profile(tmp_path / "drive.csv").rows(t),
-        profile.rows(t),
-        atol=1e-12 if name == "straight" else 1e-2,
-    )
+    np.testing.assert_allclose(load_drive_profile(tmp_path / "drive.csv").rows(t), profile.rows(t), atol=1e-9)
+
+
+def test_accelerations_of_a_turn_step_at_its_knots_alone():
+    profile = load_drive_profile("40 deg, 60 deg/s, 90 deg/s^2")
+    t = np.linspace(1e-6, profile.end - 1e-6, 400)
+    rate = np.where(t < 0.5 * profile.end, 1, -1) * np.pi / 2
+    np.testing.assert_allclose(profile.rows(t)[:, 8], rate, atol=1e-9)
 
 
 @pytest.mark.slow
 def test_within_an_uncertainty(task):
-    own = ocptip.load_task(TASK, uncertainty="workshop", objective="time")
-    path = random_path(own, 1, 0.1)
-    robot = own.robot
-    assert isinstance(robot, Robot)
-    found = retime(robot.driving(BRAKES), path, own.limits, nodes=NODES)
+    own, path = ocptip.load_task(TASK, uncertainty="workshop", objective="time"), random_path(task, 1, 0.1)
+    knots, speeds = BRAKES.velocities.breaks, 0.6 * np.array([[1, 0, 1], [1, 0, 1], [0, 0, 0], [0, 0, 0]])
+    profile = DriveProfile.of_velocities(knots, speeds)
+    robot = arm_of(own.robot).driving(profile)
+    found = retime(robot, path, own.limits, nodes=30)
     assert found.check.verified
-    plain = retime(task.robot.driving(BRAKES), path, task.limits, nodes=NODES)
+    plain = retime(arm_of(task.robot).driving(profile), path, task.limits, nodes=30)
     assert found.motion.end > plain.motion.end
-    assert not check_motion(robot.driving(BRAKES), plain.motion, own.limits).verified
+    assert not check_motion(robot, plain.motion, own.limits).verified

@@ -55,15 +55,19 @@ class DriveProfile:
     @classmethod
     def of_course(cls, course: Trajectory) -> DriveProfile:
         """Of a course x, y, m, and yaw, rad, of the base frame in the world, x forward at yaw 0."""
-        breaks = np.unique(np.concatenate([course.event_times, *course.breaks]))
-        breaks = breaks[np.append(np.diff(breaks) > MERGE, True)]
+        every = np.unique(np.concatenate([course.event_times, *course.breaks]))
+        apart = np.diff(every) > MERGE
+        breaks, last = every[np.append(True, apart)], every[np.append(apart, True)]
         if course.speed_peaks[2] > 0:
             counts = np.maximum(np.ceil(np.diff(breaks) / _LONGEST), 1).astype(int)
             rows = zip(breaks[:-1], breaks[1:], counts, strict=True)
             breaks = np.append(
                 np.concatenate([np.linspace(*row, endpoint=False) for row in rows]), breaks[-1]
             )
-        (v0, d0), (v1, d1) = _in_base(course, breaks[:-1], "right"), _in_base(course, breaks[1:], "left")
+        # Accelerations step at the first or the last of breaks that are merged, by rounding.
+        near = last[np.searchsorted(last, breaks)]
+        after = np.where(near - breaks <= MERGE, near, breaks)
+        (v0, d0), (v1, d1) = _in_base(course, after[:-1], "right"), _in_base(course, breaks[1:], "left")
         h = np.diff(breaks)[:, None]
         rate = (v1 - v0) / h  # cubic polynomials through velocities and accelerations at both ends
         bends = (6 * rate - 4 * d0 - 2 * d1) / h, (6 * (d0 + d1) - 12 * rate) / h**2

@@ -168,8 +168,8 @@ def affine_objects(
 
 def _each(process: np.ndarray, count: int) -> np.ndarray:
     """What acts in each of the states: the same, (N, k), or something of its own, (3, N, k)."""
-    rows = process.reshape(-1, process.shape[-1])
-    return np.tile(rows, (count // len(rows), 1)) if len(rows) else rows
+    rows = process if process.ndim == 2 else np.concatenate(process)
+    return np.tile(rows, (count // max(len(rows), 1), 1))
 
 
 def _states(
