@@ -141,8 +141,8 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
         return "contacts on one line"
     if robot.acts.end:
         return "proofs do not cover a base that drives"
-    if np.any(ForceSets(robot.support).rolls):
-        return "proofs do not cover wheels that roll freely"
+    if np.any(np.isfinite(ForceSets(robot.support).along)):
+        return "proofs do not cover wheels that roll"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
     return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
 

@@ -9,13 +9,14 @@ from ocptip.contact.bindings.clamps import (
     RigidClamp,
 )
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.bindings.wheel import FreeWheel
+from ocptip.contact.bindings.wheel import DrivenWheel, FreeWheel
 from ocptip.contact.solver import solve, solve_many
 from ocptip.contact.support import Load, Support
 from ocptip.contact.verdict import stability
 
 __all__ = [
     "Binding",
+    "DrivenWheel",
     "ForceConstantHalfRigidClamp",
     "ForceConstantTwoSidedClamp",
     "ForceVariableHalfRigidClamp",

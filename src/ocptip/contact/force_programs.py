@@ -63,6 +63,10 @@ def _force_rows(
             rhs.append(piece.normal_max / unit)
         if not carried[k, -1]:
             continue
+        if 0 < piece.along < np.inf:
+            for sign in (1.0, -1.0):
+                rows.append(row(**{f"k{d * k + 1}": sign, "s": inside}))
+                rhs.append(piece.along / unit)
         if cone:
             block = np.zeros((d, size))
             block[0, d * k], block[0, -1] = -piece.slope, inside
@@ -170,10 +174,14 @@ class LoadRays:
         Raises:
             SolverError: the program ended without a verdict.
         """
+        return self.with_forces(start, end)[:2]
+
+    def with_forces(self, start: np.ndarray, end: np.ndarray) -> tuple[float, np.ndarray, np.ndarray | None]:
+        """As `farthest`, and contact forces (n, d), N, that hold the wrench there; None where none do."""
         first, change = (self._scaling * own / self._unit for own in (start, end - start))
         across = self._reached @ (self._reached.T @ change) - change
         if np.linalg.norm(across) > _REACHED * max(np.linalg.norm(change), _REACHED):
-            return 0.0, -across * self._scaling
+            return 0.0, -across * self._scaling, None
         balance = np.hstack([self._balance, (self._reached.T @ change)[:, None]])
         cost = np.append(np.zeros(self._balance.shape[1]), -1.0)
         matrix = columns_of(np.vstack([balance, self._rows.matrix]))
@@ -185,8 +193,9 @@ class LoadRays:
             normal = self._scaling * (self._reached @ np.asarray(solution.z)[: len(balance)])
             if status in USABLE:
                 size = np.linalg.norm(normal)
-                return float(solution.x[-1]), normal / size if size else normal
+                forces = self._unit * np.asarray(solution.x)[:-1].reshape(-1, 3)
+                return float(solution.x[-1]), normal / size if size else normal, forces
             if status in INFEASIBLE:
-                return -np.inf, normal
+                return -np.inf, normal, None
             ended = status
         raise SolverError(f"largest load: no answer from the convex program (Clarabel: {ended})")

@@ -89,11 +89,12 @@ class _Neighbours:
         moved = forces + ((others - wrench) @ self._change.T).reshape(-1, *forces.shape)
         if not (self._pieces and len(others)):
             return moved, np.zeros(len(others), dtype=bool)
-        low, high, radius, slope = np.array(
-            [(own.normal_min, own.normal_max, own.radius, own.slope) for own in self._pieces]
+        low, high, radius, slope, along = np.array(
+            [(own.normal_min, own.normal_max, own.radius, own.slope, own.along) for own in self._pieces]
         ).T
         normal, size = moved[:, :, 0], np.linalg.norm(moved[:, :, 1:], axis=2)
         inside = (normal >= low) & (normal <= high) & (size <= radius + slope * normal)
+        inside &= np.abs(moved[:, :, 1]) <= along
         balance = others + moved.reshape(len(others), -1) @ self._matrix.T
         balanced = np.max(np.abs(balance), axis=1) <= _BALANCED * np.max(np.abs(others), axis=1)
         return moved, balanced & np.all(inside, axis=1)
@@ -123,6 +124,8 @@ def _taken_up(support: Support, velocity: np.ndarray) -> float:
         # where forces have no end they take up nothing there, or the velocity would be no proof
         ends = [end for end in (piece.normal_min, piece.normal_max) if np.isfinite(end)]
         most = max((end * (piece.slope * sliding - away) for end in ends), default=0.0)
+        if piece.along < np.inf and piece.slope * sliding > away:  # the limit along ends it, not the friction
+            most = piece.along * abs(along[0])
         total += piece.radius * sliding + most
     return total
 

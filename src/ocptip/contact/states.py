@@ -21,6 +21,8 @@ from ocptip.numerics.vectors import distinct_rows
 REST_TOLERANCE = 1e-9
 """Accelerations below this, relative to the free acceleration of the contacts, count as rest."""
 
+_FULL = 1 - 1e-6  # of the force of a drive or brake: from there on a wheel that moves along rolls
+
 NO_SOLUTION, BEYOND_RESOLUTION = -1, -2
 
 ARRAYS = (
@@ -157,19 +159,17 @@ class ContactStates:
         if not self.solved[index]:
             return ["unknown"] * self.support.n_contacts
         limit = self.rest_limit[index]
-        names, carried = [], laws.carries(self.support.contacts)
+        names = []
         for k, contact in enumerate(self.support.contacts):
             a = self.contact_accelerations[index, k]
-            grips = carried[k, 1:]
             if self.at_rest[index, k]:
                 names.append("stick")
-            elif abs(a[0]) <= limit and grips.any() and np.all(np.abs(a[1:][grips]) <= limit):
-                names.append("roll")
             elif abs(a[0]) <= limit:
-                names.append("slide")
+                weak = abs(self.contact_forces[index, k, 1]) >= _FULL * laws.largest_along(contact)
+                names.append("roll" if weak and abs(a[-1]) <= limit else "slide")
             else:
                 name = contact.automaton.names[self.subsets[index, k]]
-                names.append(name if name not in ("stick", "slide") else "separate")
+                names.append(name if name not in ("stick", "slide", "roll") else "separate")
         return names
 
     def law_violation(self) -> np.ndarray:

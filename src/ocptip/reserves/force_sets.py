@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.contact.bindings.laws import carries, normal_range
+from ocptip.contact.bindings.laws import carries, largest_along, normal_range
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.numerics.vectors import distinct_rows
@@ -51,10 +51,11 @@ class ForceSets:
         upper: (n,) largest normal force, N; infinity unless the contact yields downwards.
         single_pieces: True if no contact's set has several pieces.
         cones: True if all contacts have friction cones from zero force on.
-        ordinary: True if all of them are ordinary ones: none of them rolls.
+        ordinary: True if all of them are ordinary ones: none has a limit along t1.
         friction: (n,) friction coefficient of the first piece.
         radius: (n,) tangential limit of the first piece at zero normal force, N.
-        rolls: (n,) True where a contact has no force along t1.
+        along: (n,) largest force along t1, N: 0 of a wheel that rolls freely, infinite where it is no wheel.
+        held: True if some wheel has such a force, from a drive or a brake.
         frictionless: (n,) True where a contact never carries a tangential force.
         grip: (n,) unit of the tangential forces, so that the friction counted in it is not tiny; 1 as a rule.
     """
@@ -70,14 +71,15 @@ class ForceSets:
         )
         self.single_pieces = most == 1
         self.friction, self.radius = self._slope[:, 0], self._radius[:, 0]
-        self.rolls = np.array([all(piece.rolls for piece in own) for own in pieces])
+        self.along = np.array([largest_along(contact) for contact in support.contacts])
+        self.held = bool(np.any((self.along > 0) & np.isfinite(self.along)))
         self.cones = (
             self.single_pieces
             and not np.any(self._radius)
             and not np.any(self._minimum)
             and bool(np.all(np.isinf(self._maximum)))
         )
-        self.ordinary = self.cones and not np.any(self.rolls)
+        self.ordinary = self.cones and bool(np.all(np.isinf(self.along)))
         self.frictionless = ~carries(support.contacts)[:, -1]
         steepest = np.max(np.abs(self._slope), axis=1)
         self.grip = np.where(steepest > 0, np.minimum(1.0, steepest / _TINY_FRICTION), 1.0)
@@ -186,7 +188,7 @@ class FreeForces:
                 free = np.repeat(taking_part[:, None], matrix.shape[2], axis=1)
                 free[:, 0] &= with_normals
                 free[self._sets.frictionless, 1:] = False
-                free[self._sets.rolls, 1] = False
+                free[self._sets.along == 0, 1] = False
                 _, s, vt = np.linalg.svd(matrix[:, free])
                 rank = int(np.sum(s > _RANK_TOLERANCE * np.max(s, initial=0.0)))
                 null = vt[rank:].T
@@ -198,7 +200,7 @@ class FreeForces:
                     break
                 taking_part &= ~stuck
             J = None
-            both = matrix.shape[2] == 3 and not np.any(self._sets.rolls[taking_part])
+            both = matrix.shape[2] == 3 and not np.any(self._sets.along[taking_part] == 0)
             if not with_normals and rank == 3 and both:
                 J = vt[:3].T.reshape(-1, 2, 3)
                 if np.any(np.linalg.norm(np.cross(J[:, 0], J[:, 1]), axis=1) < _RANK_TOLERANCE):

@@ -70,9 +70,16 @@ def missing_force(support: Support, wrench: np.ndarray) -> float:
     bound_rows = friction_rows + n * d
     A[bound_rows[:, 0], bound] = -1.0
     A[bound_rows[:, 1:], further] = -1.0
+    wheels = np.flatnonzero((sets.along > 0) & np.isfinite(sets.along))
+    held = np.zeros((2 * len(wheels), A.shape[1]))  # forces along of drives and brakes
+    for row, k in enumerate(np.repeat(wheels, 2)):
+        held[row, tangential[k, 0]] = 1.0 if row % 2 else -1.0
+    A = np.vstack([A, held])
     b, cost = np.zeros(len(A)), np.zeros(A.shape[1])
     b[:size], cost[bound] = -load / unit, 1.0
+    b[len(b) - len(held) :] = np.repeat(sets.along[wheels], 2) / unit
     cones = [clarabel.ZeroConeT(size), *[clarabel.SecondOrderConeT(d)] * (2 * n)]
+    cones += [clarabel.NonnegativeConeT(len(held))] * (len(held) > 0)
     solution = solve_cones(cost, A, b, cones, quiet_settings(_TOLERANCE))
     status = str(solution.status)
     if status in INFEASIBLE:

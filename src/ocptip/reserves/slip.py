@@ -26,6 +26,7 @@ from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
 from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
 from ocptip.reserves.optimality import ForceRange
 from ocptip.reserves.planar import usage_map
+from ocptip.reserves.wheel_forces import WheelForces
 from ocptip.reserves.wrench_cone import ConeMap, wrench_half_spaces
 
 Redistribution = Literal["tangential", "full"]
@@ -163,7 +164,9 @@ class Slip:
         self._redistribute_tangential(work)
         raised = work.escapes & (work.ratio < 1.0)
         work.ratio[raised], work.pull[raised] = 1.0, 0.0
-        if self.redistribution == "full":
+        if self._sets.held:
+            WheelForces(self.support, self._sets).redistribute(work)
+        elif self.redistribution == "full":
             self._redistribute_where_it_decides(work, least, only_maximum)
         return self._result(work, derivatives)
 
@@ -326,7 +329,7 @@ class Slip:
         unknown = np.where(states.solved, 0.0, np.nan)
         gradient = None
         if derivatives:
-            gradient = np.einsum("sic,sicw->sw", work.pull, states.force_maps)
+            gradient = work.slopes + np.einsum("sic,sicw->sw", work.pull, states.force_maps)
             if len(sliding):
                 fastest = work.fastest[sliding]
                 direction = states.contact_accelerations[sliding, fastest, 1:] / work.slide[sliding, None]
@@ -435,7 +438,7 @@ class _Work:
         count = len(states)
         self.ratio, self.gap = np.zeros(count), np.zeros(count)
         self.usage = np.where(on_ice, 0.0, np.nan)
-        self.pull = np.zeros_like(self.forces)
+        self.pull, self.slopes = np.zeros_like(self.forces), np.zeros_like(states.wrenches)
         self.status = [
             "no loaded contact" if solved[s] else f"no contact state: {states.status(s)}"
             for s in range(count)

@@ -114,9 +114,9 @@ class AddableMoments:
         certain = self.closed_form(wrenches)
         todo = np.argwhere(~certain)
         if len(todo):
-            if np.any(self._sets.rolls):
-                k = int(np.argmax(self._sets.rolls)) + 1
-                raise InputError(f"contacts: contact {k} rolls; such wheels need contacts on one plane")
+            if len(wheels := np.flatnonzero(np.isfinite(self._sets.along))):
+                k = int(wheels[0]) + 1
+                raise InputError(f"contacts: contact {k} is a wheel; wheels need contacts on one plane")
             at, axis = todo.T
             if normal_forces is None:
                 normal_forces = np.zeros((count, self._support.n_contacts))

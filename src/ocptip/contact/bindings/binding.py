@@ -61,15 +61,15 @@ class PoolVariable:
 class ForcePiece:
     """A convex piece of the set of contact forces at which the contact can rest.
 
-    All forces with `normal_min <= K_n <= normal_max` and `|K_t| <= radius + slope K_n`; of a contact that
-    rolls, those of them without a force along t1.
+    All forces with `normal_min <= K_n <= normal_max`, `|K_t| <= radius + slope K_n`, and a force along t1 of
+    at most `along`: 0 of a wheel that rolls freely, N.
     """
 
     normal_min: float
     normal_max: float
     radius: float
     slope: float
-    rolls: bool = False
+    along: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,8 +38,13 @@ def carries(bindings: Sequence[Binding]) -> np.ndarray:
     for k, binding in enumerate(bindings):
         pieces = binding.force_pieces()
         found[k, 1:] = any(piece.radius or piece.slope for piece in pieces)
-        found[k, 1] &= not all(piece.rolls for piece in pieces)
+        found[k, 1] &= largest_along(binding) > 0
     return found
+
+
+def largest_along(binding: Binding) -> float:
+    """Largest force along t1, N; infinite for contacts that are not wheels."""
+    return max(piece.along for piece in binding.force_pieces())
 
 
 def friction_limit(binding: Binding, normal_force: np.ndarray) -> np.ndarray:
@@ -58,7 +63,7 @@ def friction_limit(binding: Binding, normal_force: np.ndarray) -> np.ndarray:
 
 def polygon(binding: Binding) -> tuple[np.ndarray, np.ndarray]:
     """Face normals (S, d-1) and vertices (S, d-1) of the pyramid's cross-section for a limit of 1 N."""
-    if all(piece.rolls for piece in binding.force_pieces()):
+    if largest_along(binding) == 0:
         across = np.array([[0.0, 1.0], [0.0, -1.0]])
         return across, across
     return _polygon(binding.planar, binding.facets)
@@ -103,10 +108,15 @@ def law_violation(
     violation = np.maximum(violation, np.maximum(at_low, at_high))
     faces, vertices = polygon(binding)
     limit = friction_limit(binding, force[:, 0]) / force_unit
+    along = largest_along(binding) / force_unit if len(faces) > 2 and force.shape[1] > 2 else np.inf
     outside = np.max(tangential @ faces.T, axis=1) - limit
+    outside = np.maximum(outside, np.abs(tangential[:, 0]) - along)
     never = np.abs(np.hstack([normal[:, None], tangential])[:, ~carries([binding])[0]])
     violation = np.maximum(np.maximum(violation, outside), np.max(never, axis=1, initial=0.0))
-    best = limit * np.max(-a[:, 1:] @ vertices.T, axis=1)
+    corners = np.reshape(limit, (-1, 1, 1)) * vertices  # of squares along t1 and t2, where `along` cuts them
+    most = np.reshape(along, (-1, 1))
+    corners[:, :, 0] = np.clip(corners[:, :, 0], -most, most)
+    best = np.max(np.einsum("kd,kvd->kv", -a[:, 1:], corners), axis=1)
     shortfall = best + np.sum(a[:, 1:] * tangential, axis=1)
     # power is a product: its excess over the dissipation is the violation of the smaller factor
     size = np.maximum(1.0, np.maximum(np.max(np.abs(a), axis=1), limit))

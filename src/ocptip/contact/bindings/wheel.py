@@ -1,13 +1,15 @@
-"""A wheel that rolls freely in one direction and grips across it."""
+"""Wheels that roll freely in one direction, or are driven or braked there, and grip across it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations, product
 from typing import ClassVar
 
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.frozen import settle
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
     Binding,
@@ -15,7 +17,9 @@ from ocptip.contact.bindings.binding import (
     PoolVariable,
     friction_parameters,
     normal_vector,
+    positive_parameters,
 )
+from ocptip.contact.bindings.pyramid import corrected_friction
 
 _AXIS = np.array([0.0, 0.0, 1.0])  # of the wheel, in contact axes
 _GRIPS = (("stick", ("l1", "l2")), ("slide", ("g+", "l2")), ("slide", ("g-", "l1")))
@@ -59,4 +63,108 @@ class FreeWheel(Binding):
         return [Mode(name, (*own, rolls)) for name, own in (*_GRIPS, *_LIFTS) for rolls in ("r+", "r-")]
 
     def force_pieces(self) -> list[ForcePiece]:
-        return [ForcePiece(0.0, np.inf, 0.0, self.friction, rolls=True)]
+        return [ForcePiece(0.0, np.inf, 0.0, self.friction, along=0.0)]
+
+
+_APEX, _SIGNS = "l0", (1, -1)
+_CORNERS = {(r, s): f"l{'+' if r > 0 else '-'}{'+' if s > 0 else '-'}" for r in _SIGNS for s in _SIGNS}
+_RAYS = {1: "p+", -1: "p-"}  # with forces across at their limit, and less and less of them along
+_SLIDES = {1: "g-", -1: "g+"}, {1: "r-", -1: "r+"}  # accelerations against a force across, and along
+
+
+def _cells() -> list[tuple[str, ...]]:
+    """Tetrahedra that fill the set of forces: below the corners, where friction limits those along, two
+    that share the diagonal of the corners; above, to the rays, three.
+    """
+    front, across, other, back = (_CORNERS[pair] for pair in product(_SIGNS, _SIGNS))
+    left, right = _RAYS[1], _RAYS[-1]
+    below = [(_APEX, front, across, back), (_APEX, front, other, back)]
+    above = [(front, other, left, back), (front, left, back, right), (front, across, back, right)]
+    return below + above
+
+
+def _limited_modes() -> list[Mode]:
+    """Modes of a wheel with a limit along: what is at rest, on a face, an edge or at the apex of the set."""
+
+    def on(*corners: str) -> list[tuple[str, ...]]:
+        """Triangles of the cells on a face."""
+        every = {three for cell in _cells() for three in combinations(cell, 3) if {*three} <= {*corners}}
+        return sorted(every)
+
+    across, along = _SLIDES
+    found = [Mode("stick", cell) for cell in _cells()]
+    for r in _SIGNS:
+        face = [_CORNERS[r, s] for s in _SIGNS]
+        found += [Mode("slide", (along[r], *three)) for three in on(_APEX, *face)]
+        found += [Mode("roll", (along[r], *three)) for three in on(*face, *_RAYS.values())]
+        found.append(Mode("roll", ("gn", *_RAYS.values(), along[r]), redundant=True))
+    for s in _SIGNS:
+        face = [_CORNERS[r, s] for r in _SIGNS]
+        found += [Mode("slide", (across[s], *three)) for three in on(_APEX, *face, _RAYS[s])]
+    for (r, s), corner in _CORNERS.items():
+        moves = along[r], across[s]
+        found += [Mode("slide", (*moves, corner, end)) for end in (_APEX, _RAYS[s])]
+        found.append(Mode("separate", ("gn", *moves, _APEX)))
+        found.append(Mode("slide", ("gn", *moves, _RAYS[s]), redundant=True))
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenWheel(Binding):
+    """A wheel whose drive or brake holds it up to a torque: beyond it rolls.
+
+    The rolling direction is `tangent`, by default the base axis x. Along it the force is at most torque /
+    radius, and within the friction; across it friction alone limits it. The friction pyramid has four faces,
+    along and across, so that `facets` has no meaning.
+
+    Attributes:
+        friction: Coulomb coefficient, 1e-6 to 1000.
+        torque: Largest torque of drive or brake at the wheel, N m.
+        radius: Radius of the wheel, m.
+    """
+
+    kind: ClassVar[str] = "driven-wheel"
+
+    friction: float
+    torque: float
+    radius: float
+
+    def check_parameters(self) -> None:
+        if self.planar:
+            raise InputError("driven-wheel: for spatial supports; in the plane use a unilateral contact")
+        friction_parameters(self, "friction")
+        positive_parameters(self, "torque", "radius")
+        settle(self, facets=4)
+
+    @property
+    def force(self) -> float:
+        """Largest force along the rolling direction, N."""
+        return self.torque / self.radius
+
+    @property
+    def _slope(self) -> float:
+        return corrected_friction(self.friction, self.facets)
+
+    def pool(self) -> list[PoolVariable]:
+        # Loads are counted in shares of the normal force at which friction is as strong as the torque: their
+        # sum but for those along the rays is that force.
+        n, s, slope = normal_vector(self), _AXIS, self._slope
+        r = np.cross(_AXIS, n)
+        moves = {"gn": n, "g+": s, "g-": -s, "r+": r, "r-": -r}
+        corners = {name: n + slope * (a * r + b * s) for (a, b), name in _CORNERS.items()}
+        rays = {name: n + slope * sign * s for sign, name in _RAYS.items()}
+        return [
+            *(PoolVariable(name, acceleration=way, auxiliary=(0.0,)) for name, way in moves.items()),
+            PoolVariable(_APEX, auxiliary=(1.0,)),
+            *(PoolVariable(name, force=edge, auxiliary=(1.0,)) for name, edge in corners.items()),
+            *(PoolVariable(name, force=edge, auxiliary=(0.0,)) for name, edge in rays.items()),
+        ]
+
+    def auxiliary_rhs(self) -> tuple[float, ...]:
+        return (self.force / self._slope,)
+
+    def modes(self) -> list[Mode]:
+        return _limited_modes()
+
+    def force_pieces(self) -> list[ForcePiece]:
+        return [ForcePiece(0.0, np.inf, 0.0, self.friction, along=self.force)]

@@ -42,9 +42,9 @@ class ContactForces:
         self._scale, self._moving = scale, moving
         self.per_wrench = np.diag(scale) / unit
         self._sets = ForceSets(support)
-        if np.any(self._sets.rolls):
-            number = int(np.argmax(self._sets.rolls)) + 1
-            raise InputError(f"contact {number}: a wheel that rolls freely cannot be placed")
+        if len(wheels := np.flatnonzero(np.isfinite(self._sets.along))):
+            number = int(wheels[0]) + 1
+            raise InputError(f"contact {number}: a wheel that rolls cannot be placed")
 
     def start(self, wrenches: np.ndarray, footing: Footing) -> tuple[np.ndarray, list[Piece]]:
         """Forces (N, 3 n) of the redistributed states under wrenches (N, 6), and the pieces they lie in."""
