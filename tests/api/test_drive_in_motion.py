@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.basics.errors import InputError
+from ocptip.api.given import driving
+from ocptip.basics.errors import InputError, PlanningError
 from ocptip.cli.main import main
 from ocptip.standing.drive_envelope import Manoeuvres, largest_manoeuvres, worst_states
 from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 
@@ -67,9 +69,7 @@ def test_at_the_limit_check_says_the_same(task, motion):
     limit = found.limit("accelerate")
     for share, stands in ((0.999, True), (1.001, False)):
         speeds = np.array([[0, 0, 0], [share * limit * motion.end, 0, 0]])
-        profile = ocptip.trajectories.drive_profile.DriveProfile.of_velocities(
-            np.array([0, motion.end]), speeds
-        )
+        profile = DriveProfile.of_velocities(np.array([0, motion.end]), speeds)
         checked = ocptip.check(ocptip.load_task(task, GN=0.9999, GT=0.9999), motion, drive_profile=profile)
         assert (
             not any(w.name in ("GN", "GT") and w.value >= 1 for w in checked.check.worst.values())
@@ -94,3 +94,19 @@ def test_stops_are_refused_while_the_base_drives(task):
     profile = "1 m, 0.5 m/s, 0.5 m/s^2"
     with pytest.raises(InputError, match="stops: not for a base that drives"):
         ocptip.check(task, "start", drive_profile=profile, stops="path")
+
+
+def test_a_search_without_plan_says_what_the_base_alone_breaks(task, monkeypatch):
+    def none(*_):
+        raise PlanningError("no start gave a plan")
+
+    monkeypatch.setattr("ocptip.api.plan.searched", none)
+    said, plain = list[str](), ocptip.load_task(task, uncertainty="none")
+    for speed, alone in ((3.0, True), (0.1, False)):
+        speeds = np.array([[speed, 0, 0], [speed, 0, 0], [0, 0, 0]])
+        profile = DriveProfile.of_velocities(np.array([0, 0.1, 0.4]), speeds)
+        with pytest.raises(ocptip.NoPlanError, match="no start gave a plan") as caught:
+            ocptip.plan(driving(plain, profile), stage=said.append)
+        told = "the base alone, its arm at rest, breaks limits: at the start: GN is" in f"{caught.value}"
+        assert told == alone
+    assert len(said) == 1

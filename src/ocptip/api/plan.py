@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -331,6 +332,8 @@ def plan(
     refuse_driving(task, *["sensitivities"] * sensitivities)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
+    if (alone := _base_alone(task)) and stage:
+        stage(f"{alone}: perhaps there is no plan ...")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
     budget = TimeBudget(seconds)
     if controller == "quintic":
@@ -346,7 +349,7 @@ def plan(
         planned = searched(task, method, budget, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)
-        refusal = NoPlanError(f"{error}", task, other)
+        refusal = NoPlanError("; ".join(filter(None, (f"{error}", alone))), task, other)
         if isinstance(error, ToleranceError) and largest_uncertainty:
             refusal.largest = _largest(cast(MotionTask, task), error, how, stage)
         raise refusal from error
@@ -376,6 +379,23 @@ def plan(
         "smooth": smooth,
     }
     return Plan.of(planned, **known, **how_run)
+
+
+def _base_alone(task: Task) -> str:
+    """The limits that a base breaks while the arm rests at its start, and at its goal.
+
+    Empty where one of both keeps them, or the base rests.
+    """
+    own, end, found = task.segments[0].task, task.robot.acts.end, []
+    limits = replace(own.limits, min_duration=0.0, max_duration=math.inf)
+    for name, q in (("start", own.start), ("goal", own.goal)) if end else ():
+        held = Trajectory.from_points(np.array([0.0, end]), np.tile(q, (2, 1)))
+        if not (broken := check_motion(own.robot, held, limits).violations):
+            return ""
+        found.append(f"{name}: {broken[0]}")
+    return (
+        f"the base alone, its arm at rest, breaks limits: at the {'; at the '.join(found)}" if found else ""
+    )
 
 
 def silent(text: str) -> None:
