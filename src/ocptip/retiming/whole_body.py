@@ -162,7 +162,7 @@ class Run(NamedTuple):
         return cls(cast(Robot, robot).driving(DriveProfile.of_course(course)), arm, True)
 
     def slowed(self, factor: float) -> Run:
-        """All times multiplied by a factor; those of what acts over a time of its own stay."""
+        """All times multiplied by a factor; those of what acts at given times stay."""
         robot = cast(Robot, self.robot).at_pace(factor) if self.whole else self.robot
         return Run(robot, self.motion.time_scaled(factor), self.whole)
 
