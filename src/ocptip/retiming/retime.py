@@ -232,7 +232,7 @@ def _tight(
     base: BaseLimits | None,
 ) -> tuple[_Solved, Run, MotionCheck, float]:
     """A timing, with limits that are tightened where its motion breaks them; the factor of its slow-down."""
-    asked, known, own = limits, None, _along(robot, path, clocks)
+    asked, known, own = limits, None, robot if base else _along(robot, path, clocks)
     for turn in range(_TIGHTENINGS):
         found = _solve(own, path, TimingLimits(own, asked, base), objective, s, ends, known, clocks)
         run, slower = _within_peaks(_long_enough(Run.of(robot, PathTiming(path, s, found.x)), limits))

@@ -174,6 +174,8 @@ def test_stand_says_that_it_rolls_and_what_is_missing(tmp_path, capsys):
 def test_what_is_no_driven_wheel_is_refused():
     with pytest.raises(InputError, match="torque: must be > 0"):
         DrivenWheel(position=[0, 0, 0], friction=0.5, torque=0.0, radius=0.1)
+    with pytest.raises(InputError, match="stiffness: not for a driven-wheel"):
+        driven([0, 0, 0], stiffness=1e5)
     with pytest.raises(InputError, match="driven-wheel: for spatial supports"):
         DrivenWheel(position=[0, 0], normal=[0, 1], friction=0.5, torque=1.0, radius=0.1)
     steps = on([driven(FOUR[0]), driven(FOUR[1]), driven(FOUR[2]), driven([-0.3, 0.2, 0.1])])

@@ -209,7 +209,7 @@ class Binding(ABC):
         grips = any(piece.radius or piece.slope for piece in pieces)
         stiffness = np.full(self.dimension, across if grips else 0.0)
         stiffness[0] = self.stiffness
-        if any(piece.rolls for piece in pieces):
+        if any(piece.along == 0 for piece in pieces):
             stiffness[1] = 0.0
         lowest = min(piece.normal_min for piece in pieces)
         if self.damping is not None:

@@ -132,6 +132,8 @@ class DrivenWheel(Binding):
     def check_parameters(self) -> None:
         if self.planar:
             raise InputError("driven-wheel: for spatial supports; in the plane use a unilateral contact")
+        if self.stiffness is not None:
+            raise InputError("stiffness: not for a driven-wheel, whose torque no compliant contact limits")
         friction_parameters(self, "friction")
         positive_parameters(self, "torque", "radius")
         settle(self, facets=4)
