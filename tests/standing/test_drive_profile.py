@@ -12,6 +12,7 @@ import ocptip
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.contact.support import Support
+from ocptip.pictures.plan_curves import PlanCurves, seen_plan
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.objects import Object
 from ocptip.standing.tolerance import Uncertainty
@@ -138,6 +139,17 @@ def test_what_comes_after_the_motion_of_the_arm_counts(task):
     assert found[0].worst["GT"].time >= 1.0
 
 
+def test_figures_show_the_base_that_drives_on(task):
+    still = Trajectory.from_points(np.array([0.0, 0.1]), np.tile(task.start, (2, 1)))
+    profile = DriveProfile.of_velocities(np.array([0, 0.3, 0.4]), np.array([[1, 0, 0], [1, 0, 0], [0, 0, 0]]))
+    found = ocptip.check(task, still, drive_profile=profile)
+    curves = PlanCurves.of(seen_plan(found.task, found.motion, found.checked))
+    assert curves.times[-1] == pytest.approx(0.4, abs=1e-4)
+    k = int(np.nanargmax(curves.samples.slip.GT))
+    assert 0.3 <= curves.times[k] <= 0.4
+    assert curves.samples.slip.GT[k] == pytest.approx(found.check.worst["GT"].value, rel=1e-3)
+
+
 def test_the_worst_pace_of_the_base_is_one_of_its_ends(task):
     robot, tolerance = task.robot, Uncertainty(drive_speed=0.1, damping=0.2)
     profile = DriveProfile.of_velocities(
@@ -234,7 +246,8 @@ def test_velocities_in_bags_of_commands_and_odometry_are_read(tmp_path):
 
 def test_check_takes_a_posture_and_the_key_of_the_task(tmp_path, capsys):
     options = ["check", "start", "--task", str(TASK), "--tolerance", "none", "--json", "--drive-profile"]
-    assert main([*options, "2 m, 0.8 m/s, 1 m/s^2"]) == 0
+    assert main([*options, "2 m, 0.8 m/s, 1 m/s^2", "--plot", str(tmp_path / "wheels.svg")]) == 0
+    assert "friction used" in (tmp_path / "wheels.svg").read_text(encoding="utf-8")
     data = json.loads(capsys.readouterr().out)
     assert not data["certified"]
     assert data["duration_s"] == pytest.approx(3.3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -23,12 +24,15 @@ from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import CycleTask, Task, refuse_driving, refuse_objects
 from ocptip.motion.design import motion_design
 from ocptip.motion.objective import TIME
-from ocptip.motion.plan_files import save_bag
+from ocptip.motion.plan_files import samples_joined, save_bag, task_samples
 from ocptip.motion.stop_rules import SCENARIOS, Kinds
 from ocptip.motion.stops import stops_by_segment, stops_to_dict
 from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import robustness
+from ocptip.pictures.frame import save_figure
+from ocptip.pictures.plan import ground_figure
+from ocptip.pictures.plan_curves import seen_plan
 from ocptip.retiming.retime import least_cost
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import TORQUE_WITHIN
@@ -117,6 +121,15 @@ class Check(CheckedMotion):
             InputError: it exists, cannot be written, or `rosbags` is missing.
         """
         save_bag(self.task, self.motion, path)
+
+    def save_plot(self, path: str | os.PathLike[str]) -> Path:
+        """Draw tipping margin, friction used and forces of the contacts over time; returns the file's path.
+
+        Args:
+            path: of a .png, .pdf or .svg file.
+        """
+        samples = samples_joined(task_samples(self.task, self.motion))
+        return save_figure(ground_figure(seen_plan(self.task, self.motion, self.checked), samples), path, 150)
 
     def __repr__(self) -> str:
         """Verdict, duration and energy, margins, robustness."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from ocptip.basics.text import quantity, ratio, table, wrapped
 from ocptip.cli.layout import check_rows, gear_rows, masses
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import GatedReport, gate_of, given_limits, naming_options, read_gate, with_cancel
+from ocptip.cli.stand import check_plot_target
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import motion_line
@@ -62,6 +63,8 @@ def run(options: Namespace) -> CheckReport:
     if options.bag:
         with naming("--bag"):
             require_new(options.bag)
+    if options.plot:
+        check_plot_target(options.plot)
     with naming_options(
         "base", "step", "time_scale", "rate", "rise_time", "sensitivities", "design", "topic", "drive_profile"
     ):
@@ -89,7 +92,7 @@ def run(options: Namespace) -> CheckReport:
             if options.bag:
                 progress.stage("writing the bag ...")
                 found.save_bag(options.bag)
-    return CheckReport(found, options.bag, **gate_of(options, found))
+    return CheckReport(found, options.bag, options.plot, **gate_of(options, found))
 
 
 @dataclass
@@ -99,10 +102,12 @@ class CheckReport(GatedReport):
     Attributes:
         check: of the motion.
         bag: folder that it was written to; None: not asked for.
+        plot: file of its picture, likewise.
     """
 
     check: Check
     bag: str | None = None
+    plot: str | None = None
 
     @property
     def kept(self) -> bool:
@@ -117,6 +122,12 @@ class CheckReport(GatedReport):
     def to_dict(self) -> dict[str, Any]:
         """The check as data."""
         return {**self.check.to_dict(), **self.gate_to_dict()}
+
+    def write(self) -> Iterator[Path]:
+        """Draw the picture and write the report for pipelines, if they are wanted."""
+        if self.plot is not None:
+            yield self.check.save_plot(self.plot)
+        yield from super().write()
 
     def to_text(self) -> str:
         """Verdict, margins, robustness; with -v all quantities."""

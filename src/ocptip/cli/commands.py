@@ -325,11 +325,12 @@ COMMANDS = (
                 SENSITIVITIES,
                 time_scale("also check with all times multiplied by F"),
                 argument("--step", "S", "initial spacing of the grid, s (0.01)", type=float, default=0.01),
+                argument("--plot", "FILE", "draw the contacts over time into a .png, .pdf or .svg file"),
                 BAG,
             ),
             GATE,
         ),
-        files=("junit",),
+        files=("plot", "junit"),
     ),
     Command(
         "certify",

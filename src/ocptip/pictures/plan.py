@@ -63,6 +63,11 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
     return {name: draw() for name, draw in _figures(plan, samples).items()}
 
 
+def ground_figure(plan: Any, samples: MotionSamples | None = None) -> Figure:
+    """A Matplotlib figure of the contacts over time; arguments are those of `draw_plan`."""
+    return _ground(PlanCurves.of(plan, samples))
+
+
 def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
     curves = PlanCurves.of(plan, samples)
     figures: dict[str, Callable[[], Figure]] = {name: partial(draw, curves) for name, draw in FIGURES.items()}

@@ -65,6 +65,7 @@ def seen_plan(task: Task, motion: Trajectory, check: CycleCheck) -> Any:
 
 _POINTS = 400  # of curves of the worst case
 _STEP = 1e-5  # s
+_DRIVEN = 0.01  # s, between instants at which a base drives on
 
 
 @dataclass(frozen=True)
@@ -212,15 +213,17 @@ class PlanCurves:
 def _with_rests(robot: StandingMechanism, motion: Trajectory, samples: MotionSamples) -> MotionSamples:
     """With the rest before and after the motion, where torques and margins may be at their worst.
 
-    Cycles have rests between their segments as it is.
+    Cycles have rests between their segments as it is. A base may drive on while its arm rests.
     """
     if motion.parts:
         return samples
-    angles, _, _ = motion.states(np.array([0.0, motion.end]))
-    still, during = np.zeros((1, robot.n)), robot.during(motion)
+    later = np.arange(motion.end, robot.acts.end, _DRIVEN)
+    knots = robot.acts.knots[robot.acts.knots > motion.end]
+    times = [np.zeros(1), np.unique(np.concatenate([[motion.end], later, knots - _STEP, knots + _STEP]))]
+    angles, during = motion.states(np.array([0.0, motion.end]))[0], robot.during(motion)
     before, after = (
-        during.samples_of(np.array([time]), q[None], still, still)
-        for time, q in zip((0.0, motion.end), angles, strict=True)
+        during.samples_of(own, np.tile(q, (len(own), 1)), *np.zeros((2, len(own), robot.n)))
+        for own, q in zip(times, angles, strict=True)
     )
     return samples_joined([before, samples, after])
 
