@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
 
+import ocptip
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.contact.support import Support
@@ -128,6 +129,7 @@ base = [1.2, 0.4, 40]
 """
 
 
+@pytest.mark.slow
 def test_waypoints_of_base_and_arm_from_the_command_line(tmp_path, capsys):
     path, out = tmp_path / "path.toml", str(tmp_path / "plan")
     path.write_text(WAYPOINTS, encoding="utf-8")
@@ -142,11 +144,18 @@ def test_waypoints_of_base_and_arm_from_the_command_line(tmp_path, capsys):
     np.testing.assert_allclose([*steps.sum(axis=0), turn[-1]], [1.2, 0.4, np.deg2rad(40)], atol=1e-3)
     assert main(["check", out, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["stands"]
-    assert main(options) == 2
-    assert "give limits of the base" in capsys.readouterr().err
-    path.write_text(WAYPOINTS.replace("base = [0.6, 0.1, 20]\n", ""), encoding="utf-8")
-    assert main([*options, *limits]) == 2
-    assert "of all waypoints or of none" in capsys.readouterr().err
+
+
+def test_waypoints_have_the_base_in_front(task, tmp_path):
+    (tmp_path / "path.toml").write_text(WAYPOINTS, encoding="utf-8")
+    path = load_path(tmp_path / "path.toml", task).paths[0].path
+    np.testing.assert_allclose(path.start[:4], [0, 0, 0, np.deg2rad(-60)], atol=1e-9)
+    np.testing.assert_allclose(path.goal[:4], [1.2, 0.4, *np.deg2rad([40, 40])], atol=1e-9)
+    with pytest.raises(InputError, match="give limits of the base"):
+        ocptip.retime(task, tmp_path / "path.toml")
+    (tmp_path / "some.toml").write_text(WAYPOINTS.replace("base = [0.6, 0.1, 20]\n", ""), encoding="utf-8")
+    with pytest.raises(InputError, match="of all waypoints or of none"):
+        load_path(tmp_path / "some.toml", task)
 
 
 def test_samples_of_base_and_arm_have_columns_of_both(task, tmp_path):

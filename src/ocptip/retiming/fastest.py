@@ -15,7 +15,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.retiming.kernels import MOST, controllable, greatest, reduced
-from ocptip.retiming.rows import Clock, HalfPlanes, Places, TimingLimits
+from ocptip.retiming.rows import HalfPlanes, PathClock, Places, TimingLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
 
@@ -111,10 +111,10 @@ class Grid:
         limits: TimingLimits,
         s: np.ndarray,
         ends: tuple[float, float] = (0.0, 0.0),
-        clocks: Sequence[Clock] = (),
+        clocks: Sequence[PathClock] = (),
     ) -> None:
         self.robot, self.path, self.limits, self.s, self.widths = robot, path, limits, s, np.diff(s)
-        self.clocks: Sequence[Clock | None] = clocks or (None,)
+        self.clocks: Sequence[PathClock | None] = clocks or (None,)
         count = len(s) - 1
         double = np.isin(s, path.breakpoints[1:-1])
         first = np.arange(count + 1) + np.cumsum(double) - double

@@ -20,7 +20,7 @@ from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import Between, ExtraRows, FastestTiming, Grid, enough, fastest, spaced
 from ocptip.retiming.jerk import steady
 from ocptip.retiming.late import Couplings, LateJoints
-from ocptip.retiming.rows import Clock, TimingLimits
+from ocptip.retiming.rows import PathClock, TimingLimits
 from ocptip.retiming.while_driving import clocks_to_try
 from ocptip.retiming.whole_body import BaseLimits, Run, able_to_drive
 from ocptip.standing.arm import Robot
@@ -228,7 +228,7 @@ def _tight(
     objective: Objective,
     s: np.ndarray,
     ends: tuple[float, float],
-    clocks: Sequence[Clock],
+    clocks: Sequence[PathClock],
     base: BaseLimits | None,
 ) -> tuple[_Solved, Run, MotionCheck, float]:
     """A timing, with limits that are tightened where its motion breaks them; the factor of its slow-down."""
@@ -273,7 +273,7 @@ def least_cost(
     return max(Trajectory.from_path(path, grid, found.x).end, limits.min_duration)
 
 
-def _along(robot: StandingMechanism, path: JointPath, clocks: Sequence[Clock]) -> StandingMechanism:
+def _along(robot: StandingMechanism, path: JointPath, clocks: Sequence[PathClock]) -> StandingMechanism:
     return robot.along(path, clocks[0].timing) if clocks else robot.along(path)
 
 
@@ -284,10 +284,10 @@ def _clocks(
     objective: Objective,
     s: np.ndarray,
     ends: tuple[float, float],
-) -> Iterator[tuple[Clock, ...]]:
+) -> Iterator[tuple[PathClock, ...]]:
     """Clocks with which to time the path, see `clocks_to_try`; without a drive profile there are none."""
 
-    def timed(limits: Limits, clocks: Sequence[Clock]) -> PathTiming:
+    def timed(limits: Limits, clocks: Sequence[PathClock]) -> PathTiming:
         own = _along(robot if clocks else cast(Robot, robot).driving(None), path, clocks)
         found = _solve(own, path, TimingLimits(own, limits), objective, s, ends, clocks=clocks)
         return PathTiming(path, s, found.x)
@@ -304,7 +304,7 @@ def _solve(
     s: np.ndarray,
     ends: tuple[float, float],
     known: Couplings | None = None,
-    clocks: Sequence[Clock] = (),
+    clocks: Sequence[PathClock] = (),
 ) -> _Solved:
     """On a grid, with rows between the nodes where they are broken, and with tangents.
 

@@ -30,7 +30,7 @@ _FLAT = 1e-9  # of further quantities in their units: they do not change with th
 
 
 @dataclass(frozen=True, eq=False)
-class Clock:
+class PathClock:
     """When places of a path are passed: what acts over time is taken then.
 
     Attributes:
@@ -71,7 +71,7 @@ class Places:
     q: np.ndarray
     dq: np.ndarray
     ddq: np.ndarray
-    clock: Clock | None = None
+    clock: PathClock | None = None
     base: BasePath | None = None
 
     @classmethod
@@ -81,7 +81,7 @@ class Places:
         path: JointPath,
         s: np.ndarray,
         left: np.ndarray,
-        clock: Clock | None = None,
+        clock: PathClock | None = None,
     ) -> Places:
         """At s (P,); where `left` (P,) is True, with the derivatives before them."""
         before, after = path.at(s, side="left"), path.at(s)

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.retiming.rows import Clock
+from ocptip.retiming.rows import PathClock
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.drive_profile import DriveProfile
@@ -28,8 +28,8 @@ _STEP = 0.05  # s, between instants of a whole profile
 
 
 def clocks_to_try(
-    profile: DriveProfile, timed: Callable[[Limits, Sequence[Clock]], PathTiming], limits: Limits
-) -> Iterator[tuple[Clock, ...]]:
+    profile: DriveProfile, timed: Callable[[Limits, Sequence[PathClock]], PathTiming], limits: Limits
+) -> Iterator[tuple[PathClock, ...]]:
     """Clocks with which to time a path: settled ones, then those that stand at every instant of the profile.
 
     The nominal model is quick: within an uncertainty its clocks are the beginning.
@@ -62,12 +62,14 @@ def clocks_to_try(
     yield every
 
 
-def _settled(solve: Callable[[Sequence[Clock]], PathTiming], timing: PathTiming) -> tuple[Clock, ...] | None:
+def _settled(
+    solve: Callable[[Sequence[PathClock]], PathTiming], timing: PathTiming
+) -> tuple[PathClock, ...] | None:
     """Clocks around a timing from which a timing by them is nowhere farther; None: no round comes to that."""
     settled, windows = None, list(_WINDOWS)
     for _ in range(_ROUNDS):
         window = windows[0] * timing.node_times[-1]
-        clocks = tuple(Clock(timing, share * window) for share in _SHIFTS)
+        clocks = tuple(PathClock(timing, share * window) for share in _SHIFTS)
         following = solve(clocks)
         if np.max(np.abs(following.node_times - timing.passes(following.s)[0])) <= window:
             settled = clocks
@@ -78,10 +80,10 @@ def _settled(solve: Callable[[Sequence[Clock]], PathTiming], timing: PathTiming)
     return settled
 
 
-def _of_all_times(profile: DriveProfile, timing: PathTiming) -> tuple[Clock, ...]:
+def _of_all_times(profile: DriveProfile, timing: PathTiming) -> tuple[PathClock, ...]:
     """Clocks that stand at the instants of a profile, each with other accelerations."""
     edges = profile.knots
     times = [edges - INSIDE, edges + INSIDE, np.arange(0.0, profile.end + _STEP, _STEP)]
     every = np.unique(np.clip(np.concatenate(times), 0.0, profile.end + _STEP))
     _, first = np.unique(np.round(profile.rows(every), 9), axis=0, return_index=True)
-    return tuple(Clock(timing, fixed=float(time)) for time in every[np.sort(first)])
+    return tuple(PathClock(timing, fixed=float(time)) for time in every[np.sort(first)])
