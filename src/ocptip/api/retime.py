@@ -212,7 +212,7 @@ def retime(
         base: of a case, if it is not that of the file.
         drive_profile: how the base drives meanwhile, instead of as in the task, see :func:`ocptip.check`.
         base_limits: of a base that drives on the path, such as "1 m/s, 1 m/s^2, 60 deg/s, 300 N"; the path
-            then has x, y and yaw of the base, too, and both are timed together.
+            then also has x, y and yaw of the base, and both are timed together.
         objective, price_per_second: what is minimised; default "time".
         max_duration: s, at most.
         jerk: deg/s^3 (sliding joints: m/s^3), at most; None: acceleration steps are allowed.

@@ -135,7 +135,7 @@ def affine_loads(
     dq: np.ndarray,
     ddq: np.ndarray,
     process: np.ndarray | None = None,
-    pace: np.ndarray | None = None,
+    rate: np.ndarray | None = None,
 ) -> tuple[Affine, Affine]:
     """Torques (N, n) and wrenches (N, 6) on the base as affine functions of u = s'' and x = s'^2.
 
@@ -144,12 +144,12 @@ def affine_loads(
         q, dq, ddq: (N, n), a path and its first two derivatives over s.
         process: (N, k) there, of what acts, see `StandingMechanism.acting`; or (3, N, k): where it is affine
             in u and x itself, at u = 1, at x = 1, and at rest.
-        pace: (N,) > 0: on a base that turns, Coriolis forces grow with s', which is no affine function of
+        rate: (N,) > 0: on a base that turns, Coriolis forces grow with s', which is no affine function of
             x; they are those of its tangent at this s'. None: the base does not turn.
     """
-    states = _states(q, dq, ddq, pace)
+    states = _states(q, dq, ddq, rate)
     torque, wrench = robot.loads(*states, None if process is None else _each(process, len(states[0])))
-    return _affine(torque, pace), _affine(wrench, pace)
+    return _affine(torque, rate), _affine(wrench, rate)
 
 
 def affine_objects(
@@ -158,42 +158,42 @@ def affine_objects(
     dq: np.ndarray,
     ddq: np.ndarray,
     process: np.ndarray,
-    pace: np.ndarray | None = None,
+    rate: np.ndarray | None = None,
 ) -> tuple[Affine, ...]:
     """The wrenches (N, 6) on the objects as such functions, see `affine_loads`."""
-    states = _states(q, dq, ddq, pace)
+    states = _states(q, dq, ddq, rate)
     _, driving = robot.acts.split(_each(process, len(states[0])))
-    return tuple(_affine(wrench, pace) for wrench in robot.object_wrenches(*states, driving))
+    return tuple(_affine(wrench, rate) for wrench in robot.object_wrenches(*states, driving))
 
 
 def _each(process: np.ndarray, count: int) -> np.ndarray:
-    """What acts in each of the states: the same, (N, k), or something of its own, (3, N, k)."""
+    """What acts in each of the states: the same, (N, k), or another in each, (3, N, k)."""
     rows = process if process.ndim == 2 else np.concatenate(process)
     return np.tile(rows, (count // max(len(rows), 1), 1))
 
 
 def _states(
-    q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, pace: np.ndarray | None
+    q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, rate: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States (3 N, n) that give affine functions: with q'' alone, with speed and path curvature, at rest.
 
-    With a pace (4 N, n): also with the speed backward.
+    With a path speed (4 N, n): also with the speed backward.
     """
     still = np.zeros_like(q)
-    rates = [(still, dq), (dq, ddq), (still, still), *[(-dq, ddq)] * (pace is not None)]
+    rates = [(still, dq), (dq, ddq), (still, still), *[(-dq, ddq)] * (rate is not None)]
     qd, qdd = (np.vstack(own) for own in zip(*rates, strict=True))
     return np.vstack([q] * len(rates)), qd, qdd
 
 
-def _affine(values: np.ndarray, pace: np.ndarray | None) -> Affine:
+def _affine(values: np.ndarray, rate: np.ndarray | None) -> Affine:
     """Coefficients of u and x, and the rest, from the values in such states."""
-    of_u, of_x, rest, *back = np.split(values, 3 if pace is None else 4)
+    of_u, of_x, rest, *back = np.split(values, 3 if rate is None else 4)
     of_u, of_x = of_u - rest, of_x - rest
-    if pace is None:
+    if rate is None:
         return of_u, of_x, rest
-    backward, pace = back[0] - rest, pace[:, None]
-    of_pace = 0.5 * (of_x - backward)
-    return of_u, 0.5 * (of_x + backward) + of_pace / (2 * pace), rest + 0.5 * pace * of_pace
+    backward, rate = back[0] - rest, rate[:, None]
+    of_rate = 0.5 * (of_x - backward)
+    return of_u, 0.5 * (of_x + backward) + of_rate / (2 * rate), rest + 0.5 * rate * of_rate
 
 
 @dataclass(frozen=True, eq=False)
