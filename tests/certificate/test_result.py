@@ -29,12 +29,33 @@ def test_the_largest_lack_is_named_with_place_amount_and_remedy():
 
 
 @pytest.mark.parametrize(
+    ("worst", "words"),
+    [
+        ({"GT_worst_case": 0.95}, "; planning with GT_worst_case = 0.92 in [limits] may help, a smaller"),
+        (
+            {"GT_worst_case": 0.48},
+            "coarse, samples have 48 % of the friction: planning with GT_worst_case = 0.45",
+        ),
+    ],
+)
+def test_a_lack_of_friction_names_a_limit_that_much_below_the_samples(worst, words):
+    assert words in Certificate({}, HOLDS, undecided=(WITHIN,), worst=worst).missing
+
+
+def test_a_lack_of_margin_names_the_index_at_which_that_much_more_is_left():
+    """Of GN = M0 / (M0 + M): M is larger by 0.5 M0."""
+    short = replace(TIPS, short=0.5)
+    lacks = Certificate({}, HOLDS, undecided=(short,), worst={"GN": 0.9}).missing
+    assert lacks.endswith("; planning with --gn 0.62 may help")
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"data": None, "verdict": NONE, "reason": "contacts on one line"}, "a proof: contacts on one line"),
         ({"verdict": Verdict(False, ("speed: not proved near 1 s",), {}, 3)}, "speed: not proved near 1 s"),
         ({"kept": False}, "a proof within the limits; proved is friction used <= 50.00 %"),
-        ({"sampled": ("GT_stop", *LATE)}, "GT in stops on the path, delayed joints"),
+        ({"sampled": ("GT_stop", *LATE)}, "friction used in stops on the path, delayed joints"),
     ],
 )
 def test_other_lacks_have_their_reason(changes, words):

@@ -122,6 +122,7 @@ def certify(
         seconds=time.perf_counter() - began,
         speeds_within=verdict.holds and data["bounds"].get(SPEED_OF_POINTS_WITHIN, np.inf) <= 1,
         cancels=verdict.holds and proved.issuperset(every_of_cancels(tolerance is not None)),
+        worst={name: one.value for name, one in worst.items()},
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -34,10 +34,16 @@ _CLAIMS = (
 _LEAST = ("clearance", CLEARANCE, ANGLE_MARGIN_CANCEL)  # bounds from below
 CANCELS = "contacts in cancels"
 """The name of the claim about cancels, where it is not proved."""
-_OF_CONTACTS = "planning with lower --gn and --gt may help"
+_OF_CONTACTS = {
+    "contacts": ("GT", "--gt {}"),
+    "tip-over": ("GN", "--gn {}"),
+    "contacts within tolerance": (SLIP_WITHIN, "GT_worst_case = {} in [limits]"),
+    "tip-over within tolerance": (TIP_WITHIN, "GN_worst_case = {} in [limits]"),
+}
+"""Sampled value by claim, and the limit with which a plan keeps more of the contacts."""
 _WORDS = {
-    "contacts": ("foot forces and friction", _OF_CONTACTS),
-    "tip-over": ("tipping", _OF_CONTACTS),
+    "contacts": ("foot forces and friction", "planning with lower --gn and --gt may help"),
+    "tip-over": ("tipping", "planning with lower --gn and --gt may help"),
     "torque": ("joint torques", "planning with a lower --torque-ratio may help"),
     "clearance": ("clearance", "planning with a larger --clearance may help"),
     CANCELS: ("contacts when cancelled", "planning with --stop-safe cancel, or a gentler cancel, may help"),
@@ -45,6 +51,7 @@ _WORDS = {
 """Names of claims, and what helps where they are not proved."""
 _BY_SLOWER = "a slower motion may help"
 _UNBOUNDED = 1e6
+_FAR = 0.8  # of what is lost: sampled values below are far from the limit
 
 
 @dataclass(frozen=True)
@@ -62,11 +69,19 @@ class Undecided:
     claim: str
     short: float
 
-    @property
-    def remedy(self) -> str:
-        """What helps."""
+    def remedy(self, worst: Mapping[str, float]) -> str:
+        """What helps, with the worst sampled values by name: a limit by as much below them."""
         claim, within, _ = self.claim.partition(" within tolerance")
         _, helps = _WORDS.get(claim, ("", _BY_SLOWER))
+        name, planned = _OF_CONTACTS.get(self.claim, ("", ""))
+        if (value := worst.get(name, 0.0)) > 0 and self.short < 1:
+            # So much more has to be left than now: of the friction, or of the moment M0 (1 / GN - 1).
+            wanted = value - self.short if claim == "contacts" else 1 / (1 / value + self.short)
+            number = max(np.floor(100 * wanted) / 100, 0.01)
+            helps = f"planning with {planned.format(f'{number:g}')} may help"
+            if value < _FAR:
+                of = f"{100 * value:.0f} % of the friction" if claim == "contacts" else f"GN {value:.2f}"
+                helps = f"the bound is coarse, samples have {of}: {helps}"
         return f"{helps}, a smaller uncertainty also" if within else helps
 
     def __str__(self) -> str:
@@ -97,6 +112,7 @@ class Certificate:
         seconds: that finding and checking took.
         speeds_within: speeds of points keep their limits for all delays of joints within the uncertainty.
         cancels: no cancel loses a contact or leaves joint limits, within the uncertainty if one is given.
+        worst: sampled worst values, by name.
     """
 
     data: Mapping[str, Any] | None
@@ -108,6 +124,7 @@ class Certificate:
     seconds: float = 0.0
     speeds_within: bool = False
     cancels: bool = False
+    worst: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def certified(self) -> bool:
@@ -130,7 +147,7 @@ class Certificate:
         if self.undecided:
             worst = max(self.undecided, key=lambda one: one.short)
             more = f"; and {len(self.undecided) - 1} more (ocptip certify)" if len(self.undecided) > 1 else ""
-            return f"a proof of {worst}, sampled values keep it{more}; {worst.remedy}"
+            return f"a proof of {worst}, sampled values keep it{more}; {worst.remedy(self.worst)}"
         if not self.verdict.holds:
             return f"a proof: {self.verdict.problems[0]}"
         if not self.kept:
@@ -192,6 +209,7 @@ class Certificate:
             seconds=seconds,
             speeds_within=all(part.speeds_within for part in parts),
             cancels=all(part.cancels for part in parts),
+            worst={name: max(part.worst.get(name, 0.0) for part in parts) for name in self.worst},
         )
 
     def __str__(self) -> str:
