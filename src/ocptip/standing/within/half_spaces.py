@@ -15,6 +15,7 @@ import numpy as np
 from ocptip.standing.within.deviations import Deviations
 
 _CHUNK = 32  # instants that are evaluated at once
+_ROUNDING = 1e-9  # relative, of a bound that leaves half spaces out
 
 
 class Beyond(NamedTuple):
@@ -70,21 +71,31 @@ def farthest(
     middle, half, radii = _intervals(deviations, count)
     usually = wrenches @ planes.T
     least = np.max(usually, axis=1) if above is None else np.full(count, above)
+    # Component by component deviations reach at least as far as along any plane: what cannot be the worst
+    # by that bound, nearly everything, is left out.
+    reach = np.einsum("dwt,dt->dw", np.abs(over), half) + _component_gains(moved, late, max_delay)
+    for name, radius in radii.items():
+        reach += radius * np.linalg.norm(over[:, :, deviations.places[name]], axis=2)
+    bound = (wrenches + np.einsum("dwt,dt->dw", over, middle)) @ planes.T + reach @ np.abs(planes).T
+    needed = np.maximum(least, np.max(usually, axis=1)) if most == 1 else least
+    able = bound >= (needed - _ROUNDING * np.max(np.abs(bound), axis=1, initial=0.0))[:, None]
+    near = np.flatnonzero(np.any(able, axis=1))
 
     parts = []
-    for k in range(0, max(count, 1), _CHUNK):
-        own = slice(k, k + _CHUNK)
-        change = planes @ over[own]  # (C, m, size)
-        values = usually[own] + (change @ middle[own, :, None])[..., 0]
+    for k in range(0, max(len(near), 1), _CHUNK):
+        own = near[k : k + _CHUNK]
+        some = np.flatnonzero(np.any(able[own], axis=0))
+        change = planes[some] @ over[own]  # (C, m, size)
+        values = usually[np.ix_(own, some)] + (change @ middle[own, :, None])[..., 0]
         values += (np.abs(change) @ half[own, :, None])[..., 0]
         for name, radius in radii.items():
             values += radius * np.linalg.norm(change[:, :, deviations.places[name]], axis=2)
-        values += np.sum(np.max(_gains(planes, moved[own], late[own], max_delay[own]), axis=3), axis=2)
-        values = np.maximum(values, usually[own])  # but for rounding
-        worst = np.argmax(values, axis=1)[:, None]
-        best = worst if most == 1 else np.argsort(-values, axis=1, kind="stable")[:, :most]
+        gains = _gains(planes[some], moved[own], late[own], max_delay[own])
+        values += np.sum(np.max(gains, axis=3), axis=2)
+        values = np.maximum(values, usually[np.ix_(own, some)])  # but for rounding
+        best = np.argsort(-values, axis=1, kind="stable")[:, :most]
         i, rank = np.nonzero(np.take_along_axis(values, best, axis=1) >= least[own, None])
-        parts.append((k + i, best[i, rank], values[i, best[i, rank]]))
+        parts.append((own[i], some[best[i, rank]], values[i, best[i, rank]]))
     instants, numbers, values = (np.concatenate(part) for part in zip(*parts, strict=True))
 
     a = planes[numbers]
@@ -118,6 +129,12 @@ def _gains(planes: np.ndarray, moved: np.ndarray, late: np.ndarray, max_delay: n
     gains = (planes @ moved.reshape(count, 6, n * kinds)).reshape(count, planes.shape[-2], n, kinds)
     gains = gains + np.maximum(planes @ late, 0.0)[..., None] * max_delay[:, None]
     return np.where(np.isnan(gains), -np.inf, gains)
+
+
+def _component_gains(moved: np.ndarray, late: np.ndarray, max_delay: np.ndarray) -> np.ndarray:
+    """(C, 6), N and N m: at least the change of each component of the wrench by the cases of joints."""
+    changes = np.abs(np.nan_to_num(moved)) + np.abs(late)[..., None] * max_delay[:, None]
+    return np.sum(np.max(changes, axis=3), axis=2)
 
 
 def _intervals(deviations: Deviations, count: int) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
