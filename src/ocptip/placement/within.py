@@ -7,11 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ocptip.placement.problem import TaskLoad
-from ocptip.placement.result import Placement
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
@@ -28,6 +27,10 @@ from ocptip.standing.within.rest import (
     found_within,
 )
 from ocptip.standing.within.tolerable import AT_REST
+
+if TYPE_CHECKING:  # what commands on motions need of this loads no placements
+    from ocptip.placement.problem import TaskLoad
+    from ocptip.placement.result import Placement
 
 SEARCHED = ("base_mass", "center_of_mass", "friction")
 """Quantities that the search for placements includes."""
