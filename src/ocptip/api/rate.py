@@ -41,6 +41,7 @@ from ocptip.parallel.analysis.workspace import LENGTHS
 from ocptip.parallel.description.ready_made import READY_MADE, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.published.arms import arm_by_name
+from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import Robot
@@ -211,7 +212,12 @@ def rate_along(
         times, poses = _columns(file, turns)
         rates = _columns(file, turns, rates=True)[1] if "sigma" in names else None
         values = index_values(found, poses, ellipsoid=ellipsoid, rates=rates, names=(*names, regular))
-        return RatedMotion(found.name, times, {name: values[name] for name in names}, values[regular])
+        own = {name: values[name] for name in names}
+
+        def chain() -> list[list[np.ndarray]]:
+            return [[line] for line in link_frames(found, poses).origins]
+
+        return RatedMotion(found.name, times, own, values[regular], chain)
     rate_pose: Callable[[np.ndarray, Iterable[str]], Mapping[str, float]]
     if isinstance(found, ParallelRobot):
         name, of_robot = found.description.name, ParallelIndices(found, ellipsoid)
@@ -229,7 +235,12 @@ def rate_along(
             rows.append(rate_pose(pose, (*names, *regular)))
     values = {key: np.array([one[key] for one in rows]) for key in (*names, *regular)}
     least = np.min([values[key] for key in regular], axis=0)
-    return RatedMotion(name, times, {key: values[key] for key in names}, least)
+    bodies = partial(_sticks, found, poses) if isinstance(found, ParallelRobot) else None
+    return RatedMotion(name, times, {key: values[key] for key in names}, least, bodies)
+
+
+def _sticks(robot: ParallelRobot, poses: np.ndarray) -> list[list[np.ndarray]]:
+    return [robot.kinematics.sticks(pose) for pose in poses]
 
 
 def _values_of_platform(
@@ -269,12 +280,15 @@ class RatedMotion:
         times: s; of a file without times, row numbers from 0.
         values: by name.
         regularity: (N,) how far the poses are from singular ones: 0 there.
+        bodies: returns the lines (k, 3), m, that show the poses, one list of them per row; None where the
+            description has no bodies.
     """
 
     robot: str
     times: np.ndarray
     values: Mapping[str, np.ndarray]
     regularity: np.ndarray = field(repr=False)
+    bodies: Callable[[], list[list[np.ndarray]]] | None = field(default=None, repr=False)
 
     @property
     def regular(self) -> bool:
@@ -301,8 +315,17 @@ class RatedMotion:
         }
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a figure (.png, .pdf, .svg); returns its path."""
-        return pictures.workspace.save_indices(self.robot, self.times, dict(self.values), Path(path))
+        """Write a figure (.png, .pdf, .svg) or an animation (.gif, .html, .mp4); returns its path.
+
+        Raises:
+            InputError: an animation of a platform, whose legs are not described.
+        """
+        if Path(path).suffix.lower() not in pictures.animation.SUFFIXES:
+            return pictures.workspace.save_indices(self.robot, self.times, dict(self.values), Path(path))
+        if self.bodies is None:
+            raise InputError("has no legs to animate; describe a parallel robot", "", self.robot)
+        shown = pictures.animation.Moving(self.robot, self.times, self.bodies(), self.values)
+        return pictures.animation.save_animation([shown], path)
 
 
 def rate_workspace(

@@ -16,7 +16,8 @@ from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.read import only_inside, read_json, require_readable
 from ocptip.basics.write import versions, write_text
 from ocptip.contact.resting import solve_resting
-from ocptip.pictures.view import HERE, Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
+from ocptip.pictures.animation import SUFFIXES, Moving, plan_times, save_animation
+from ocptip.pictures.view import HERE, Show, motion_show, pose_show, scene_show, serve, to_html
 from ocptip.placement.output import PLACEMENT
 from ocptip.placement.problem import PlacementProblem
 from ocptip.reserves.equal_compliance import reported_slip
@@ -50,10 +51,9 @@ def view(
         task: the task file of a placement, whose folder does not hold the robot.
 
     Raises:
-        InputError: nothing of that kind is there, or the package viser is missing; one line.
+        InputError: nothing of that kind is there; one line.
     """
-    library_viser()
-    return View(*_show(Path(what), None if second is None else Path(second), task))
+    return _view(Path(what), None if second is None else Path(second), task)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,11 +62,18 @@ class View:
 
     Attributes:
         name: of what it shows.
-        show: frames over times.
+        make_show: makes the frames over times; raises InputError for parallel robots, which have no solids.
+        plans: names and motions of the plans that it shows; none: what stands still.
     """
 
     name: str
-    show: Show
+    make_show: Callable[[], Show]
+    plans: tuple[tuple[str, tuple[Part, ...]], ...] = ()
+
+    @cached_property
+    def show(self) -> Show:
+        """Frames over times, in three dimensions."""
+        return self.make_show()
 
     @property
     def frames(self) -> int:
@@ -75,17 +82,36 @@ class View:
 
     @cached_property
     def html(self) -> str:
-        """The page, complete in itself."""
+        """The page in three dimensions, complete in itself; needs the package viser."""
         return to_html(self.show)
 
     def __repr__(self) -> str:
-        """Name and frames."""
-        return f"<View {self.name}: {self.frames} frames>"
+        """The name."""
+        return f"<View {self.name}>"
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page into an .html file; returns its path."""
-        write_text(Path(path), self.html)
-        return Path(path)
+        """Write a page (.html) or an animation (.gif, .mp4 where ffmpeg is installed); returns its path.
+
+        A page of an arm is in three dimensions; the other files show bodies as lines.
+
+        Raises:
+            InputError: another ending, or an animation of what stands still.
+        """
+        path = Path(path)
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"expected a file name ending in .html, .gif or .mp4, got {str(path)!r}")
+        if path.suffix.lower() == ".html" and not self.has_platform:
+            write_text(path, self.html)
+            return path
+        if not self.plans:
+            raise InputError("stands still; animations are of plans", "", self.name)
+        times = plan_times(*(parts for _, parts in self.plans))
+        return save_animation([Moving.of_plan(name, parts, times) for name, parts in self.plans], path)
+
+    @property
+    def has_platform(self) -> bool:
+        """Whether a parallel robot is shown."""
+        return any(not isinstance(parts[0].robot, Robot) for _, parts in self.plans)
 
     def serve(self, say: Callable[[str], None]) -> None:
         """Serve the page until Ctrl-C; `say` gets its address."""
@@ -95,29 +121,24 @@ class View:
         """Plain data for JSON; with the page's size, if it was written to a path."""
         return {
             "name": self.name,
-            "frames": self.frames,
+            "frames": None if self.has_platform else self.frames,
             "html": None if path is None else f"{path}",
-            "bytes": 0 if path is None else len(self.html.encode()),
+            "bytes": path.stat().st_size if path is not None and path.is_file() else 0,
             "versions": versions(("viser",)),
         }
 
 
-def _show(path: Path, second: Path | None, task: str | os.PathLike[str] | None) -> tuple[str, Show]:
+def _view(path: Path, second: Path | None, task: str | os.PathLike[str] | None) -> View:
     placement = path / PLACEMENT if path.is_dir() else path
     if placement.name == PLACEMENT and placement.is_file() and second is None:
         with only_inside(placement.parent):
             require_readable(placement)
-        return _placement(placement, task)
+        name, show = _placement(placement, task)
+        return View(name, lambda: show)
     if task is not None:
         raise InputError(f"task: belongs to the folder of a placement, and {path} is none")
     if path.is_dir():
-        name, parts = _parts(path)
-        if second is None:
-            return name, motion_show(name, parts)
-        other = _parts(second)
-        if other[0] == name:  # the folders' names tell them apart
-            name, other = f"{path}", (f"{second}", other[1])
-        return f"{name} and {other[0]}", motion_show(name, parts, other, _between(path, second))
+        return _view_of_plans(path, second)
     if second is not None:
         raise InputError("is shown alone; two folders of plans are shown together", "", str(path))
     if path.is_file() and path.suffix != ".toml":
@@ -127,13 +148,25 @@ def _show(path: Path, second: Path | None, task: str | os.PathLike[str] | None) 
     with naming(str(path)):
         tip = TipOver(scene.support).evaluate(states)
         slip = reported_slip(states, Slip(scene.support).evaluate(states, derivatives=False))
-        return scene.name, scene_show(scene, states.contact_forces, tip, slip)
+        show = scene_show(scene, states.contact_forces, tip, slip)
+    return View(scene.name, lambda: show)
 
 
-def _parts(folder: Path) -> tuple[str, tuple[Part, ...]]:
-    """Name and motions of a plan."""
-    plan = read_plan_folder(folder)
-    return plan.task.name, plan.parts("view shows")
+def _view_of_plans(path: Path, second: Path | None) -> View:
+    folders = [read_plan_folder(own) for own in (path, second) if own is not None]
+    names = [own.task.name for own in folders]
+    if len(set(names)) < len(names):  # the folders' names tell them apart
+        names = [f"{own.path}" for own in folders]
+    plans = tuple((name, own.every_part) for name, own in zip(names, folders, strict=True))
+
+    def show() -> Show:
+        for own in folders:
+            own.parts("a page in three dimensions shows")
+        if second is None:
+            return motion_show(*plans[0])
+        return motion_show(*plans[0], plans[1], _between(path, second))
+
+    return View(" and ".join(names), show, plans)
 
 
 def _between(first: Path, second: Path) -> tuple[np.ndarray, np.ndarray]:

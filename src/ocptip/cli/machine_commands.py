@@ -202,7 +202,12 @@ MACHINE_COMMANDS = (
                     nargs="+",
                     accepts=is_index,
                 ),
-                argument("--plot", "FILE", "draw the indices into a .png, .pdf or .svg file"),
+                argument(
+                    "--plot",
+                    "FILE",
+                    "draw the indices into a .png, .pdf or .svg file; with --along also an animation of the "
+                    "bodies: .gif, .html, or .mp4 by ffmpeg",
+                ),
             ),
             group(
                 "what is rated",

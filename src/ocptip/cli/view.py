@@ -9,29 +9,36 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.api.view import View, view
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.write import file_target
 from ocptip.cli.command import ResultReport
 from ocptip.cli.options import naming_options
-from ocptip.pictures.view import library_viser
 
 
 def run(options: Namespace) -> ViewReport:
-    """Make the page; without --html serve it until Ctrl-C."""
-    library_viser()
-    if options.html is not None and not Path(options.html).resolve().parent.is_dir():
-        raise InputError(f"--html: no such directory: {Path(options.html).parent}")
+    """Make the page or the animation; without a file serve the page until Ctrl-C."""
+    for name in ("html", "movie"):
+        file = getattr(options, name)
+        if file is not None and not Path(file).resolve().parent.is_dir():
+            raise InputError(f"--{name}: no such directory: {Path(file).parent}")
+    if options.html is not None and options.movie is not None:
+        raise InputError("--movie: not together with --html")
     with naming_options("task"):
         found = view(options.what, options.second, task=options.task)
+    if options.movie is not None:
+        with naming("--movie"):
+            return ViewReport(found, file_target(options.movie, (".gif", ".mp4")))
     if options.html is None:
         found.serve(lambda address: print(f"{found.name}: {address}", file=sys.stderr))
         return ViewReport(found, None)
-    found.html  # noqa: B018 # what cannot be drawn is said before files are written
+    if not found.has_platform:
+        found.html  # noqa: B018 # what cannot be drawn is refused before files are written
     return ViewReport(found, Path(options.html))
 
 
 @dataclass
 class ViewReport(ResultReport):
-    """A page; without file it was served."""
+    """A page or an animation; without file it was served."""
 
     found: View
 
@@ -44,5 +51,4 @@ class ViewReport(ResultReport):
         found = self.found
         if self.out is None:
             return f"{found.name}: shown."
-        size = len(found.html.encode()) / 1e6
-        return f"{found.name}: {self.out} ({size:.2f} MB, {found.frames} frames)"
+        return f"{found.name}: {self.out} ({Path(self.out).stat().st_size / 1e6:.2f} MB)"

@@ -150,14 +150,7 @@ class Act:
     @classmethod
     def of_plan(cls, name: str, parts: Sequence[Part], times: np.ndarray) -> Act:
         """A motion, or those of a cycle, at these times (T,), s; at rest before and after."""
-        owner, found = np.zeros(len(times), dtype=int), []
-        for number, part, at in owners(parts, times):
-            owner[at] = number
-            if len(at):
-                local = np.clip(times[at] - part.begin, 0.0, part.motion.end)
-                found.append(part.robot.samples(part.motion, local))
-        seen = samples_joined(found)
-        seen = replace(seen, slip=reported_slip(seen.states, seen.slip))
+        owner, seen = sampled_parts(parts, times)
         frames = link_frames(parts[0].robot.arm, seen.angles)
         return cls(name, tuple(p.robot for p in parts), tuple(p.name for p in parts), owner, seen, frames)
 
@@ -173,6 +166,18 @@ class Act:
         seen = self.seen
         shared = shared_forces(seen.states.contact_forces, seen.slip, k)
         return f"{title}  {reserve_clock(seen.tip, seen.slip, shared, k)}"
+
+
+def sampled_parts(parts: Sequence[Part], times: np.ndarray) -> tuple[np.ndarray, MotionSamples]:
+    """Number (T,) of the part at each time, s, and samples there with the forces that reports show."""
+    owner, found = np.zeros(len(times), dtype=int), []
+    for number, part, at in owners(parts, times):
+        owner[at] = number
+        if len(at):
+            local = np.clip(times[at] - part.begin, 0.0, part.motion.end)
+            found.append(part.robot.samples(part.motion, local))
+    seen = samples_joined(found)
+    return owner, replace(seen, slip=reported_slip(seen.states, seen.slip))
 
 
 HERE = np.zeros(3), np.eye(3)

@@ -180,14 +180,7 @@ class ParallelMechanism(StandingMechanism):
 
     def sticks(self, q: np.ndarray) -> list[np.ndarray]:
         """The bodies of the legs, and the lines between the points at which they hold the platform."""
-        kinematics, lines, held = self.robot.kinematics, [], []
-        r, turn = kinematics.pose(q)
-        for leg, values in zip(kinematics.legs, kinematics.joints(q).q, strict=True):
-            points = np.vstack([leg.origin, leg.frames(values)[1]])
-            lines += [points[[parent + 1, k]] for k, parent in enumerate(leg.topology.parents, 1)]
-            held += [r + turn @ point for point in leg.couplings]
-        if held:
-            lines.append(np.array([*held, held[0]]))
+        lines = self.robot.kinematics.sticks(q)
         return [self.position + line @ self.rotation.T for line in lines]
 
     def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:

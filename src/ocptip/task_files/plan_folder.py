@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.outputs import SUMS, require_unchanged
@@ -47,7 +47,17 @@ class PlanFolder:
         Raises:
             InputError: it is of another mechanism.
         """
-        robots = arms_of(self.task, does, self.path, objects=objects)
+        arms_of(self.task, does, self.path, objects=objects)
+        return self.every_part
+
+    @property
+    def every_part(self) -> tuple[Part, ...]:
+        """The motions, of any mechanism.
+
+        Raises:
+            InputError: segments are missing.
+        """
+        robots = [cast(Robot, segment.task.robot) for segment in self.task.segments]
         if len(self.motion.segments) < len(robots):
             raise InputError(
                 f"holds {len(self.motion.segments)} of {len(robots)} segments", "", str(self.path)

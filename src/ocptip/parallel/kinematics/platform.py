@@ -155,6 +155,16 @@ class Kinematics:
         """
         return self.platform.pose(self.moving(z, q))
 
+    def sticks(self, z: np.ndarray) -> list[np.ndarray]:
+        """Lines (k, 3), m, robot axes: the bodies of the legs, and the platform between its couplings."""
+        lines, held = [], []
+        r, turn = self.pose(z)
+        for leg, values in zip(self.legs, self.joints(z).q, strict=True):
+            points = np.vstack([leg.origin, leg.frames(values)[1]])
+            lines += [points[[parent + 1, k]] for k, parent in enumerate(leg.topology.parents, 1)]
+            held += [r + turn @ point for point in leg.couplings]
+        return [*lines, np.array([*held, held[0]])] if held else lines
+
     def moving(self, z: np.ndarray, q: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """All coordinates of the platform that move: the free ones, then the dependent ones."""
         if self.along is None:

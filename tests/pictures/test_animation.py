@@ -1,0 +1,109 @@
+"""Animations: frames, lengths of bodies, curves, and files that need nothing else."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ocptip.api.rate import rate_along
+from ocptip.api.view import View, view
+from ocptip.basics.errors import InputError
+from ocptip.cli.main import main
+from ocptip.motion.plan_files import write_plan
+from ocptip.pictures import animation
+from ocptip.pictures.animation import Moving, plan_times, save_animation
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.parts import Part
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.trajectory import Trajectory
+from tests.pictures.plan_stand_in import plan_of
+from tests.places import EXAMPLES
+
+
+@pytest.fixture
+def few_frames(monkeypatch):
+    monkeypatch.setattr(animation, "_MOST", 3)
+    monkeypatch.setattr(animation, "_HELD", 1)
+
+
+def test_curves_and_forces_are_those_of_the_motion():
+    task = experiment_task("A")
+    parts = [Part(task.robot, task.reference)]
+    times = np.array([0.3, 0.9])
+    shown = Moving.of_plan("A", parts, times)
+    seen = task.robot.samples(task.reference, times)
+    assert shown.curves["tipping margin [N m]"] == pytest.approx(seen.tip.moments.min(axis=1))
+    assert shown.curves["friction used [%]"] == pytest.approx(100 * seen.slip.GT)
+    assert shown.ground.forces.sum(axis=1) == pytest.approx(-seen.wrenches[:, :3])
+    assert shown.path == pytest.approx(seen.gripper[:, :3])
+    for k in range(2):
+        pair = set(task.robot.tip_over.axes[seen.tip.nearest_axis[k]].contacts)
+        assert set(shown.ground.axes[k]) == pair
+
+
+def test_two_plans_side_by_side(tmp_path, few_frames, capsys):
+    task = experiment_task("A")
+    write_plan(tmp_path / "one", plan_of(task, task.reference))
+    shutil.copytree(tmp_path / "one", tmp_path / "two")  # a second check would take a second
+    file = tmp_path / "both.gif"
+    assert main(["view", str(tmp_path / "one"), str(tmp_path / "two"), "--movie", str(file)]) == 0
+    assert "both.gif" in capsys.readouterr().out
+    with Image.open(file) as picture:
+        assert picture.n_frames >= 3
+        first = np.asarray(picture.convert("L")).astype(int)
+        picture.seek(1)
+        second = np.asarray(picture.convert("L")).astype(int)
+    assert first.shape[1] == 800
+    for half in (slice(0, 400), slice(400, 800)):  # both move
+        assert np.abs(first[:, half] - second[:, half]).max() > 100
+    assert main(["view", str(tmp_path / "one"), "--movie", str(file)]) == 0  # its own file is replaced
+    file.write_bytes(b"a holiday")
+    assert main(["view", str(tmp_path / "one"), "--movie", str(file)]) == 2
+
+
+def test_a_delta_moves_as_rigid_bodies(tmp_path, few_frames):
+    task = load_task(EXAMPLES / "tasks/delta_cart.toml")
+    speed, acceleration = 0.5 * task.robot.limits.speed, 0.5 * task.robot.limits.acceleration
+    motion = Trajectory.ending_together(task.start, task.goal, [None] * task.robot.n, speed, acceleration)
+    parts = (Part(task.robot, motion),)
+    shown = Moving.of_plan("delta", parts, plan_times(parts))
+    lengths = [[np.linalg.norm(np.diff(line, axis=0), axis=1) for line in frame] for frame in shown.bodies]
+    moved = [np.concatenate([np.ravel(line) for line in frame]) for frame in shown.bodies]
+    assert np.abs(moved[0] - moved[-1]).max() > 0.05
+    for frame in lengths[1:]:
+        assert np.concatenate(frame) == pytest.approx(np.concatenate(lengths[0]), abs=1e-9)
+
+    def refuse():
+        raise AssertionError("no solids")
+
+    found = View("delta", refuse, (("delta", parts),))
+    page = found.save(tmp_path / "delta.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64") >= 3
+    assert not re.search(r"(?:src|href)=\W*(?:https?:)?//(?!maxcdn)", page)
+
+
+def test_indices_along_a_motion_of_a_closed_chain(tmp_path, few_frames):
+    rows = ["time_s,q1_m,q2_m,q3_deg", "0,0,0,0", "0.1,0.02,0.01,5", "0.2,0.04,0.02,10"]
+    (tmp_path / "motion.csv").write_text("\n".join(rows))
+    found = rate_along("3RPR", tmp_path / "motion.csv")
+    frames = found.bodies()
+    anchors = np.array([[line[0] for line in frame[1:-1:3]] for frame in frames])
+    assert np.allclose(anchors[0], anchors[-1])  # legs stay where they are on the base
+    platform = [np.linalg.norm(np.diff(frame[-1], axis=0), axis=1) for frame in frames]
+    assert np.allclose(platform[0], platform[-1])
+    with Image.open(found.save(tmp_path / "rpr.gif")) as picture:
+        assert picture.n_frames >= 3
+
+
+def test_refusals(tmp_path, monkeypatch, capsys):
+    scene = EXAMPLES / "scenes/rover_on_slope.toml"
+    with pytest.raises(InputError, match="stands still"):
+        view(scene).save(tmp_path / "a.gif")
+    assert main(["view", str(scene), "--movie", str(tmp_path / "a.avi")]) == 2
+    assert "--movie" in capsys.readouterr().err
+    monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
+    still = Moving("x", np.zeros(1), [[np.zeros((2, 3))]])
+    with pytest.raises(InputError, match="needs the program ffmpeg"):
+        save_animation([still], tmp_path / "a.mp4")
