@@ -11,10 +11,13 @@ import ocptip
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
+from ocptip.motion.cancels import safe_decelerations
 from ocptip.motion.check import check_motion
 from ocptip.motion.margins import motion_margins
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME
+from ocptip.motion.stop_rules import StopRules
+from ocptip.motion.stops import check_stops
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
 from ocptip.reserves.tipping import moment_at
@@ -28,6 +31,8 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
 from ocptip.standing.objects import Object, carrier_expressions, carrier_motions, cup
+from ocptip.standing.stops.along_path import Path, PathStops, StopPoints, stop_slopes
+from ocptip.standing.stops.by_cancel import Cancel, cancel_slopes, cancelled_motion
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
@@ -361,3 +366,88 @@ def test_objects_that_stand_on_nothing_or_twice_are_refused():
     for objects, message in (([CUP], "on: expected gripper"), ([GLASS, GLASS], "occurs 2 times")):
         with pytest.raises(InputError, match=message):
             on_a_slide(objects)
+
+
+def test_stops_of_a_slide_use_the_friction_of_the_object_that_their_decelerations_need():
+    """Along the path all coordinates brake in 0.5 s; a cancel has its deceleration."""
+    robot, a, v = on_a_slide([SLIPPERY, dataclasses.replace(BOX, position=(0.5, 0.0, 0.0))]), 0.2, 0.5
+    motion = Trajectory.from_profiles([0.0], [[RampCommand(2.0, v, a)]])
+    limits = Limits(stops=PathStops(time=0.5))
+    checked = check_motion(robot, motion, limits)
+    used = (v / 0.5 + a) / (0.2 * G)  # at the begin of braking
+    assert checked.worst["GT_stop[low]"].value == pytest.approx(used, rel=2e-3)
+    assert checked.verified
+    stops = check_stops(robot, motion, limits, StopRules(), checked, "path")
+    assert stops.verified
+    assert np.all(stops.speeds["path"] == 1)
+    assert "of objects low is critical: tipping margin >= " in stops.found[0]
+    for deceleration in (1.0, 2.5):
+        cancel = Cancel((deceleration,))
+        _, of_low = cancelled_motion(robot, motion, cancel, 1)
+        _, of_box = cancelled_motion(robot, motion, cancel, 2)
+        assert np.max(of_box.GT) == pytest.approx(deceleration / (0.6 * G), rel=1e-6)
+        asked = dataclasses.replace(limits, stops=None, cancel=cancel)
+        found = check_motion(robot, motion, asked)
+        if deceleration == 1.0:
+            assert np.max(of_low.GT) == pytest.approx(1.0 / (0.2 * G), rel=1e-6)
+            assert found.verified
+            asked = dataclasses.replace(asked, tolerance=Uncertainty(friction=0.1))
+            within = check_motion(robot, motion, asked).worst["GT_cancel_worst_case[low]"]
+            assert within.value == pytest.approx(1.0 / (0.9 * 0.2 * G), rel=1e-4)
+        else:
+            assert [text.partition(" ")[0] for text in found.violations] == ["GT_cancel[low]"]
+            assert found.kept_while_moving
+    safe = safe_decelerations(robot, motion, Limits(), Cancel((20.0,)))
+    assert safe.maximum == pytest.approx(0.9 * 0.2 * G / 20.0, abs=0.006)
+    assert "low slips when cancelled" in safe.hardest.broken[0]
+
+
+def test_wrenches_on_objects_in_stops_are_those_of_the_states_that_stops_pass():
+    rng = np.random.default_rng(8)
+    robot = robot_of(random_arm(rng, 3), [PLATE, CUP, CRATE])
+    states = tuple(rng.normal(size=(5, 3)) for _ in range(3))
+    for interface in (1, 2, 3):
+        points = StopPoints.of(Path.of(robot, states, 1.0, 0.3, interface=interface))
+        q, qd, qdd = (part[points.owner] for part in states)
+        x, u = points.x[:, None], points.u[:, None]
+        then = robot.object_wrenches(q, qd * np.sqrt(x), qd * u + qdd * x)[interface - 1]
+        np.testing.assert_allclose(points.wrenches, then, atol=1e-9)
+        some = points.select(np.flatnonzero(points.first >= 0))
+        s, on = np.hstack(states)[some.owner], rng.normal(size=(len(some.owner), 6))
+        slopes, h = stop_slopes(robot, 0.3, interface).gradient(s, 1.0, some, on), 1e-6
+        for k in range(9):
+            ends = []
+            for side in (-h, h):
+                moved = np.hstack(states) + side * np.eye(9)[k]
+                there = StopPoints.of(
+                    Path.of(robot, np.split(moved, 3, axis=1), 1.0, 0.3, interface=interface)
+                )
+                ends.append(there.select(np.flatnonzero(points.first >= 0)).wrenches)
+            np.testing.assert_allclose(
+                slopes[:, k], np.sum(on * (ends[1] - ends[0]), axis=1) / (2 * h), rtol=1e-4, atol=1e-4
+            )
+
+
+def test_slopes_of_wrenches_on_objects_in_cancels_are_finite_differences():
+    rng = np.random.default_rng(9)
+    robot = robot_of(random_arm(rng, 3), [PLATE, CUP])
+    s, sign = rng.normal(size=(4, 9)), np.empty((4, 3))
+    sign[:] = np.sign(s[:, 3:6])
+    chosen = sign, np.ones((4, 3)), np.tile([0.5, 0.0, 0.0], (4, 1))
+    slopes, on, h = cancel_slopes(robot, (9.0, 8.0, 7.0), interface=2), rng.normal(size=(4, 6)), 1e-6
+    exact = slopes.gradient(s, *chosen, on)
+    for k in range(9):
+        up, down = (slopes.wrenches(s + side * np.eye(9)[k], *chosen) for side in (h, -h))
+        np.testing.assert_allclose(exact[:, k], np.sum(on * (up - down), axis=1) / (2 * h), atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_plan_that_may_be_stopped_keeps_the_object_in_stops_along_its_path():
+    robot = on_a_slide([SLIPPERY])
+    limits = Limits(stops=PathStops(time=0.5))
+    task = MotionTask("slide", robot, np.zeros(1), np.array([0.5]), limits, objective=TIME, rise_times=0.0)
+    free = ocptip.plan(dataclasses.replace(task, limits=Limits()), starts=1, jobs=1, method="direct")
+    found = ocptip.plan(task, starts=1, jobs=1, method="direct")
+    assert found.verified
+    assert found.check.worst["GT_stop[low]"].value <= 0.9
+    assert found.duration > 1.05 * free.duration

@@ -21,7 +21,7 @@ from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import OF_PATH, MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
-from ocptip.motion.cycles.task import CycleTask, Task, refuse_driving, refuse_objects
+from ocptip.motion.cycles.task import BY_BRAKES, CycleTask, Task, refuse_driving, refuse_objects
 from ocptip.motion.design import motion_design
 from ocptip.motion.objective import TIME
 from ocptip.motion.plan_files import samples_joined, save_bag, task_samples
@@ -230,7 +230,8 @@ def check(
     name, task, given = given_motion(motion, task, base=base, drive_profile=drive_profile, **reading)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
-    asked = {"a check of stops": stops, "sensitivities": sensitivities, "design": design}
+    by_brakes = stops is not None and "brakes" in SCENARIOS[stops]
+    asked = {BY_BRAKES: by_brakes, "sensitivities": sensitivities, "design": design}
     refuse_objects(task, *(name for name, wanted in asked.items() if wanted))
     refuse_driving(task, *["stops"] * (stops is not None), *["sensitivities"] * sensitivities)
     if stops is not None and "path" in SCENARIOS[stops]:

@@ -16,7 +16,9 @@ from ocptip.basics.text import percent, quantity
 from ocptip.numerics.bisection import bisected
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
 from ocptip.standing.limits import SLIP_WITHIN, WITHIN_OF, Limits
+from ocptip.standing.objects import BASE
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
 from ocptip.standing.within.cancelled import worst_of_cancels
 from ocptip.standing.within.worst_case import worst_case_of
@@ -237,19 +239,25 @@ def _levels(
     q, qd, _ = motion.states(times)
     process = robot.during(motion).acting(times)
     tolerance = limits.tolerance
-    cases = worst_case_of(robot, tolerance).up_to(getattr(limits, SLIP_WITHIN)) if tolerance.given else None
+    every = range(len(robot.interfaces) if tolerance.given else 0)
+    cases = [worst_case_of(robot, tolerance, k).up_to(getattr(limits, SLIP_WITHIN)) for k in every]
 
     def level(share: float) -> CancelLevel:
         own = replace(cancel, decelerations=tuple(share * a for a in cancel.decelerations))
-        stops = CancelCheck(robot, own, exact=False).stops(q, qd, process)
-        lost = (stops.GN > own.GN) | (stops.GT > own.GT)
+        checks = (CancelCheck(robot, own, exact=False, interface=k) for k in range(len(robot.interfaces)))
+        found = stops = next(checks).stops(q, qd, process)
+        broken, lost = list[str](), np.zeros(len(q), dtype=bool)
+        for footing in robot.interfaces:
+            lost = (found.GN > own.GN) | (found.GT > own.GT)
+            if lost.any():
+                when = f"when cancelled at {100 * np.mean(lost):.3g} % of the instants"
+                broken.append(f"{_contact_words(footing, own, np.max(found.GN), np.max(found.GT))} {when}")
+                break  # further interfaces need not be evaluated
+            if check := next(checks, None):
+                found = check.stops(q, qd, process)
         longest, torque = float(np.max(stops.rests)) + own.reaction, float(np.max(stops.drives))
         over, joint = stops.outside
         known = np.isfinite(stops.clearance)
-        broken = []
-        if lost.any():
-            when = f"when cancelled at {100 * np.mean(lost):.3g} % of the instants"
-            broken.append(f"{_contact_words(robot, own, np.max(stops.GN), np.max(stops.GT))} {when}")
         if torque > 1 + _KEPT:
             broken.append(f"a drive needs {100 * torque:.3g} % of its torque limit")
         way = []
@@ -263,14 +271,16 @@ def _levels(
             where = stops.collision_words(robot, times)
             way.append(f"clearance is {least:.3g} mm {where}, must be >= {asked:g} mm")
         broken += way
-        if cases is not None and not broken:
-            worst = worst_of_cancels(cases, motion, own, times)
+        for footing, of_contacts in zip(robot.interfaces, cases, strict=False):
+            if broken:
+                break  # nothing else need be evaluated
+            worst = worst_of_cancels(of_contacts, motion, own, times)
             for name, at in zip(WITHIN_OF, worst, strict=True):
                 value = 0.0 if at is None else at.value if at.bound is None else at.bound
                 if value > getattr(limits, WITHIN_OF[name]):
                     most = {"GN": limits.GN_worst_case, "GT": limits.GT_worst_case}
                     bounds = replace(own, **most)
-                    words = _contact_words(robot, bounds, *(value if name == n else 0.0 for n in most))
+                    words = _contact_words(footing, bounds, *(value if name == n else 0.0 for n in most))
                     broken.append(f"{words} within {tolerance.title}")
                     break  # slip need not be evaluated
         return CancelLevel(
@@ -287,17 +297,17 @@ def _levels(
     return level
 
 
-def _contact_words(robot: Robot, limits: Cancel, GN: float, GT: float) -> str:
+def _contact_words(footing: Footing, limits: Cancel, GN: float, GT: float) -> str:
     """Which limits of the contacts are broken, and by how much, in N m and per cent."""
-    reference, found = robot.tip_over.reference_moment, []
+    reference, found = footing.tip_over.reference_moment, []
+    name, of = (footing.name, f" of {footing.name}") if footing.name != BASE else ("the base", "")
     if GN > limits.GN:
         left, least = (quantity(moment_at(index, reference), "N m", 3) for index in (GN, limits.GN))
-        found.append("the base tips" if GN >= 1 else f"the tipping margin is {left}, must be >= {least},")
+        found.append(f"{name} tips" if GN >= 1 else f"the tipping margin{of} is {left}, must be >= {least},")
     if GT > limits.GT:
-        slips = "slips" if found and GN >= 1 else "the base slips"
-        found.append(
-            slips if GT >= 1 else f"{percent(GT)} of the friction are used, must be <= {percent(limits.GT)},"
-        )
+        slips = "slips" if found and GN >= 1 else f"{name} slips"
+        used = f"{percent(GT)} of the friction{of} are used, must be <= {percent(limits.GT)},"
+        found.append(slips if GT >= 1 else used)
     return " and ".join(found)
 
 

@@ -50,11 +50,15 @@ NO_FLOOR = " (no floor: what reaches below the contacts is not checked)"
 OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
 """Worst values that no timing of a path changes."""
 
-OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
-"""Ends of the names of worst values in stops."""
+_OF_STOPS = ("_stop", "_brakes", "_cancel", "_cancel_worst_case")
 
 _UNTIL_1 = ("GN", "GT")
 _ROUNDS = 8
+
+
+def of_stops(result: str) -> bool:
+    """Whether a worst value of this name is one in stops, of the base or of an object."""
+    return result.partition("[")[0].endswith(_OF_STOPS)
 
 
 def scope_of(collision: dict[str, Any]) -> str:
@@ -131,8 +135,8 @@ class MotionCheck:
     @property
     def kept_while_moving(self) -> bool:
         """All limits of the motion hold, whatever becomes of it in stops."""
-        of_stops = [name for name in self.worst if name.endswith(OF_STOPS)]
-        return all(any(text.startswith(f"{name} ") for name in of_stops) for text in self.violations)
+        stopped = list(filter(of_stops, self.worst))
+        return all(any(text.startswith(f"{name} ") for name in stopped) for text in self.violations)
 
     @property
     def timed_well(self) -> bool:
@@ -154,7 +158,7 @@ class MotionCheck:
     def proved_while_moving(self) -> bool:
         """The motion is proved to keep its limits; stops are beyond the proof."""
         proof = self.certificate if self.kept_while_moving else None
-        return proof is not None and proof.holds and all(name.endswith(OF_STOPS) for name in proof.sampled)
+        return proof is not None and proof.holds and all(map(of_stops, proof.sampled))
 
     @property
     def unproved(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,8 @@ import numpy as np
 from ocptip.motion.check import MotionCheck
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
+from ocptip.standing.limit_kinds.nominal import of_object
 from ocptip.standing.limits import WITHIN_OF, Limits
 from ocptip.standing.margins import Margins
 from ocptip.standing.mechanism import StandingMechanism
@@ -54,11 +57,9 @@ class StoppedPath:
         self._stops = limits.stops or PathStops(limits.GN, limits.GT)
         self.places = motion.both_sides(SPACING)
         acting = robot.during(motion).acting(self.places)
-        states, least = motion.states(self.places), self._stops.time
-        path = Path.of(robot, states, limits.torque_ratio, least, acting)
-        self._c, self._d = path.bounds.lines
-        self._path = path
-        self._robot = robot
+        how = motion.states(self.places), limits.torque_ratio, self._stops.time, acting
+        self._paths = [Path.of(robot, *how, interface) for interface in range(len(robot.interfaces))]
+        self._c, self._d = self._paths[0].bounds.lines
 
     def begun(self, place: float, speed: float) -> float:
         """When a stop from the planned speed began that passes a place with this share of it, s."""
@@ -113,9 +114,14 @@ class StoppedPath:
         return 2 * way * self._c[k][known], np.clip(2 * way * self._d[k][known], -500, 500)
 
     def _safe_squares(self) -> np.ndarray:
-        """Largest x (K,) up to which the curve u_min keeps the limits at each place; -1: not even at rest."""
-        points = StopPoints.of(self._robot, self._path)
-        fine = self._fine(points.wrenches)
+        """Largest x (K,) up to which the curve u_min keeps the limits of all interfaces at each place; 0: not
+        even at rest.
+        """
+        return np.min([self._safe_squares_on(path) for path in self._paths], axis=0)
+
+    def _safe_squares_on(self, path: Path) -> np.ndarray:
+        points = StopPoints.of(path)
+        fine = self._fine(path.footing, points.wrenches)
         safe = np.ones(len(self.places))
         bad = np.flatnonzero(~np.logical_and.reduceat(fine, points.starts))
         if not len(bad):
@@ -127,22 +133,22 @@ class StoppedPath:
         low, high = points.x[first - 1], points.x[first]
         for _ in range(_HALVINGS if len(at) else 0):
             middle = 0.5 * (low + high)
-            fine = self._fine(self._wrenches(at, middle))
+            fine = self._fine(path.footing, self._wrenches(path, at, middle))
             low, high = np.where(fine, middle, low), np.where(fine, high, middle)
         safe[at] = low
         return safe
 
-    def _wrenches(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        of_u, of_x, rest = (part[at] for part in self._path.wrenches)
+    def _wrenches(self, path: Path, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        of_u, of_x, rest = (part[at] for part in path.wrenches)
         u = np.minimum(np.max(self._c[at] + self._d[at] * x[:, None], axis=1), 0.0)
         return rest + x[:, None] * of_x + np.where(np.isfinite(u), u, 0.0)[:, None] * of_u
 
-    def _fine(self, wrenches: np.ndarray) -> np.ndarray:
+    def _fine(self, footing: Footing, wrenches: np.ndarray) -> np.ndarray:
         """(P,) whether the limits of GN and GT are kept."""
-        states = self._robot.contact_states(wrenches)
-        fine = self._robot.tip_over.evaluate(states).GN <= self._stops.GN * (1 + 1e-9)
+        states = footing.contact_states(wrenches)
+        fine = footing.tip_over.evaluate(states).GN <= self._stops.GN * (1 + 1e-9)
         rows = np.flatnonzero(fine)
-        GT = self._robot.slip.above(wrenches[rows], self._stops.GT)
+        GT = footing.slip.above(wrenches[rows], self._stops.GT)
         fine[rows] = GT <= self._stops.GT * (1 + 1e-9)
         return fine
 
@@ -170,26 +176,40 @@ class PathTable:
     ) -> None:
         path = StoppedPath(robot, motion, limits)
         safe = path.safe_speeds()
-        self._checked, self._reference = checked, robot.tip_over.reference_moment
+        self._checked, self._interfaces = checked, robot.interfaces
         self.curve = np.array([path.places, safe])
         self.speeds = np.interp(times, path.places, safe)
         self.durations = np.array([path.stop(t).times[-1] for t in times])
 
     def worst(self) -> dict[str, Any]:
         """Worst values of the check, and when the stop passes there."""
-        found: dict[str, Any] = {"longest_stop_s": float(np.max(self.durations))}
+        base, *objects = map(self._worst_of, self._interfaces)
+        found = {"longest_stop_s": float(np.max(self.durations)), **base}
+        return found | of_objects(self._interfaces, objects)
+
+    def _worst_of(self, footing: Footing) -> dict[str, Any]:
+        found: dict[str, Any] = {}
         for name in ("GN", "GT"):
-            if worst := self._checked.worst.get(f"{name}_stop"):
+            result = f"{name}_stop"
+            if footing is not self._interfaces[0]:
+                result = of_object(result, footing.name)
+            if worst := self._checked.worst.get(result):
                 found[name] = worst.value
                 found[f"{name}_at_s"] = worst.time
                 found[f"{name}_detail"] = worst.detail
         if "GN" in found:
-            found["tipping_margin_Nm"] = moment_at(found["GN"], self._reference)
+            found["tipping_margin_Nm"] = moment_at(found["GN"], footing.tip_over.reference_moment)
         return found
 
     def violations(self) -> list[str]:
         """None: the check says so."""
         return []
+
+
+def of_objects(interfaces: Sequence[Footing], found: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The entry of the worst values on objects, by name; none without objects."""
+    names = (own.name for own in interfaces[1:])
+    return {"objects": dict(zip(names, found, strict=True))} if found else {}
 
 
 class JointTable(ABC):
@@ -198,8 +218,8 @@ class JointTable(ABC):
     Args:
         robot, motion, limits: whose.
         rule: how joints stop, and what stops have to keep.
-        stops: begun at instants, s.
-        check: that finds them.
+        stops: begun at instants, s, of each interface.
+        checks: that find them, one of each interface.
         times: of the table.
     """
 
@@ -211,20 +231,24 @@ class JointTable(ABC):
         motion: Trajectory,
         limits: Limits,
         rule: Brakes | Cancel,
-        stops: tuple[np.ndarray, JointStops],
-        check: BrakeCheck | CancelCheck,
+        stops: Sequence[tuple[np.ndarray, JointStops]],
+        checks: Sequence[BrakeCheck | CancelCheck],
         times: np.ndarray,
     ) -> None:
         self._robot, self._motion, self._limits, self._rule = robot, motion, limits, rule
-        self._check, (self._times, self._found) = check, stops
+        self._checks, ((self._times, self._found), *self._of_objects) = checks, stops
         q, qd, _ = motion.states(times)
         process = robot.during(motion).acting(times)
-        own = check.stops(q, qd, process)
-        self.durations = own.rests
+        own = [check.stops(q, qd, process) for check in checks]
+        self.durations = own[0].rests
         self.speeds = self._safe(q, qd, process, self._kept(own))
 
-    def _kept(self, found: JointStops) -> np.ndarray:
-        return (found.GN <= self._rule.GN) & (found.GT <= self._rule.GT) & np.isfinite(found.rests)
+    def _kept(self, stops: Sequence[JointStops]) -> np.ndarray:
+        """(N,) whether all contacts are kept, and everything comes to rest."""
+        kept = [
+            (own.GN <= self._rule.GN) & (own.GT <= self._rule.GT) & np.isfinite(own.rests) for own in stops
+        ]
+        return np.all(kept, axis=0)
 
     def _safe(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Largest shares of the speed by halving; 0 where even the smallest checked one is not safe."""
@@ -232,25 +256,24 @@ class JointTable(ABC):
         todo = np.flatnonzero(~kept)
         for _ in range(LEVELS if len(todo) else 0):
             middle = 0.5 * (low[todo] + high[todo])
-            fine = self._kept(self._check.stops(q[todo], middle[:, None] * qd[todo], process[todo]))
+            states = q[todo], middle[:, None] * qd[todo], process[todo]
+            fine = self._kept([check.stops(*states) for check in self._checks])
             low[todo], high[todo] = np.where(fine, middle, low[todo]), np.where(fine, high[todo], middle)
         return low
 
     def worst(self) -> dict[str, Any]:
         """Values and where they are."""
-        found, units = self._found, self._robot.units
-        i = int(np.argmax(np.maximum(found.GN, found.GT)))
+        found, units, interfaces = self._found, self._robot.units, self._robot.interfaces
+        base, i = self._worst_of(interfaces[0], self._times, found)
+        pairs = zip(interfaces[1:], self._of_objects, strict=False)  # stops by brakes are of the base alone
+        objects = [self._worst_of(footing, *stops)[0] for footing, stops in pairs]
         over, joint = found.outside
         displacements = [
             float(way) if unit == "m" else float(np.rad2deg(way))
             for way, unit in zip(np.max(found.displacements, axis=0), units, strict=True)
         ]
         return {
-            "GN": float(np.max(found.GN)),
-            "GT": float(np.max(found.GT)),
-            "tipping_margin_Nm": moment_at(float(np.max(found.GN)), self._robot.tip_over.reference_moment),
-            "begun_s": float(self._times[i]),
-            "after_s": float(found.after[i]),
+            **base,
             **self._more(i),
             "longest_stop_s": float(np.max(found.rests)) if np.isfinite(found.rests).all() else None,
             "ways": {"values": displacements, "units": ["m" if unit == "m" else "deg" for unit in units]},
@@ -258,7 +281,19 @@ class JointTable(ABC):
             "joint_nearest_its_limit": joint + 1,
             "clearance_m": found.clearance if np.isfinite(found.clearance) else None,
             "postures_looked_at": found.postures,
+            **of_objects(interfaces, objects),
         }
+
+    def _worst_of(self, footing: Footing, times: np.ndarray, found: JointStops) -> tuple[dict[str, Any], int]:
+        """Values of the contacts, and the number of the worst stop."""
+        i, greatest = int(np.argmax(np.maximum(found.GN, found.GT))), float(np.max(found.GN))
+        return {
+            "GN": greatest,
+            "GT": float(np.max(found.GT)),
+            "tipping_margin_Nm": moment_at(greatest, footing.tip_over.reference_moment),
+            "begun_s": float(times[i]),
+            "after_s": float(found.after[i]),
+        }, i
 
     def _more(self, i: int) -> dict[str, Any]:
         """Further entries, and those of the worst stop."""
@@ -277,13 +312,17 @@ class JointTable(ABC):
             where = found.collision_words(self._robot, self._times)
             texts.append(f"clearance is {gap:.1f} mm in a {self.words}, {where}, must be >= {asked:.1f} mm")
         contacts = []
-        for name, values, limit in (("GN", found.GN, rule.GN), ("GT", found.GT, rule.GT)):
-            i = int(np.argmax(values))
-            if not values[i] <= limit:
-                contacts.append(
-                    f"{name} is {values[i]:.4g} in a {self.words} begun at {self._times[i]:.4f} s, "
-                    f"must be <= {limit:.4g}"
-                )
+        every = zip(self._robot.interfaces, ((self._times, found), *self._of_objects), strict=False)
+        for number, (footing, (times, stops)) in enumerate(every):
+            for name, limit in (("GN", rule.GN), ("GT", rule.GT)):
+                values = getattr(stops, name)
+                i = int(np.argmax(values))
+                if not values[i] <= limit:
+                    result = of_object(name, footing.name) if number else name
+                    contacts.append(
+                        f"{result} is {values[i]:.4g} in a {self.words} begun at {times[i]:.4f} s, "
+                        f"must be <= {limit:.4g}"
+                    )
         return [*contacts, *texts] if not self._in_check else texts
 
     @property
@@ -310,7 +349,7 @@ class BrakeTable(JointTable):
         times: np.ndarray,
     ) -> None:
         found = stops_of_motion(robot, motion, brakes)
-        super().__init__(robot, motion, limits, brakes, found, BrakeCheck(robot, brakes), times)
+        super().__init__(robot, motion, limits, brakes, [found], [BrakeCheck(robot, brakes)], times)
         self._least = np.array(brakes.least)
 
     @property
@@ -350,15 +389,18 @@ class CancelTable(JointTable):
     def __init__(
         self, robot: Robot, motion: Trajectory, limits: Limits, cancel: Cancel, times: np.ndarray
     ) -> None:
-        found = cancelled_motion(robot, motion, cancel)
-        super().__init__(robot, motion, limits, cancel, found, CancelCheck(robot, cancel), times)
+        every = range(len(robot.interfaces))
+        found = [cancelled_motion(robot, motion, cancel, interface) for interface in every]
+        checks = [CancelCheck(robot, cancel, interface=interface) for interface in every]
+        super().__init__(robot, motion, limits, cancel, found, checks, times)
         self._cancel, self._within = cancel, dict[str, WorstInstant]()
         self.durations = self.durations + cancel.reaction
-        if limits.tolerance.given:
-            cases = worst_case_of(robot, limits.tolerance)
+        for interface, footing in enumerate(robot.interfaces if limits.tolerance.given else ()):
+            cases = worst_case_of(robot, limits.tolerance, interface)
             worst = worst_of_cancels(cases, motion, cancel, cancel_times(motion))
-            pairs = zip(WITHIN_OF, worst, strict=True)
-            self._within = {name: instant for name, instant in pairs if instant is not None}
+            for name, instant in zip(WITHIN_OF, worst, strict=True):
+                if instant is not None:
+                    self._within[of_object(name, footing.name) if interface else name] = instant
 
     @property
     def _in_check(self) -> bool:
@@ -374,13 +416,16 @@ class CancelTable(JointTable):
             "tipping_margin_Nm": float(np.min(margins.tipping_moment)),
             "foot_force_N": force if np.isfinite(force) else None,
             "torque_ratio": float(np.max(found.drives)),
-            **{f"{name}_worst_case": at.to_dict() for name, at in self._within.items()},
+            **{f"{name[:2]}_worst_case{name[2:]}": at.to_dict() for name, at in self._within.items()},
         }
 
     def _own_violations(self) -> list[str]:
         texts, cancel, found = [], self._cancel, self._found
         for name, at in {} if self._in_check else self._within.items():
-            value, limit = at.value if at.bound is None else at.bound, getattr(self._limits, WITHIN_OF[name])
+            value, limit = (
+                at.value if at.bound is None else at.bound,
+                getattr(self._limits, WITHIN_OF[name[:2]]),
+            )
             if value > limit:
                 texts.append(
                     f"{name} is {value:.4g} in a cancel begun at {at.time:.4f} s within the uncertainty "

@@ -15,7 +15,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity
 from ocptip.motion.cancels import SafeDecelerations, safe_decelerations
-from ocptip.motion.check import OF_STOPS, MotionCheck
+from ocptip.motion.check import MotionCheck, of_stops
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.stop_rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
@@ -153,7 +153,7 @@ def check_stops(
     broken = {kind: table.violations() for kind, table in tables.items()}
     unknown = [lacking] if lacking else broken.pop("brakes", []) if assumed else []
     violations = [text for texts in broken.values() for text in texts]
-    kept = all(worst.excess <= CLOSE for name, worst in checked.worst.items() if name.endswith(OF_STOPS))
+    kept = all(worst.excess <= CLOSE for name, worst in checked.worst.items() if of_stops(name))
     return Stops(
         kinds=kinds,
         verified=kept and not violations and not unknown,
@@ -196,13 +196,13 @@ def stops_by_segment(
 def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelerations]:
     """Safe decelerations of a cancelled controller, by the names of segments.
 
-    None of parallel robots, of robots with objects, and while the base drives. Coarse: at `SHARES` only, so
+    None of parallel robots, and while the base drives. Coarse: at `SHARES` only, so
     that it takes little beside a plan. `check_stops` determines the ends.
     """
     found = {}
     for segment, own in zip(task.segments, motion.segments, strict=False):
         robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
-        if not isinstance(robot, Robot) or robot.objects or robot.acts.end:
+        if not isinstance(robot, Robot) or robot.acts.end:
             continue
         if np.isfinite(robot.limits.acceleration).all():
             how = {"of_limits": rules.of_limits, "close": 1.0}
@@ -228,14 +228,20 @@ def _by_segment(task: Task, key: str, found: Mapping[str, Stops | SafeDecelerati
     return {key: rows if task.is_cycle else found[""].to_dict()}
 
 
-def _contact_text(worst: Mapping[str, Any]) -> str:
-    """The worst of the contacts, in N m and per cent; beyond 1, indices measure no margin."""
+def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:
+    """The worst of the contacts, in N m and per cent; beyond 1, indices measure no margin.
+
+    Of several objects it is the critical one.
+    """
     texts = []
     if (GN := worst.get("GN")) is not None:
         margin = quantity(worst["tipping_margin_Nm"], "N m", 3)
-        texts.append("the base tips" if GN >= 1 else f"tipping margin >= {margin}")
+        texts.append(f"{name} tips" if GN >= 1 else f"tipping margin >= {margin}")
     if (GT := worst.get("GT")) is not None:
-        texts.append("the base slips" if GT >= 1 else f"friction used <= {percent(GT)}")
+        texts.append(f"{name} slips" if GT >= 1 else f"friction used <= {percent(GT)}")
+    if objects := worst.get("objects"):
+        critical = max(objects, key=lambda one: max(objects[one].get("GN", 0.0), objects[one].get("GT", 0.0)))
+        texts.append(f"of objects {critical} is critical: {_contact_text(objects[critical], critical)}")
     return ", ".join(texts)
 
 

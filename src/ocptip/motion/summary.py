@@ -116,7 +116,9 @@ class CheckedMotion:
             sampled = f"CHECKED at samples{' in the nominal model' if self.check.within and others else ''}"
             if self.certificate is None or not self.certificate.cancels:
                 return f"{own}; stops {sampled}"
-            own += "; cancels PROVED to lose no contact, their clearance and torques CHECKED at samples"
+            base, sampled_too = (" of the base", "objects, ") if self.check.objects else ("", "")
+            own += f"; cancels PROVED to lose no contact{base}, their {sampled_too}clearance and torques "
+            own += "CHECKED at samples"
             return f"{own}; other stops {sampled}" if others else own
         if any(stops.unknown for stops in self.stops.values()) and not self.broken:
             return f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {own}"

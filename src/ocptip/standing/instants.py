@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
+import casadi as cs
 import numpy as np
 
 from ocptip.contact.solver import ContactStates
@@ -168,3 +169,26 @@ class Instants(Loaded):
         if self._gaps is None or self._gaps[0] < below:
             self._gaps = below, self.robot.collision.gaps(self.angles, below)
         return self._gaps[1]
+
+
+def wrenches_on(
+    robot: StandingMechanism,
+    interface: int,
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    acting: np.ndarray | None = None,
+) -> np.ndarray:
+    """Wrenches (N, 6) on one of the robot's `interfaces`, weight included, in states (N, n) each."""
+    if not interface:
+        return robot.loads(q, qd, qdd, acting)[1]
+    return robot.object_wrenches(q, qd, qdd, robot.acts.split(acting)[1])[interface - 1]
+
+
+def wrench_expression(
+    robot: StandingMechanism, interface: int, q: cs.SX, qd: cs.SX, qdd: cs.SX, *acting: cs.SX
+) -> cs.SX:
+    """The same as a CasADi column (6,)."""
+    if not interface:
+        return robot.load_expressions(q, qd, qdd, *acting)[1]
+    return robot.object_expressions(q, qd, qdd, *acting)[interface - 1]

@@ -30,7 +30,7 @@ def task():
 
 def points_at(task, times, time=0.0):
     path = Path.of(task.robot, task.reference.states(times), 1.0, time)
-    return path, StopPoints.of(task.robot, path)
+    return path, StopPoints.of(path)
 
 
 def test_wrenches_are_those_of_pinocchio_by_differences_of_the_time_law(task):
@@ -61,7 +61,7 @@ def test_the_rest_after_a_stop_counts():
     robot = experiment_task("A", "effective").robot
     rng = np.random.default_rng(0)
     states = rng.uniform(-1, 1, (3, 200, 6)) * np.array([2.0, 1.0, 5.0])[:, None, None]
-    points = StopPoints.of(robot, Path.of(robot, tuple(states), 1.0, 0.3))
+    points = StopPoints.of(Path.of(robot, tuple(states), 1.0, 0.3))
     rest = robot.loads(states[0], 0 * states[0], 0 * states[0])[1]
     found, alone = (robot.tip_over.evaluate(robot.contact_states(w)).GN for w in (points.wrenches, rest))
     worst, which = points.worst(found[:, None])
@@ -237,6 +237,6 @@ def test_stops_stay_what_they_are_under_scaling_of_time(task):
     for motion, own, scale in ((fast, strong, 1.0), (slow, weak, 2.0)):
         robot = Robot(replace(task.robot.arm, limits=own), task.robot.support, task.robot.motors)
         path = Path.of(robot, motion.states(scale * times), 1.0, 0.0)
-        points = StopPoints.of(robot, path)
+        points = StopPoints.of(path)
         found.append((points.wrenches - path.wrenches[2][points.owner]) * scale**2)
     np.testing.assert_allclose(found[0], found[1], atol=1e-8)

@@ -31,11 +31,13 @@ class ContactLimit(AskedLimit):
         words: name and result in this scenario, to be filled with those of the quantity.
         after_steps: the number asked for is that of loads after acceleration steps.
         takes_objects: there is also one of each object.
+        smooth: rows of objects may be of a smooth function.
     """
 
     of_contacts = True
     words = "{}", "{}"
     after_steps = takes_objects = False
+    smooth = True
 
     def __init__(
         self,
@@ -52,7 +54,7 @@ class ContactLimit(AskedLimit):
         if interface:
             self.name, self.result = f"{self.name} of {footing.name}", of_object(self.result, footing.name)
         # Objects have many contacts, whose exact friction utilisation takes ten times as long.
-        self.quantity = quantity(footing, self.number, smooth=interface > 0)
+        self.quantity = quantity(footing, self.number, smooth=self.smooth and interface > 0)
 
     @property
     def width(self) -> int:

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.standing.arm import Robot
-from ocptip.standing.instants import Instants, Loaded
+from ocptip.standing.instants import Instants, Loaded, wrenches_on
 from ocptip.standing.limit_kinds.limit import WHOLE, InstantAt, Sampled, StateLimit, TableLimit, Worst
 from ocptip.standing.limit_kinds.nominal import ContactLimit
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
@@ -30,6 +30,7 @@ from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, closing_of, stops_of_motion
 from ocptip.standing.stops.by_cancel import (
     Cancel,
+    CancelSlopes,
     StopStates,
     cancel_slopes,
     cancelled_motion,
@@ -144,7 +145,7 @@ class StopLimit(StateLimit, TableLimit, ContactLimit):
     """One quantity during all stops along the path."""
 
     words = "{} in stops", "{}_stop"
-    of_motion = False
+    of_motion, takes_objects, smooth = False, True, False
     table, inner_share = "stops", STOP_INNER
 
     @property
@@ -172,7 +173,7 @@ class StopLimit(StateLimit, TableLimit, ContactLimit):
 
     def _points(self, at: Instants) -> StopPoints:
         """Corners; kept with the instants, for the other quantity."""
-        key = "stops", self.asked.torque_ratio, self._time
+        key = "stops", self.asked.torque_ratio, self._time, self.interface
         if key not in at.memo:
             at.memo[key] = self._points_of(at.motion_states, at.process)
         return at.memo[key]
@@ -180,14 +181,14 @@ class StopLimit(StateLimit, TableLimit, ContactLimit):
     def _points_of(
         self, states: tuple[np.ndarray, np.ndarray, np.ndarray], process: np.ndarray
     ) -> StopPoints:
-        path = Path.of(self.robot, states, self.asked.torque_ratio, self._time, process)
-        return StopPoints.of(self.robot, path)
+        how = self.asked.torque_ratio, self._time, process, self.interface
+        return StopPoints.of(Path.of(self.robot, states, *how))
 
     # --- rows of a program --------------------------------------------------------------------------------
 
     @cached_property
     def _slopes(self) -> StopSlopes:
-        return stop_slopes(self.robot, self._time)
+        return stop_slopes(self.robot, self._time, self.interface)
 
     def _badness(self, at: Instants) -> np.ndarray:
         """(N, width), the worst of the stops."""
@@ -243,11 +244,12 @@ class CancelRows(NodeRows):
 
 
 class _Stopped(Loaded):
-    """States of the stops that begin at N nodes."""
+    """States of the stops that begin at N nodes, with the wrenches on an interface."""
 
-    def __init__(self, robot: Robot, at: StopStates, count: int, process: np.ndarray) -> None:
+    def __init__(self, robot: Robot, at: StopStates, count: int, process: np.ndarray, interface: int) -> None:
         acting = process[at.owner] if process.size else None
-        super().__init__(robot, robot.loads(at.q, at.qd, at.qdd, acting)[1])
+        wrenches = wrenches_on(robot, interface, at.q, at.qd, at.qdd, acting)
+        super().__init__(robot.interfaces[interface], wrenches)
         self.count, self.states_of_stops = count, at
 
     def some(self, rows: np.ndarray) -> Loaded:
@@ -269,7 +271,7 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
     """One quantity during all stops of a cancelled motion."""
 
     words = "{} in cancels", "{}_cancel"
-    of_motion = False
+    of_motion, takes_objects = False, True
     scenario = WHOLE
     table, largest_step, rows_first = "cancel", 0.05, True
 
@@ -279,7 +281,7 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         robot, cancel = cancel_of(at.robot, self.asked)
-        times, found = cancelled_motion(robot, at.motion, cancel)
+        times, found = cancelled_motion(robot, at.motion, cancel, self.interface)
         values = getattr(found, self.setting)
         k = int(np.argmax(values))
         detail = f"joints decelerate from then on, worst {1e3 * found.after[k]:.3g} ms later"
@@ -293,20 +295,26 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
     def _arm(self) -> tuple[Robot, Cancel]:
         return cancel_of(self.robot, self.asked)
 
+    @property
+    def _slopes(self) -> CancelSlopes:
+        return cancel_slopes(self._arm[0], self._arm[1].decelerations, interface=self.interface)
+
     def _stopped(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray) -> _Stopped:
         robot, cancel = self._arm
-        return _Stopped(robot, cancel.states(q, qd), len(q), process)
+        return _Stopped(robot, cancel.states(q, qd), len(q), process, self.interface)
 
     def _worst_of(self, stops: _Stopped) -> tuple[np.ndarray, np.ndarray]:
         """(N, width) badness of the worst state of each stop, and its number.
 
         Where half spaces tell which state is worst, only that one is evaluated exactly.
         """
-        rows = self.quantity.half_spaces()
+        rows, value = self.quantity.half_spaces(), self.quantity.exact
+        if self.quantity.smooth:
+            value = self.quantity.badness
         if rows is None:
-            return stops.worst(self.quantity.exact(stops))
+            return stops.worst(value(stops))
         number = stops.worst(np.max(stops.wrenches @ rows.T, axis=1)[:, None])[1]
-        return self.quantity.exact(stops.some(number[:, 0])), number
+        return value(stops.some(number[:, 0])), number
 
     def _chosen(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray) -> tuple[np.ndarray, ...]:
         """The worst states: sign, moves, weights, (N, width, n) each."""
@@ -344,7 +352,7 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
             nodes, place = np.unique(i, return_inverse=True)
             q, qd, _ = at.motion_states
             chosen = tuple(part[place, k] for part in self._chosen(q[nodes], qd[nodes], at.process[nodes]))
-        slopes, unit = cancel_slopes(self._arm[0], self._arm[1].decelerations), self.quantity.unit
+        slopes, unit = self._slopes, self.quantity.unit
         wrenches = slopes.wrenches(at.s[i], *chosen)
         values, weights, _ = self.quantity.rows(wrenches, np.arange(len(k)), k)
         gradient = slopes.gradient(at.s[i], *chosen, weights / unit)
@@ -355,5 +363,4 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
         chosen = tuple(part[some] for part in rows.chosen)
         weights = on[some, None] * rows.weights[some]
-        slopes = cancel_slopes(self._arm[0], self._arm[1].decelerations)
-        return some, slopes.hessian(rows.at.s[rows.nodes[some]], *chosen, weights)
+        return some, self._slopes.hessian(rows.at.s[rows.nodes[some]], *chosen, weights)

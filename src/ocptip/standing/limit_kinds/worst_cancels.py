@@ -36,7 +36,7 @@ class WorstCancelLimit(WorstCaseLimit):
 
     words = "{} in cancels within tolerance", "{}_cancel_worst_case"
     node_kinds: tuple[int, ...] = (ORDINARY,)
-    of_motion = takes_objects = False
+    of_motion = False
 
     _fixed: _Chosen | None = None  # (N, width, n) or (N, width, size) each, of the nodes of a program
 
@@ -49,11 +49,11 @@ class WorstCancelLimit(WorstCaseLimit):
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         robot, cancel = cancel_of(at.robot, self.asked)
-        if cancel not in at.memo:
-            cases, times = worst_case_of(robot, self.asked.tolerance), cancel_times(at.motion)
-            found = worst_of_cancels(cases, at.motion, cancel, times)
-            at.memo[cancel] = dict(zip(WITHIN_OF, found, strict=True))
-        worst = at.memo[cancel][self.quantity.symbol]
+        if (key := (cancel, self.interface)) not in at.memo:
+            cases = worst_case_of(robot, self.asked.tolerance, self.interface)
+            found = worst_of_cancels(cases, at.motion, cancel, cancel_times(at.motion))
+            at.memo[key] = dict(zip(WITHIN_OF, found, strict=True))
+        worst = at.memo[key][self.quantity.symbol]
         if worst is None:
             return []
         return [self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)]

@@ -21,7 +21,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.numerics.batch import BatchFunction
 from ocptip.standing.footing import Footing
-from ocptip.standing.instants import Loaded
+from ocptip.standing.instants import Loaded, wrench_expression
 from ocptip.standing.mechanism import StandingMechanism
 
 _NO_PULL = 1e-9  # share of the largest coefficient of u below which a bound says nothing about u
@@ -76,13 +76,15 @@ class Path:
 
     Attributes:
         torques: three (N, n), N m.
-        wrenches: three (N, 6), N and N m.
+        wrenches: three (N, 6), N and N m, on the base or an object.
         bounds: of u and x.
+        footing: what the wrenches act on.
     """
 
     torques: tuple[np.ndarray, np.ndarray, np.ndarray]
     wrenches: tuple[np.ndarray, np.ndarray, np.ndarray]
     bounds: Bounds
+    footing: Footing
 
     @classmethod
     def of(
@@ -92,6 +94,7 @@ class Path:
         torque_ratio: float,
         time: float,
         process: np.ndarray | None = None,
+        interface: int = 0,
     ) -> Path:
         """Loads at angles, speeds and accelerations, (N, n) each.
 
@@ -101,6 +104,7 @@ class Path:
             torque_ratio: share of the torque limits that may be used.
             time: see `PathStops`.
             process: (N, 6) there, of one that varies: in stops as it is as planned, place by place.
+            interface: of the robot's `interfaces`, on which the wrenches are; 0: the base.
 
         Raises:
             InputError: nothing bounds the deceleration.
@@ -114,6 +118,7 @@ class Path:
                 "the deceleration; give [stops] time, in s"
             )
         parts = affine_loads(robot, q, qd, qdd, process)
+        wrenches = affine_objects(robot, q, qd, qdd, process)[interface - 1] if interface else parts[1]
         by_acceleration, by_torque = 1 / limits.acceleration, 1 / (torque_ratio * limits.torque)
         rates = [part * by_acceleration for part in (qd, qdd, still)]
         efforts = [part * by_torque for part in parts[0]]
@@ -122,7 +127,7 @@ class Path:
             np.hstack([rate, -rate, effort, -effort, np.full((count, 1), value)])
             for rate, effort, value in zip(rates, efforts, law, strict=True)
         ]
-        return cls(parts[0], parts[1], Bounds(*columns))
+        return cls(parts[0], wrenches, Bounds(*columns), robot.interfaces[interface])
 
 
 Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -157,12 +162,12 @@ def affine_objects(
     q: np.ndarray,
     dq: np.ndarray,
     ddq: np.ndarray,
-    process: np.ndarray,
+    process: np.ndarray | None = None,
     rate: np.ndarray | None = None,
 ) -> tuple[Affine, ...]:
     """The wrenches (N, 6) on the objects as such functions, see `affine_loads`."""
     states = _states(q, dq, ddq, rate)
-    _, driving = robot.acts.split(_each(process, len(states[0])))
+    _, driving = robot.acts.split(None if process is None else _each(process, len(states[0])))
     return tuple(_affine(wrench, rate) for wrench in robot.object_wrenches(*states, driving))
 
 
@@ -201,7 +206,7 @@ class StopPoints(Loaded):
     """Corners of the curves u_min(x) at N states, and rest after a stop: P moments of stops, the worst there.
 
     Attributes:
-        footing: the base on its contacts.
+        footing: the base or an object on its contacts.
         starts: (N,) number of the first point of each state.
         owner: (P,) the state.
         x, u: (P,): square of the share of the planned speed; second derivative of the time law, 1/s.
@@ -220,7 +225,7 @@ class StopPoints(Loaded):
     wrenches: np.ndarray
 
     @classmethod
-    def of(cls, robot: StandingMechanism, path: Path) -> StopPoints:
+    def of(cls, path: Path) -> StopPoints:
         """Points of all states of a path."""
         c, d = path.bounds.lines
         state = np.arange(len(c))
@@ -250,7 +255,8 @@ class StopPoints(Loaded):
         u, first = np.where(free, 0.0, u), np.where(free, -1, first)
         of_u, of_x, rest = path.wrenches
         wrenches = rest[owner] + x[:, None] * of_x[owner] + u[:, None] * of_u[owner]
-        return cls(robot, np.searchsorted(owner, np.arange(len(c))), owner, x, u, first, second, wrenches)
+        starts = np.searchsorted(owner, np.arange(len(c)))
+        return cls(path.footing, starts, owner, x, u, first, second, wrenches)
 
     def select(self, some: np.ndarray) -> StopPoints:
         """Some points; they no longer know their states' first points."""
@@ -272,9 +278,9 @@ def _steepest(c: np.ndarray, d: np.ndarray, state: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def stop_slopes(robot: StandingMechanism, time: float) -> StopSlopes:
+def stop_slopes(robot: StandingMechanism, time: float, interface: int = 0) -> StopSlopes:
     """Those of a robot; their functions take a second to build."""
-    return StopSlopes(robot, time)
+    return StopSlopes(robot, time, interface)
 
 
 class StopSlopes:
@@ -282,18 +288,18 @@ class StopSlopes:
 
     Args:
         robot: whose.
-        time: as for `Path.of`.
+        time, interface: as for `Path.of`.
     """
 
-    def __init__(self, robot: StandingMechanism, time: float) -> None:
+    def __init__(self, robot: StandingMechanism, time: float, interface: int = 0) -> None:
         n, limits = robot.n, robot.limits
         size = 3 * n + robot.acts.size
         s, on_wrench, ratio = cs.SX.sym("s", size), cs.SX.sym("on_wrench", 6), cs.SX.sym("ratio")
         q, qd, qdd, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
         still = cs.SX.zeros(n)
-        rest = robot.load_expressions(q, still, still, *process)
-        loads = [robot.load_expressions(q, *rates, *process) for rates in ((still, qd), (qd, qdd))]
-        rates, efforts = [qd, qdd, still], [*(load[0] - rest[0] for load in loads), rest[0]]
+        states = (still, qd), (qd, qdd), (still, still)
+        *moving, rest = (robot.load_expressions(q, *rates, *process)[0] for rates in states)
+        rates, efforts = [qd, qdd, still], [*(torque - rest for torque in moving), rest]
         by_acceleration, by_torque = cs.DM(1 / limits.acceleration), cs.DM(1 / limits.torque) / ratio
         columns = []
         for rate, effort, law in zip(rates, efforts, (-time, 0.0, 0.0), strict=True):
@@ -306,7 +312,8 @@ class StopSlopes:
         a, g, e, h = a + fixed[0], g + fixed[2], fixed[1] - e, fixed[3] - h
         determinant = a * g - b * f
         u, x = (e * g - b * h) / determinant, (a * h - e * f) / determinant
-        wrench = rest[1] + (loads[1][1] - rest[1]) * x + (loads[0][1] - rest[1]) * u
+        of_u, of_x, rest = (wrench_expression(robot, interface, q, *rates, *process) for rates in states)
+        wrench = rest + (of_x - rest) * x + (of_u - rest) * u
         hessian, gradient = cs.hessian(cs.dot(on_wrench, wrench), s)
         arguments = [s, ratio, one, other, fixed, on_wrench]
         self._gradient = BatchFunction(cs.Function("stop_slopes", arguments, [gradient]))

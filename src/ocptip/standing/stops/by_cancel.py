@@ -23,6 +23,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.numerics.batch import BatchFunction
 from ocptip.standing.arm import Robot
+from ocptip.standing.instants import wrench_expression, wrenches_on
 from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
 from ocptip.standing.within.deviations import Deviations
 from ocptip.trajectories.trajectory import Trajectory
@@ -151,10 +152,10 @@ def stop_states(
 
 @lru_cache(maxsize=8)
 def cancel_slopes(
-    robot: Robot, decelerations: tuple[float, ...], deviations: Deviations | None = None
+    robot: Robot, decelerations: tuple[float, ...], deviations: Deviations | None = None, interface: int = 0
 ) -> CancelSlopes:
     """Those of a robot; their functions take a second to build."""
-    return CancelSlopes(robot, decelerations, deviations)
+    return CancelSlopes(robot, decelerations, deviations, interface)
 
 
 class CancelSlopes:
@@ -166,11 +167,16 @@ class CancelSlopes:
     Args:
         robot: the arm on its support.
         decelerations: n.
-        deviations: of the robot; None: nominal.
+        deviations: of the robot, whose wrench it is; None: nominal.
+        interface: of the robot's `interfaces`, on which the nominal wrench is; 0: the base.
     """
 
     def __init__(
-        self, robot: Robot, decelerations: tuple[float, ...], deviations: Deviations | None = None
+        self,
+        robot: Robot,
+        decelerations: tuple[float, ...],
+        deviations: Deviations | None = None,
+        interface: int = 0,
     ) -> None:
         n = robot.n
         size = 3 * n + robot.acts.size
@@ -184,7 +190,7 @@ class CancelSlopes:
         chosen = [sign, moves, weights]
         if deviations is None:
             state = *stopped, -moves * sign * rate, *process
-            _, wrench = robot.load_expressions(*state)
+            wrench = wrench_expression(robot, interface, *state)
         else:
             share, fixed = cs.SX.sym("share", n), cs.SX.sym("fixed", n)
             theta = cs.SX.sym("theta", deviations.size)
@@ -223,11 +229,11 @@ class CancelCheck(StopCheck):
     Args:
         robot: the arm on its support.
         cancel: how it stops, and what stops have to keep; greater GT need not be exact.
-        exact: see `StopCheck`.
+        exact, interface: see `StopCheck`.
     """
 
-    def __init__(self, robot: Robot, cancel: Cancel, exact: bool = True) -> None:
-        super().__init__(robot, cancel.GN, cancel.GT, exact)
+    def __init__(self, robot: Robot, cancel: Cancel, exact: bool = True, interface: int = 0) -> None:
+        super().__init__(robot, cancel.GN, cancel.GT, exact, interface)
         self._cancel = cancel
 
     def stops(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray | None = None) -> JointStops:
@@ -236,7 +242,10 @@ class CancelCheck(StopCheck):
         Times are from the beginning of the deceleration.
         """
         at = self._cancel.states(q, qd)
-        torques, wrenches = self._robot.loads(at.q, at.qd, at.qdd, of_owner(process, at.owner))
+        acting = of_owner(process, at.owner)
+        torques, wrenches = self._robot.loads(at.q, at.qd, at.qdd, acting)
+        if self._interface:
+            wrenches = wrenches_on(self._robot, self._interface, at.q, at.qd, at.qdd, acting)
         loads = wrenches[:, None], torques[:, None]
         postures = at.q[::-1], at.owner[::-1], at.after[::-1]
         found = self._worst(q, at.owner, at.after, loads, (at.q[None], at.owner), postures)
@@ -258,9 +267,11 @@ def cancel_times(motion: Trajectory) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def cancelled_motion(robot: Robot, motion: Trajectory, cancel: Cancel) -> tuple[np.ndarray, JointStops]:
+def cancelled_motion(
+    robot: Robot, motion: Trajectory, cancel: Cancel, interface: int = 0
+) -> tuple[np.ndarray, JointStops]:
     """Stops begun at instants of a motion, s: those of `cancel_times`, and more around the worst."""
-    check, acting = CancelCheck(robot, cancel), robot.during(motion)
+    check, acting = CancelCheck(robot, cancel, interface=interface), robot.during(motion)
 
     def stops(times: np.ndarray) -> JointStops:
         q, qd, _ = motion.states(times)

@@ -27,7 +27,7 @@ class JointStops:
     Attributes:
         GN, GT: (N,), during the stop.
         after: (N,), s, since the stop began: when the larger of the two is met.
-        wrenches: (N, 6), N and N m, on the base then.
+        wrenches: (N, 6), N and N m, on the base or an object then.
         torques: (N, n), N m (sliding joints: N), then: of brakes, or of the drives.
         drives: (N,), largest share of a torque limit that a drive needs; zero where the drives are off.
         rests: (N,), s, until all joints rest; infinite if they do not.
@@ -90,12 +90,15 @@ class StopCheck:
         robot: the arm on its support.
         GN, GT: what stops have to keep; a greater GT need not be exact.
         exact: so is GT where half spaces tell that it is kept; else it may be zero there.
+        interface: of the robot's `interfaces`, whose contacts are checked; 0: the base. Collisions are
+            checked with those of the base.
     """
 
-    def __init__(self, robot: Robot, GN: float, GT: float, exact: bool = True) -> None:
+    def __init__(self, robot: Robot, GN: float, GT: float, exact: bool = True, interface: int = 0) -> None:
         self._robot, self._GN, self._GT, self._exact = robot, GN, GT, exact
-        self._map = TipMap(robot.tip_over)
-        half_spaces = robot.slip.half_spaces(GT)
+        self._interface, self._footing = interface, robot.interfaces[interface]
+        self._map = TipMap(self._footing.tip_over)
+        half_spaces = self._footing.slip.half_spaces(GT)
         self._kept_inside = None if half_spaces is None else half_spaces.T.copy()
 
     def _worst(
@@ -154,7 +157,7 @@ class StopCheck:
     ) -> dict[str, np.ndarray]:
         """The smallest distance of each of `count` stops in postures q (P, n), between what, and when."""
         clearances, pairs, after = np.full(count, np.inf), np.zeros(count, dtype=int), np.zeros(count)
-        if self._robot.collision.labels:
+        if self._robot.collision.labels and not self._interface:
             found = self._robot.collision.nearest(q)
             order = np.argsort(-found.distances, kind="stable")  # the nearest is written last
             clearances[stop[order]] = found.distances[order]
@@ -167,20 +170,20 @@ class StopCheck:
         GT is exact at its maximum in a stop, so far as half spaces tell (if it has to be), and wherever
         they do not show that it is kept, as long as the stop has kept it; elsewhere zero.
         """
-        robot, rows = self._robot, self._kept_inside
+        footing, rows = self._footing, self._kept_inside
         if rows is None or not self._map.count:
-            states = robot.contact_states(wrenches)
-            GN = robot.tip_over.evaluate(states).GN
-            return _large(GN), _large(robot.slip.evaluate(states, derivatives=False).GT)
-        GN = robot.tip_over.ratio(np.min(self._map(wrenches)[0], axis=1))
+            states = footing.contact_states(wrenches)
+            GN = footing.tip_over.evaluate(states).GN
+            return _large(GN), _large(footing.slip.evaluate(states, derivatives=False).GT)
+        GN = footing.tip_over.ratio(np.min(self._map(wrenches)[0], axis=1))
         GT = np.zeros(len(wrenches))
         out = np.concatenate([np.max(part @ rows, axis=1) for part in _parts(wrenches)])
         order = np.lexsort((-out, owner))
         todo = order[np.unique(owner[order], return_index=True)[1]]
         todo = todo if self._exact else todo[out[todo] > 0]
         while len(todo):
-            states = robot.contact_states(wrenches[todo])
-            GT[todo] = _large(robot.slip.evaluate(states, derivatives=False).GT)
+            states = footing.contact_states(wrenches[todo])
+            GT[todo] = _large(footing.slip.evaluate(states, derivatives=False).GT)
             out[todo] = -np.inf
             broken = np.zeros(len(out), dtype=bool)
             broken[owner[todo[~(GT[todo] <= self._GT)]]] = True
