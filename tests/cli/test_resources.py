@@ -15,6 +15,7 @@ import pytest
 from ocptip.cli import command
 from ocptip.cli.command import BAD_INPUT, INTERNAL_ERROR, INTERRUPTED, explained, say
 from tests.places import EXAMPLES
+from tests.quick import some
 
 SCENE = str(EXAMPLES / "scenes" / "rover_on_slope.toml")
 posix = pytest.mark.skipif(sys.platform != "linux", reason="limits and devices of Linux")
@@ -76,7 +77,7 @@ def whole():
 
 
 @posix
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("share", some(1, [0.3, 0.1, 0.6]))
 def test_an_interruption_while_modules_are_loaded(share, whole):
     """Ctrl-C after shares of the time that a short command takes."""
     asked = [sys.executable, "-m", "ocptip", "stand", SCENE]

@@ -36,11 +36,11 @@ def run(tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["stand", EXAMPLES / "scenes/rover_on_slope.toml"],
         ["check", RESULTS / "plans" / "A-effective" / "plan.json", "--tolerance", "none"],
         *(
             pytest.param(call, marks=pytest.mark.slow)
             for call in (
+                ["stand", EXAMPLES / "scenes/rover_on_slope.toml"],
                 ["plan", "A", *ONE_START],
                 ["place", EXAMPLES / "tasks/place_incline.toml", "--starts", "1", "--no-figures"],
                 ["rate", "FP1W2F", *POSE],

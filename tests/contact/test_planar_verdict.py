@@ -389,7 +389,7 @@ def test_a_plank_jammed_by_little_friction_is_judged(friction):
 def test_clamps_with_hardly_any_friction_are_judged(cone):
     """Forces of 1e6 times the load balance it to rounding of these forces, not of the load."""
     rng = np.random.default_rng(1)
-    for _ in range(150):
+    for _ in range(50):
         support = random_support(rng)
         contacts = []
         for contact in support.contacts:

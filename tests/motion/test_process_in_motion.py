@@ -44,6 +44,7 @@ from tests.motion.planner.node_derivatives import all_slopes, bends
 from tests.pictures.plan_stand_in import plan_of
 from tests.placement.placement_scenes import drilling
 from tests.places import EXAMPLES
+from tests.quick import some
 
 SMALL = Uncertainty(speed=0.02, arm_mass=0.01, tilt=0.005, push=1.0)
 
@@ -361,7 +362,7 @@ def test_load_cases_know_one_that_varies():
     np.testing.assert_allclose(both, held, atol=1e-4)
 
 
-@pytest.mark.parametrize("axes", ["tool", "base"])
+@pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_stops_by_brakes_have_what_acts_when_they_begin(axes):
     """Each is that of a robot on which it acts all the time."""
     task, bare = case("A")

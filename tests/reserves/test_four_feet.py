@@ -47,7 +47,7 @@ def random_wrenches(rng, support, turn, count):
 def test_the_usage_is_the_optimum_of_the_cone_program(seed):
     rng = np.random.default_rng(seed)
     support, turn = random_support(rng)
-    wrenches = random_wrenches(rng, support, turn, 25)
+    wrenches = random_wrenches(rng, support, turn, 10)
     states, shared = solve_resting(support, wrenches), four_feet(support).share(wrenches)
     optimum = Slip(support).evaluate(states, derivatives=False)
     sure = np.isfinite(shared.usage) & states.persistent & optimum.solved

@@ -151,7 +151,7 @@ SUPPORTS = {
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", some(5, SUPPORTS))
+@pytest.mark.parametrize("name", some(3, SUPPORTS))
 def test_gradients_against_central_differences(name, mode):
     support = SUPPORTS[name]()
     at = wrenches(np.random.default_rng(1), support, 40)

@@ -32,7 +32,7 @@ from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.late_joints import jump_states
 from ocptip.standing.within.worst_case import worst_case_of
 from tests.motion.test_process_in_motion import SMALL, case, varying
-from tests.quick import examples
+from tests.quick import examples, some
 
 LATE = replace(SMALL, delay=0.01, damping=0.1)
 
@@ -206,7 +206,7 @@ def test_stops_along_the_path_have_the_process_of_the_place(both):
     assert slopes._gradient.function.size1_in(0) == 3 * robot.n + 6
 
 
-@pytest.mark.parametrize("speed", [1.0, 1.1])
+@pytest.mark.parametrize("speed", some(1, [1.1, 1.0]))
 def test_forces_are_those_of_a_simulation_of_what_varies(both, speed):
     """Also at another pace, with which the process goes; without the process they are off."""
     pytest.importorskip("mujoco")

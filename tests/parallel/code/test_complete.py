@@ -65,7 +65,7 @@ def robot_for(name: str) -> ParallelRobot:
     return ParallelRobot(ROBOTS[name]()) if name in ROBOTS else robot_of(name)
 
 
-@pytest.mark.parametrize("name", some(4, [*ROBOTS, *MECHANISMS]))
+@pytest.mark.parametrize("name", some(2, [*ROBOTS, *MECHANISMS]))
 def test_complete_code_is_the_numeric_robot(name):
     robot, rng = robot_for(name), np.random.default_rng(2)
     function = complete_function(robot, ("tau", "J_a", "qd", "qdd"))
@@ -88,7 +88,9 @@ def test_complete_code_is_the_numeric_robot(name):
         np.testing.assert_allclose(found["qdd"].ravel(), np.concatenate(rates.qdd), atol=1e-7)
 
 
-@pytest.mark.parametrize("name", sorted(set(MECHANISMS) - {"sps6"}))  # spins keep their places, not speeds
+@pytest.mark.parametrize(
+    "name", some(2, sorted(set(MECHANISMS) - {"sps6"}))
+)  # spins keep their places, not speeds
 def test_rates_of_code_are_differences_of_its_joints(name):
     robot = robot_of(name)
     function, joints = complete_function(robot, ("qd", "qdd")), newton_function(robot.kinematics)
@@ -104,7 +106,7 @@ def test_rates_of_code_are_differences_of_its_joints(name):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
-@pytest.mark.parametrize("name", ["five_bar", "tricept", pytest.param("sps6", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", some(1, ["five_bar", "tricept", "sps6"]))
 def test_compiled_joints_and_forces_are_those_of_python(name, tmp_path):
     """Nothing but z, z' and z'' comes from outside."""
     robot = robot_of(name)
