@@ -64,6 +64,7 @@ def test_file_is_complete_but_for_its_marks(here, capsys):
     assert [note.split(",")[0] for note in task.robot.notes] == [
         "locked",
         "acceleration limits of joints lift",
+        "energy: motors are estimated from limits of torque and speed",
     ]
     code = [line for line in filled(text, VALUES).splitlines() if line.strip() and line[0] != "#"]
     assert len(code) <= 25

@@ -241,7 +241,10 @@ def test_a_path_that_cannot_be_timed_says_where_and_why(
     assert code == 2
     error = capsys.readouterr().err
     assert "far.toml" in error
-    assert "at s = 0.0000: tip-over GN is" in error
+    assert "at s = 0.0000, " in error
+    assert " 90 deg, " in error
+    assert "at rest the tipping margin is" in error
+    assert "move the path there" in error
 
 
 @pytest.mark.slow

@@ -126,7 +126,7 @@ def test_an_upper_bound_of_the_slip_optimum_keeps_a_limit_and_is_named_where_it_
     robot = robot.varied(support=slope)
     assert posture_refusals(robot, Limits(GT=0.9), start) == []
     [refusal] = posture_refusals(robot, Limits(GT=1e-9), start)
-    assert refusal.startswith("slip GT is at most")
+    assert refusal.startswith("at rest the friction used is at most")
 
 
 def test_a_motion_that_slides_is_told_the_friction_that_it_needs():

@@ -208,7 +208,7 @@ def fit_notes(fit: Fit, robot: StandingMechanism) -> list[str]:
     with np.errstate(divide="ignore"):
         unseen = np.sqrt(80 * fit.tolerance / robot.limits.acceleration)
     longest = max(float(np.max(unseen)), fit.spacing)
-    notes += [f"10 % too much acceleration for less than {1e3 * longest:.2g} ms may not be seen"]
+    notes += [f"10 % too much acceleration for less than {longest:.2g} s may not be seen"]
     if fit.speed_distance is not None:
         worst = int(np.argmax(fit.speed_distance * scales))
         notes += [f"its speeds are up to {with_unit(worst, fit.speed_distance, '/s')} from those of the file"]

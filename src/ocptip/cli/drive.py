@@ -15,7 +15,7 @@ from ocptip.basics.text import quantity, table, wrapped
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
-from ocptip.cli.stand_posture import joint_values, posture_of
+from ocptip.cli.stand_posture import posture_of
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
 from ocptip.task_files.plan_folder import is_plan_folder
@@ -84,7 +84,7 @@ class DriveReport(FolderReport):
         """The posture, or the motion with the instant of the worst direction."""
         found = self.found
         if found.motion is None or found.worst.times is None:
-            return "posture", joint_values(found.robot, found.q)
+            return "posture", found.robot.joint_words(found.q)
         k = int(np.argmin(found.worst.largest[: len(found.angles)]))
         return "motion", f"{found.motion.end:.4g} s; worst direction at {found.worst.times[k]:.3f} s"
 

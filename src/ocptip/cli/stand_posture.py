@@ -21,7 +21,7 @@ _ELSEWHERE = {"gn_reference": "reference_moment in [limits]"}
 def posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
     """Joint values, base motion and torques at rest."""
     robot, torques = posture.robot, posture.instant.torques[0]
-    rows = [("posture", joint_values(robot, posture.q))]
+    rows = [("posture", robot.joint_words(posture.q))]
     if (motion := posture.base_motion) is not None:
         parts = zip(motion.rows(1)[0].reshape(3, 3), ("m/s^2", "rad/s", "rad/s^2"), strict=True)
         shown = [f"({', '.join(f'{x:.4g}' for x in own + 0.0)}) {unit}" for own, unit in parts if own.any()]
@@ -32,15 +32,6 @@ def posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
         holds = quantity(torques[joint], robot.motor_units[joint] if robot.motor_units else "N m")
         rows.append(("torque", f"{holds}, {percent(shares[joint])} of the limit ({robot.names[joint]})"))
     return rows
-
-
-def joint_values(robot: StandingMechanism, q: np.ndarray) -> str:
-    """Values (n,) of the joints with their names, angles in degrees."""
-    values = [
-        quantity(np.rad2deg(value) if unit == "rad" else value, "deg" if unit == "rad" else unit)
-        for value, unit in zip(q, robot.units, strict=True)
-    ]
-    return ", ".join(f"{n} {v}" for n, v in zip(robot.names, values, strict=True))
 
 
 def read_posture(options: Namespace) -> RestingPosture:

@@ -341,12 +341,19 @@ def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray
     place = grid.s[stuck]
     for places in grid.every:
         if (why := grid.limits.why_not_at_rest(places)) is not None:
-            return f"path: cannot be timed: at {why[0]}: {'; '.join(why[1])}"
+            return f"path: cannot be timed: at {why[0]}: {'; '.join(why[1])}; move the path there"
     if polygons.counts[stuck] == 0:
         name = grid.name(int(polygons.numbers[stuck, 0]), extra, stuck)
-        return f"path: cannot be timed: no speed keeps all limits at s = {place:.4f} ({name})"
+        return f"path: cannot be timed: no speed keeps all limits at {_where(grid, place)} ({name})"
     if stuck == 0 and found[0, 0] == grid.bounds[0, 0]:
         least, most = np.sqrt(np.maximum(polygons.corners[0, : polygons.counts[0], 0], 0.0))[[0, -1]]
         asked = np.sqrt(grid.bounds[0, 0])
         return f"path: cannot begin with ds/dt = {asked:.4g} 1/s, its limits allow {least:.4g} to {most:.4g}"
-    return f"path: cannot be timed: what follows s = {place:.4f} cannot be reached within the limits"
+    return f"path: cannot be timed: what follows {_where(grid, place)} cannot be reached within the limits"
+
+
+def _where(grid: Grid, place: float) -> str:
+    """A place of the path, and the joint values there."""
+    places = grid.every[0]
+    q = places.q[np.argmin(np.abs(places.s - place))]
+    return f"s = {place:.4f} of {grid.s[-1]:.4g}, {grid.limits.robot.joint_words(q)}"

@@ -311,7 +311,7 @@ class TimingLimits:
             at = Instants.at_rest(self.robot, places.q[k : k + 1], places.times[k : k + 1])
             if reasons := [reason for limit in kinds for reason in limit.refusals(at)]:
                 when = "" if places.clock is None else f", passed at {places.times[k]:.3f} s"
-                return f"s = {places.s[k]:.4f}{when}", reasons
+                return f"s = {places.s[k]:.4f}{when}, {self.robot.joint_words(places.q[k])}", reasons
         return None
 
 

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ocptip.basics.text import margin_text
+from ocptip.basics.text import margin_text, quantity
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import known
 from ocptip.reserves.tipping import TipMap, moment_at
@@ -165,6 +165,15 @@ class ContactQuantity(ABC):
         """Whether the limit is kept in a state (1, 3 n) at rest."""
 
     @abstractmethod
+    def lost_words(self, value: float, of: str = "") -> str:
+        """A value beyond the limit in words: a margin and its limit, or that something tips or slips.
+
+        Args:
+            value: GN or GT.
+            of: the object that it is about; empty: the base.
+        """
+
+    @abstractmethod
     def worst_at_rest(self, cases: WorstCase, s: np.ndarray) -> tuple[float, np.ndarray]:
         """GN or GT in a state (1, 3 n) at rest, and the deviations (size,) there."""
 
@@ -232,8 +241,16 @@ class TipOverQuantity(ContactQuantity):
     def refusals(self, at: Loaded) -> list[str]:
         if at.tip.GN[0] <= self.number:
             return []
-        where = f" ({left})" if (left := self._left(at)) else ""
-        return [f"tip-over GN is {at.tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
+        value, left = float(at.tip.GN[0]), self._left(at)
+        where = left if value >= 1 else left[left.index("about") :] if left else ""
+        return [f"at rest {self.lost_words(value)}{where and f' ({where})'}"]
+
+    def lost_words(self, value: float, of: str = "") -> str:
+        if value >= 1:
+            return f"{of or 'the base'} tips"
+        left = moment_at(value, self.footing.tip_over.reference_moment)
+        left, least = (quantity(moment, "N m") for moment in (left, self.least_moment))
+        return f"the tipping margin{of and f' of {of}'} is {left}, must be >= {least}"
 
     def path_excess(self, at: Loaded) -> float:
         if not self.width:
@@ -350,12 +367,17 @@ class SlipQuantity(ContactQuantity):
         if slip.GT[0] <= self.number:  # also where it is an upper bound
             return []
         if not slip.solved[0]:
-            return [f"slip GT is at most {slip.GT[0]:.4g} at rest, the optimum is open: {slip.status[0]}"]
+            most = quantity(100 * float(slip.GT[0]), "%")
+            return [f"at rest the friction used is at most {most}, the optimum is open: {slip.status[0]}"]
         usage = np.nan_to_num(slip.usage[0])
-        return [
-            f"slip GT is {slip.GT[0]:.4g} at rest, must be <= {self.number:.4g} (contact "
-            f"{int(np.argmax(usage)) + 1} uses {100 * usage.max():.0f} % of its friction)"
-        ]
+        most = f"contact {int(np.argmax(usage)) + 1} uses {100 * usage.max():.0f} % of its friction"
+        return [f"at rest {self.lost_words(float(slip.GT[0]))} ({most})"]
+
+    def lost_words(self, value: float, of: str = "") -> str:
+        if value >= 1:
+            return f"{of or 'the base'} slips"
+        limit = quantity(100 * self.number, "%")
+        return f"the friction used{of and f' of {of}'} is {quantity(100 * value, '%')}, must be <= {limit}"
 
     def half_spaces(self) -> np.ndarray | None:
         return self.footing.slip.half_spaces(self.number)

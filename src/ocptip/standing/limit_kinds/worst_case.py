@@ -105,9 +105,8 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
             return []
         tolerance, (value, theta) = self.asked.tolerance, self.quantity.worst_at_rest(self.cases, at.s)
         rest, _ = why_not(tolerance, AT_REST, lambda some: kept(self.cases.within(some)))
-        of = f" of {self.quantity.footing.name}" if self.interface else ""
-        what, words = f"{self.quantity.name} {self.quantity.symbol}{of}", self.cases.deviations.words(theta)
-        found = f"within the uncertainty {what} reaches {value:.4g} at rest ({words}): {rest}"
+        what = self.quantity.lost_words(value, self.quantity.footing.name if self.interface else "")
+        found = f"within the uncertainty at rest {what} ({self.cases.deviations.words(theta)}): {rest}"
         return [f"{found} (--tolerance none plans for the nominal model)"]
 
     def path_excess(self, at: Instants) -> float:
