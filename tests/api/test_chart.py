@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -104,3 +105,39 @@ def test_bad_values_are_named_as_typed(tmp_path, capsys, options, message):
 def test_a_parallel_robot_has_no_chart():
     with pytest.raises(ocptip.InputError, match="load charts are for arms"):
         ocptip.chart(EXAMPLES / "tasks/delta_cart.toml", samples=5)
+
+
+def test_payloads_on_other_bases_are_those_of_their_own_charts():
+    """Ballast and foot width are changes of the task's base."""
+    task = ocptip.load_task(TASK, uncertainty="none")
+    given = {"samples": 300, "payloads": [0.0], "uncertainty": "none", "most": 30.0}
+    found = ocptip.chart(task, ballast=[0.0, 5.0], foot_width=[1.2], **given)
+    support = task.robot.support
+    places = np.array([contact.position for contact in support.contacts])
+    middle = [*places[:, :2].mean(axis=0), 0.0]
+    wide = [
+        replace(contact, position=middle + (place - middle) * [1.2, 1.2, 1.0])
+        for contact, place in zip(support.contacts, places, strict=True)
+    ]
+    mass = support.mass + 5.0
+    heavy = support.varied(mass=mass, inertia=mass / support.mass * support.inertia)
+    for design, base in zip(found.designs, (support, heavy, support.varied(wide)), strict=True):
+        other = ocptip.chart(replace(task, robot=task.robot.varied(support=base)), **given)
+        reach = found.places[:, 1]
+        for end, payload in zip(found.edges[1][1:], design.payloads, strict=True):
+            here = other.held.masses[reach < end]
+            assert payload == (pytest.approx(here.min(), abs=1e-9) if len(here) else None)
+    before, after, wider = (np.array(one.payloads, dtype=float) for one in found.designs)
+    assert np.nanmax(after - before) > 0.1
+    assert np.nanmax(wider - before) > 0.1
+
+
+def test_files_of_a_design(tmp_path, capsys):
+    arguments = [str(TASK), "--samples", "200", "--tolerance", "none", "--ballast", "0", "10", "--out"]
+    assert main(["chart", *arguments, str(tmp_path / "chart")]) == 0
+    assert "with kg of ballast" in capsys.readouterr().out
+    data = json.loads((tmp_path / "chart/chart.json").read_text())
+    assert [one["ballast_kg"] for one in data["designs"]] == [0.0, 10.0]
+    assert (tmp_path / "chart/design.png").stat().st_size > 10_000
+    assert main(["chart", str(TASK), "--foot-width", "-1"]) == 2
+    assert "--foot-width" in capsys.readouterr().err

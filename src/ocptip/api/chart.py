@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,11 +17,13 @@ from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, finite_array, positive_number, whole_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
-from ocptip.pictures.load_chart import chart_picture
+from ocptip.contact.support import Support
+from ocptip.pictures.load_chart import chart_picture, design_picture
 from ocptip.standing.arm import Robot
 from ocptip.standing.largest_payload import ChartCell, LargestPayloads, ReachBySector, largest_payloads
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, BasePayloads, ballasted, widened
 from ocptip.standing.within.tolerable import AT_REST
 
 SAMPLES, SECTORS = 10_000, 8
@@ -44,6 +46,8 @@ def chart(
     sectors: int = SECTORS,
     cell: float | None = None,
     most: float | None = None,
+    ballast: Sequence[float] = (),
+    foot_width: Sequence[float] = (),
 ) -> LoadChart:
     """Return the largest payload at rest over reach, height and azimuth of the TCP.
 
@@ -66,12 +70,18 @@ def chart(
         cell: m, size of the cells of reach and height; default: at most 8 of each.
         most: kg, the largest payload that is tried; default: ten times the task's payload, else the mass of
             robot and base.
+        ballast: kg at the centre of mass of the base, for each of which payloads are also computed.
+        foot_width: factors on the horizontal distances of the contacts from their middle, likewise.
 
     Raises:
         InputError: the robot is no arm, or a value cannot be used.
     """
     for name, value, least in (("samples", samples, 1), ("seed", seed, 0), ("sectors", sectors, 1)):
         whole_number(name, value, least)
+    for own in ballast:
+        positive_number("ballast", own, zero_allowed=True)
+    for own in foot_width:
+        positive_number("foot_width", own)
     found = load_task(task, uncertainty=uncertainty)
     robot, _, limits = rests_of(found)["start"]
     robot.require_no_objects("chart")
@@ -88,7 +98,10 @@ def chart(
     masses = _different(held, rated) if payloads is None else finite_array("payloads", payloads, (None,))
     if np.any(masses < 0):
         raise InputError(f"payloads: must be >= 0 kg, got {masses.tolist()}")
-    return LoadChart.of(found.name, robot, limits, q, held, (samples, seed), masses, sectors, cell, most)
+    made = LoadChart.of(found.name, robot, limits, q, held, (samples, seed), masses, sectors, cell, most)
+    bases = [(BALLAST, own, ballasted(robot.support, robot.support.mass + own)) for own in ballast]
+    bases += [(FOOT_WIDTH, own, widened(robot.support, own)) for own in foot_width]
+    return replace(made, designs=tuple(made.on_base(*base) for base in bases))
 
 
 def _different(held: LargestPayloads, rated: float | None) -> np.ndarray:
@@ -128,6 +141,7 @@ class LoadChart(SavedFolder):
         edges: of the cells: azimuth, rad, reach and height, m.
         payloads: kg, of the reaches by azimuth.
         most: kg, the largest payload that was tried.
+        designs: payloads on changed bases; empty if not asked for.
     """
 
     data_file = "chart.json"
@@ -141,6 +155,7 @@ class LoadChart(SavedFolder):
     edges: tuple[np.ndarray, np.ndarray, np.ndarray]
     payloads: np.ndarray
     most: float
+    designs: tuple[BasePayloads, ...] = ()
 
     @classmethod
     def of(
@@ -212,6 +227,15 @@ class LoadChart(SavedFolder):
     def _limit(self, row: int) -> str:
         broken = "" if self.held.unloaded[row] else " without payload"
         return self.held.names[self.held.limits[row]] + broken
+
+    def on_base(self, quantity: str, value: float, support: Support) -> BasePayloads:
+        """What all postures up to each reach hold on another base; quantity and value say what differs."""
+        held = largest_payloads(self.robot.varied(support=support), self.limits, self.q, self.most)
+        masses, index = np.where(held.unloaded, held.masses, 0.0), self._index[:, 1]
+        within = [masses[index <= k] for k in range(len(self.edges[1]) - 1)]
+        return BasePayloads(
+            quantity, float(value), tuple(float(own.min()) if len(own) else None for own in within)
+        )
 
     @cached_property
     def reaches(self) -> tuple[ReachBySector, ...]:
@@ -300,6 +324,7 @@ class LoadChart(SavedFolder):
                 }
                 for one in self.reaches
             ],
+            "designs": [one.to_dict() for one in self.designs],
             "versions": versions(),
         }
 
@@ -323,6 +348,8 @@ class LoadChart(SavedFolder):
             views = self.cells(azimuth=False), self.cells(height=False)
             about = self.name, self.scope, self.edges
             found["chart.png"] = chart_picture(*about, *views, self.reaches, self._feet)
+            if self.designs:
+                found["design.png"] = design_picture(self.name, self.scope, self.edges[1], self.designs)
         return found
 
 

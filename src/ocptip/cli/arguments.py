@@ -118,6 +118,26 @@ OUT = group(
     argument("--overwrite", None, "replace files that ocptip did not write", action="store_true"),
     argument("--no-figures", None, "write no figures", action="store_true"),
 )
+BASE_DESIGN = group(
+    "design of the base",
+    argument(
+        "--ballast",
+        "KG",
+        "also with so much more mass at the centre of mass of the base, kg",
+        nargs="+",
+        type=float,
+        default=[],
+    ),
+    argument(
+        "--foot-width",
+        "F",
+        "also with distances of the contacts from their middle times F",
+        nargs="+",
+        type=float,
+        default=[],
+    ),
+)
+
 DESIGN = argument(
     "--design",
     None,

@@ -15,6 +15,7 @@ from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
 from ocptip.cli.terminal import say_if_compiling
+from ocptip.standing.within.design import BALLAST, FOOT_WIDTH
 
 _COLUMNS = 8  # of a table of 80 characters
 _MANY = 100.0  # kg: payloads from here on are shown without decimals
@@ -27,7 +28,7 @@ def run(options: Namespace) -> ChartReport:
     task = load_task(options.task)
     folder = output_directory(options, task.name)
     say_if_compiling()
-    with naming_options("payloads", "cell", "most"):
+    with naming_options("payloads", "cell", "most", "ballast", "foot_width"):
         found = chart(
             task,
             uncertainty=given_tolerance(options),
@@ -37,6 +38,8 @@ def run(options: Namespace) -> ChartReport:
             sectors=options.sectors,
             cell=options.cell,
             most=options.most,
+            ballast=options.ballast,
+            foot_width=options.foot_width,
         )
     return ChartReport(found, folder, not options.no_figures)
 
@@ -61,6 +64,10 @@ class ChartReport(FolderReport):
                 lines += [f"Largest payload [kg] {title}, by height and reach [m]", *self._side(key), ""]
             for key, title in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
                 lines += [f"Largest reach [m] {title}, by azimuth [deg]", *self._reaches(key), ""]
+            for key, unit in ((BALLAST, "kg of ballast"), (FOOT_WIDTH, "times the foot width")):
+                if any(one.quantity == key for one in found.designs):
+                    title = f"Payload [kg] that all postures up to a reach [m] hold, with {unit}"
+                    lines += [title, *self._designs(key), ""]
             lines += named(self._notes())
         else:
             lines += ["Every posture drawn collides, or comes nearer than the clearance."]
@@ -78,6 +85,18 @@ class ChartReport(FolderReport):
             for low, high in reversed(heights):
                 here = [_rounded_down(cells.get(((low, high), reach))) for reach in own]
                 rows.append([f"{low + 0.0:.4g} to {high + 0.0:.4g}", *here])
+            lines += table(rows, left=(0,))
+        return lines
+
+    def _designs(self, quantity: str) -> list[str]:
+        found, lines = self.found, list[str]()
+        ends = found.edges[1][1:].tolist()
+        for begin in range(0, len(ends), _COLUMNS):
+            part = slice(begin, begin + _COLUMNS)
+            rows = [["", *(f"to {end:.4g}" for end in ends[part])]]
+            for one in found.designs:
+                if one.quantity == quantity:
+                    rows.append([f"{one.value:.4g}", *map(_rounded_down, one.payloads[part])])
             lines += table(rows, left=(0,))
         return lines
 

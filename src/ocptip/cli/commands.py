@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from ocptip.cli.arguments import (
     BAG,
+    BASE_DESIGN,
     BASE_LIMITS,
     BASE_LINK,
     CANCEL,
@@ -401,42 +402,7 @@ COMMANDS = (
                 "largest payload that is tried (default: ten times the task's, else the robot's mass)",
                 type=float,
             ),
-            OUT,
-        ),
-    ),
-    Command(
-        "drive",
-        VERIFY,
-        "drive envelope: how hard a mobile base may accelerate, brake and turn",
-        "Computes the largest acceleration of the base by direction with the arm at rest in a posture, the "
-        "largest braking on level ground and slopes, turning speeds and emergency stops. Writes text, JSON, "
-        "CSV, a figure and parameters for Nav2. Of a plan: at the worst instants of its motion.",
-        "0 computed, 1 the base cannot accelerate in some direction",
-        (
-            argument("task", "TASK.toml|PLAN_DIR", "task file of an arm on a mobile base; folder of a plan"),
-            argument(
-                "--posture",
-                "Q1,Q2,...|start|goal|SEGMENT|stow",
-                "posture of the arm: joint values as in the file (degrees, prismatic joints m), or the name "
-                "of a start or goal (default: start); stow: search the posture in which the base may "
-                "accelerate hardest",
-            ),
-            TOLERANCE,
-            argument("--directions", "N", "directions of acceleration (default: 36)", type=int, default=36),
-            argument("--speed", "V", "forward speed of turns and stops, m/s (1)", type=float, default=1.0),
-            argument("--turning", "W", "turning speed of stops, rad/s (0.5)", type=float, default=0.5),
-            argument("--slope", "DEG", "slope on which it brakes, degrees (5)", type=float, default=5.0),
-            argument(
-                "--deceleration",
-                "A",
-                "deceleration of the stop whose largest speed is computed, m/s^2 (default: 80 %% of the "
-                "largest)",
-                type=float,
-            ),
-            argument("--payload", "KG", "payload, kg (default: that of the task)", type=float),
-            argument("--samples", "N", "postures drawn for stow (4000)", type=int, default=4000),
-            SEED,
-            argument("--holonomic", None, "the base also moves sideways", action="store_true"),
+            BASE_DESIGN,
             OUT,
         ),
     ),

@@ -12,6 +12,7 @@ from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, png
 from ocptip.standing.drive_envelope import LARGEST, LargestManoeuvres
 from ocptip.standing.largest_payload import ChartCell, ReachBySector
+from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, BasePayloads
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,6 +120,46 @@ def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: floa
     ax.set_aspect("equal")
     ax.set_xlabel("reach from the centre of the contacts [m]")
     ax.set_ylabel("height above the lowest contact [m]")
+
+
+_DESIGNS = {
+    BALLAST: "ballast at the centre of mass of the base [kg]",
+    FOOT_WIDTH: "foot width / present width",
+}
+
+
+def design_picture(name: str, scope: str, reaches: np.ndarray, designs: Sequence[BasePayloads]) -> bytes:
+    """Draw a PNG of payloads over ballast and over foot width, one line per reach.
+
+    Args:
+        name, scope: for the title.
+        reaches: (k + 1,), m, ends of the cells of the designs.
+        designs: of changed bases.
+    """
+    quantities = list(dict.fromkeys(own.quantity for own in designs))
+    figure = new_figure(1.2 + 5.2 * len(quantities), 4.2)
+    for ax, own in zip(figure.subplots(1, len(quantities), squeeze=False)[0], quantities, strict=True):
+        rows = sorted((one for one in designs if one.quantity == own), key=lambda one: one.value)
+        values = [one.value for one in rows]
+        widths = np.linspace(4.5, 1.2, len(reaches) - 1)  # lines often lie on each other
+        for k, (end, width) in enumerate(zip(reaches[1:], widths, strict=True)):
+            held = np.array([one.payloads[k] for one in rows], dtype=float)
+            if np.isfinite(held).any():
+                ax.plot(
+                    values,
+                    held,
+                    marker="o",
+                    ms=4,
+                    lw=width,
+                    **style.member(k),
+                    label=f"to {end:.3g} m",
+                    gid=f"reach-{k}",
+                )
+        ax.set_ylim(bottom=0.0)
+        style.finish(ax, "Payload that all postures hold, by reach", "payload [kg]", _DESIGNS[own])
+    style.head(figure, f"{name}: payload by ballast and foot width", scope)
+    style.note(figure, "from the payload on the left to a line, then down: ballast or width that holds it")
+    return png(figure)
 
 
 _WHEELS = {"color": "black", "ms": 4, "label": "contacts, not to scale"}

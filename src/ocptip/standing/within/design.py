@@ -20,6 +20,30 @@ _CLOSE = 1.002  # ratio of the ends at which the bisection ends
 _LOST = 1 - 1e-9
 
 
+BALLAST, FOOT_WIDTH = "ballast_kg", "foot_width_factor"
+
+
+@dataclass(frozen=True)
+class BasePayloads:
+    """What a robot holds on a changed base.
+
+    Attributes:
+        quantity: that differs: `BALLAST`, kg at the centre of mass of the base, or `FOOT_WIDTH`, a factor on
+            the distances of the contacts from their middle.
+        value: of it.
+        payloads: kg, by cells of the reach: what all postures up to the end of the cell hold; None: there is
+            no posture.
+    """
+
+    quantity: str
+    value: float
+    payloads: tuple[float | None, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {self.quantity: self.value, "payload_up_to_reach_kg": list(self.payloads)}
+
+
 class LoadedBase(Protocol):
     """A base with all that loads it, also in the worst case: `CaseWithin`, or motions."""
 
@@ -76,25 +100,28 @@ def smallest_design(support: Support, case: Callable[[Support], LoadedBase]) -> 
         support: the present base, spatial.
         case: what is on the base and what deviates, for other bases.
     """
+    feet = _smallest(lambda factor: case(widened(support, factor)))
+    mass = _smallest(lambda factor: case(ballasted(support, factor * support.mass)))
+    size = None
+    if feet is not None:
+        x, y, _ = np.ptp(np.array([c.position for c in widened(support, feet).contacts]), axis=0)
+        size = float(x), float(y)
+    return Design(feet, size, None if mass is None else mass * support.mass)
+
+
+def widened(support: Support, factor: float) -> Support:
+    """The base with its contacts moved horizontally: their distances from their middle times a factor."""
     places = np.array([contact.position for contact in support.contacts])
     down = support.gravity / np.linalg.norm(support.gravity)
     level = places - places.mean(axis=0)
     level -= np.outer(level @ down, down)
+    moved = zip(support.contacts, places + (factor - 1) * level, strict=True)
+    return support.varied([replace(contact, position=place) for contact, place in moved])
 
-    def wide(factor: float) -> Support:
-        moved = zip(support.contacts, places + (factor - 1) * level, strict=True)
-        return support.varied([replace(contact, position=place) for contact, place in moved])
 
-    def heavy(factor: float) -> Support:
-        return support.varied(mass=factor * support.mass, inertia=factor * support.inertia)
-
-    feet = _smallest(lambda factor: case(wide(factor)))
-    mass = _smallest(lambda factor: case(heavy(factor)))
-    size = None
-    if feet is not None:
-        x, y, _ = np.ptp(places + (feet - 1) * level, axis=0)
-        size = float(x), float(y)
-    return Design(feet, size, None if mass is None else mass * support.mass)
+def ballasted(support: Support, mass: float) -> Support:
+    """The base with another mass, kg; the difference is at its centre of mass, its inertia in proportion."""
+    return support.varied(mass=mass, inertia=mass / support.mass * support.inertia)
 
 
 def scene_design(support: Support, loads: Sequence[Load], tolerance: Uncertainty) -> Design:
