@@ -10,16 +10,18 @@ import numpy as np
 import pytest
 
 from ocptip.certificate import describe
-from ocptip.certificate.describe import motion_data, states_at
+from ocptip.certificate.describe import model_data, motion_data, states_at, tolerance_data
 from ocptip.certificate.find import certify
+from ocptip.certificate.find_within import SearchWithin
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import Limits
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Uncertainty
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
@@ -375,6 +377,24 @@ def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(sw
     checked, found = proved_on(support, swing[0], tolerance)
     sampled = checked.worst["GN_worst_case"].value
     assert sampled * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 1.01 * sampled
+
+
+def test_what_is_proved_of_four_feet_does_not_depend_on_what_is_searched_together(swing):
+    places = [(0.3, 0.25), (0.3, -0.25), (-0.3, -0.25), (-0.3, 0.25)]
+    feet = [UnilateralContact(position=[x, y, 0.0], friction=0.5) for x, y in places]
+    support = Support(feet, mass=40.0, center_of_mass=[0.03, 0.0, 0.25])
+    task, motion, tolerance = swing[0], _nod(swing[0]), Uncertainty(tilt=0.01, arm_mass=0.05, friction=0.1)
+    robot, data = Robot(task.robot.arm, support, task.robot.motors), motion_data(motion)
+    goals = {TIP_WITHIN: 0.5, SLIP_WITHIN: 0.9}
+    parts = model_data(robot, data["times"][-1][1], None), data, tolerance_data(tolerance, support)
+    search = SearchWithin(worst_case_of(robot, tolerance).footing, *parts, goals, np.empty(0))
+    starts = np.linspace(0.0, 0.9 * motion.end, 12)
+    [rows] = search.sharing.late.rows(starts, starts + 0.002)
+    together = search.checked(rows)
+    for k in range(len(starts)):
+        alone = search.checked(rows.some(slice(k, k + 1)))
+        for name in ("forces", "weights", "moments", "holds"):
+            np.testing.assert_array_equal(getattr(alone, name)[..., 0], getattr(together, name)[..., k])
 
 
 _HEIGHTS = [

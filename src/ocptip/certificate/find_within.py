@@ -17,6 +17,7 @@ from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.sharing import Rule, Sharing
 from ocptip.certificate.trusted.within import Terms
+from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.footing import Footing
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 
@@ -277,12 +278,15 @@ class SearchWithin:
             return np.zeros((2, 1, self.sharing.contacts.count, 3, count))
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self.sharing.contacts.couples)])
-        slip = self._footing.slip.evaluate(
-            self._footing.contact_states(every), derivatives=False, least=0.5 * self.goals[SLIP_WITHIN]
-        )
-        share = np.where(np.arange(len(every)) < len(wrenches), self.goals[SLIP_WITHIN], 1.0)
-        forces = self._interior.between(slip.forces, every, share)
-        forces[:, :, 1:] = 0.0  # the rule shares what is tangential
+        states = self._footing.contact_states(every)
+        if self.sharing.contacts.flat and np.all(self.sharing.contacts.bears):
+            forces = np.zeros((len(every), self.sharing.contacts.count, 3))
+            forces[:, :, 0] = reported_normal_forces(states)  # unique, whatever is solved together
+        else:
+            slip = self._footing.slip.evaluate(states, derivatives=False, least=0.5 * self.goals[SLIP_WITHIN])
+            share = np.where(np.arange(len(every)) < len(wrenches), self.goals[SLIP_WITHIN], 1.0)
+            forces = self._interior.between(slip.forces, every, share)
+            forces[:, :, 1:] = 0.0  # the rule shares what is tangential
         shaped = forces.reshape(-1, 2, count, *forces.shape[1:])  # rules, ends, R, contacts, 3
         return np.round(np.moveaxis(shaped, (1, 2), (0, -1)), _DIGITS)
 
