@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import scipy.linalg  # noqa: F401
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+from ocptip.motion import tolerated
 from ocptip.motion.load_cases import tilt_by_direction
 from tests import places
 from tests.quick import examples
@@ -82,6 +84,22 @@ def pytest_collection_finish():
     """Thousands of collected tests are not looked through again whenever memory is tidied up."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def robustness_once():
+    """Commands compute the robustness of equal robots and motions once: half of the time of a check."""
+    known, compute = {}, tolerated.tolerated
+
+    def remembered(robot, motion):
+        key = pickle.dumps((robot, motion))
+        if key not in known:
+            known[key] = compute(robot, motion)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tolerated, "tolerated", remembered)
+        yield
 
 
 @pytest.fixture
