@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,14 @@ import pytest
 
 import ocptip
 from ocptip.api.chart import halton_postures
+from ocptip.cli.drive import DriveReport
 from ocptip.cli.main import main
 from ocptip.contact.verdict import equilibrium
 from ocptip.standing.limits import Limits
 from ocptip.standing.stow_pose import StowSearch
 from tests.places import EXAMPLES
 
+G = 9.81
 TASK = EXAMPLES / "tasks/ur5_cart.toml"
 
 
@@ -176,3 +179,30 @@ def test_a_stow_pose_is_clear_of_collisions_and_better_than_what_was_drawn():
 def test_parallel_robots_are_refused():
     with pytest.raises(ocptip.InputError, match="drive envelopes are for arms"):
         ocptip.drive(EXAMPLES / "tasks/delta_cart.toml")
+
+
+def test_objects_on_the_deck_and_on_a_tray_limit_how_hard_the_base_drives():
+    """A crate tips at half its width over the height of its centre, a glass on a level tray slides."""
+    task = ocptip.load_task(EXAMPLES / "tasks/ur5_waiter.toml")
+    crate = ocptip.Object.box(
+        "crate", 3.0, (0.2, 0.2, 0.6), friction=0.5, on="base", position=(-0.1, 0.0, 0.75)
+    )
+    robot = task.robot.without_objects().carrying([*task.robot.objects[:1], crate])
+    task = replace(task, robot=robot)
+    found = ocptip.drive(task, uncertainty="none", directions=4)
+    glass, box = found.objects.values()
+    np.testing.assert_allclose(box.nominal.largest[:4], G * 0.1 / 0.3, rtol=1e-6)
+    np.testing.assert_allclose(box.nominal.slip[:4], box.nominal.tip[:4])
+    np.testing.assert_allclose(glass.nominal.largest[:4], 0.3 * G, rtol=1e-5)
+    assert np.all(glass.nominal.slip[:4] < glass.nominal.tip[:4])
+    assert found.limit("brake") == pytest.approx(min(0.3 * G, found.nominal.largest[5]), rel=1e-5)
+    assert found.stop_deceleration == pytest.approx(0.8 * found.limit("brake"))
+    assert found.worst_direction[0] <= 0.3 * G * (1 + 1e-6)
+    assert -found.navigation["max_decel"][0] <= found.limit("brake")
+    assert set(found.to_dict()["objects"]) == {"glass_left", "crate"}
+    text = DriveReport(found, None, False).to_text()
+    assert re.search(r"^brake +m/s\^2 .* 2\.943 \(glass_left slides\)", text, re.MULTILINE)
+
+    tolerance = ocptip.Uncertainty(friction=0.1, payload_mass=0.2)
+    within = ocptip.drive(task, uncertainty=tolerance, directions=4).objects["glass_left"].within
+    np.testing.assert_allclose(within.largest[:4], 0.9 * 0.3 * G, rtol=1e-5)

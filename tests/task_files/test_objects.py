@@ -135,12 +135,17 @@ def test_cups_have_the_data_of_their_makers(tmp_path):
         load_task(written(tmp_path, TRAY[: TRAY.index("[[object]]", 20)] + "[[object.cup]]\nradius = 0.02\n"))
 
 
-@pytest.mark.parametrize("verb", [ocptip.chart, ocptip.drive])
-def test_what_takes_no_objects_says_so(verb, task):
-    with pytest.raises(
-        InputError, match=rf"object: {verb.__name__} does not take objects \(plate, cup, crate\)"
-    ):
-        verb(task)
+@pytest.mark.parametrize(
+    ("what", "call"),
+    [
+        ("chart", ocptip.chart),
+        ("payload", lambda task: ocptip.drive(task, payload=1.0)),
+        ("posture stow", lambda task: ocptip.drive(task, "stow")),
+    ],
+)
+def test_what_takes_no_objects_says_so(what, call, task):
+    with pytest.raises(InputError, match=rf"object: {what} does not take objects \(plate, cup, crate\)"):
+        call(task)
 
 
 @cache

@@ -96,10 +96,12 @@ def drive(
         )
     posture = resting_posture(what, None if stow else q)
     robot = posture.robot if moves is None else cast(Task, what).robot
-    robot.require_no_objects("drive")
     if not isinstance(robot, Robot):
         raise InputError("task: drive envelopes are for arms; this robot is a parallel one")
+    if stow:
+        robot.require_no_objects("posture stow")
     if payload is not None:
+        robot.require_no_objects("payload")
         held = robot.payload.center_of_mass if robot.payload else np.zeros(3)
         load = Payload(positive_number("payload", payload), held)
         robot = robot.varied(arm=robot.arm.with_payload(load))

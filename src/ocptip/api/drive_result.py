@@ -57,6 +57,7 @@ class DriveEnvelope(SavedFolder):
         counting: what of it counts.
         given: arguments of :func:`drive`.
         motion: of the arm; None: it rests.
+        interface: of the robot's `interfaces`, whose contacts limit manoeuvres; 0: the base.
     """
 
     data_file = "drive.json"
@@ -67,6 +68,7 @@ class DriveEnvelope(SavedFolder):
     counting: Uncertainty
     given: DriveArguments
     motion: Trajectory | None = None
+    interface: int = 0
 
     # --- manoeuvres ---------------------------------------------------------------------------------------
 
@@ -120,7 +122,19 @@ class DriveEnvelope(SavedFolder):
         """m/s^2: of the emergency stop whose largest speed is computed; by default 80 % of the largest."""
         if self.given.deceleration is not None:
             return positive_number("deceleration", self.given.deceleration)
-        return 0.8 * float(self._worst_of(self._straight).largest[1])
+        every = (self._of(k, self.given)._worst_of(self._straight) for k in range(len(self.robot.interfaces)))
+        return 0.8 * min(float(own.largest[1]) for own in every)
+
+    def _of(self, interface: int, given: DriveArguments) -> DriveEnvelope:
+        """The envelope of an interface alone."""
+        return replace(self, interface=interface, given=given)
+
+    @cached_property
+    def objects(self) -> dict[str, DriveEnvelope]:
+        """Envelopes of the objects by name; of a base, else there are none."""
+        names = [own.name for own in self.robot.interfaces] if not self.interface else []
+        given = replace(self.given, deceleration=self.stop_deceleration) if names[1:] else self.given
+        return {name: self._of(k, given) for k, name in enumerate(names) if k}
 
     # Each builder takes the share of the acceleration that acts: 1; more when it sets in at once and
     # overshoots; less than 0 when it ends and the load swings back, which is at rest for stops.
@@ -201,13 +215,13 @@ class DriveEnvelope(SavedFolder):
     ) -> LargestManoeuvres:
         """At rest, or in the states of the motion that are worst for the nominal base."""
         if self.motion is None:
-            return largest_manoeuvres(self.robot, self.q, manoeuvres, tolerance, nominal)
+            return largest_manoeuvres(self.robot, self.q, manoeuvres, tolerance, nominal, self.interface)
         times, states = self._states
-        number = worst_states(self.robot, states, manoeuvres)
+        number = worst_states(self.robot, states, manoeuvres, self.interface)
         count = number.shape[1]
         if nominal is not None:
             nominal = replace(nominal, normals=np.repeat(nominal.normals, count, axis=0))
-        own = states[number.ravel()], manoeuvres.repeated(count), tolerance, nominal
+        own = states[number.ravel()], manoeuvres.repeated(count), tolerance, nominal, self.interface
         return largest_manoeuvres(self.robot, *own).at_worst(times[number])
 
     @cached_property
@@ -226,21 +240,31 @@ class DriveEnvelope(SavedFolder):
     @property
     def worst_direction(self) -> tuple[float, float]:
         """The smallest of the largest accelerations, m/s^2, and its direction, rad."""
-        k = int(np.argmin(self.worst.largest[: len(self.angles)]))
-        return float(self.worst.largest[k]), float(self.angles[k])
+        k = int(np.argmin(self._around))
+        return float(self._around[k]), float(self.angles[k])
+
+    @cached_property
+    def _around(self) -> np.ndarray:
+        """(D,) largest accelerations in the directions that base and objects allow."""
+        every = (self, *self.objects.values())
+        return np.min([own.worst.largest[: len(self.angles)] for own in every], axis=0)
 
     @property
     def worst_direction_words(self) -> str:
         """The direction in words: where friction decides everywhere, none is worse than another."""
-        around = self.worst.largest[: len(self.angles)]
+        around = self._around
         if np.max(around) - np.min(around) <= _SAME * np.max(around):
             return "in every direction"
         return f"at {np.degrees(self.worst_direction[1]):.0f} deg (0: forward, 90: left)"
 
     def limit(self, key: str) -> float | None:
-        """The limit of a manoeuvre, within the uncertainty; None where nothing limits it."""
+        """The limit of a manoeuvre, within the uncertainty, by base and objects; None where nothing limits
+        it.
+        """
         k = [one.key for one in self.manoeuvres].index(key)
-        return self.manoeuvres[k].value(float(self.worst.largest[len(self.angles) + k]))
+        every = (self, *self.objects.values())
+        least = min(float(own.worst.largest[len(self.angles) + k]) for own in every)
+        return self.manoeuvres[k].value(least)
 
     @property
     def locked_wheels_tip(self) -> bool:
@@ -272,7 +296,8 @@ class DriveEnvelope(SavedFolder):
                     end = [0, 0, 0, w, 0, 0]
                     rows += [[x, y + self.given.speed * w, *end, k * swing * start] for k in (1, -1)]
         corners = Manoeuvres.along(np.array(rows), self.robot.support.gravity)
-        share = min(1.0, float(np.min(self._largest(corners, self.counting).largest)))
+        every = (own._largest(corners, self.counting) for own in (self, *self.objects.values()))
+        share = min(1.0, *(float(np.min(own.largest)) for own in every))
         return {
             "max_velocity": [self.given.speed, self.given.speed if side else 0.0, share * turn],
             "max_accel": [share * single["accelerate"], share * side, share * start],
@@ -347,9 +372,24 @@ class DriveEnvelope(SavedFolder):
                 }
         return data
 
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Limits of the directions and manoeuvres, as plain data."""
+        around = Manoeuvre("direction", "")
+        return {
+            "directions": [
+                {"direction_deg": float(np.degrees(angle)), "unit": around.unit, **self._limits(k, around)}
+                for k, angle in enumerate(self.angles)
+            ],
+            "manoeuvres": {
+                one.key: {"text": one.text, "unit": one.unit, **self._limits(len(self.angles) + k, one)}
+                for k, one in enumerate(self.manoeuvres)
+            },
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """The content of drive.json; see docs/how-to/drive-envelope.md."""
-        given, around = self.given, Manoeuvre("direction", "")
+        given, objects = self.given, {name: own.limits for name, own in self.objects.items()}
         return {
             "posture": self.name,
             "scope": self.scope,
@@ -363,14 +403,8 @@ class DriveEnvelope(SavedFolder):
             "turning_rad_s": given.turning,
             "slope_deg": float(np.degrees(given.slope)),
             "stop_deceleration_m_s2": self.stop_deceleration,
-            "directions": [
-                {"direction_deg": float(np.degrees(angle)), "unit": around.unit, **self._limits(k, around)}
-                for k, angle in enumerate(self.angles)
-            ],
-            "manoeuvres": {
-                one.key: {"text": one.text, "unit": one.unit, **self._limits(len(self.angles) + k, one)}
-                for k, one in enumerate(self.manoeuvres)
-            },
+            **self.limits,
+            **({"objects": objects} if objects else {}),
             "locked_wheels_tip": self.locked_wheels_tip,
             "navigation": self.navigation,
             "versions": versions(),

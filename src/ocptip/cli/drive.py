@@ -20,7 +20,7 @@ from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
 from ocptip.task_files.plan_folder import is_plan_folder
 
-_NOISE = 1e-9
+_NOISE, _NOT = 1e-9, "not limited"
 
 
 def run(options: Namespace) -> DriveReport:
@@ -61,7 +61,7 @@ class DriveReport(FolderReport):
         value, held = found.worst_direction[0], found.robot.payload
         head = f"{found.name}   DRIVE ENVELOPE, {found.scope}."
         within = ["worst case", "limits the worst case"] if found.within else ["limited by"]
-        heads = ["", "", "nominal", *within]
+        heads = ["", "", "nominal", *within, *(["objects"] if found.objects else [])]
         rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
         lines = [
             self._arm(),
@@ -77,7 +77,13 @@ class DriveReport(FolderReport):
             *under("uncertainty", found.tolerance.lines() if self.verbose else []),
             ("not covered", ", ".join(found.not_covered)),
         ]
-        text = [*wrapped("", [head], 0), "", *table(rows, left=(0, 1, len(heads) - 1)), "", *fitted(lines)]
+        text = [
+            *wrapped("", [head], 0),
+            "",
+            *table(rows, left=(0, 1, *range(3 + len(within) - 1, len(heads)))),
+            "",
+            *fitted(lines),
+        ]
         return "\n".join([*text, *files_lines(self.written)])
 
     def _arm(self) -> tuple[str, str]:
@@ -91,7 +97,17 @@ class DriveReport(FolderReport):
     def _row(self, k: int, one: Manoeuvre) -> list[str]:
         found, at = self.found, len(self.found.angles) + k
         cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
-        return [one.text, one.unit, *cells, _what(found.worst, at, one)]
+        return [one.text, one.unit, *cells, _what(found.worst, at, one), *self._objects(at, one)]
+
+    def _objects(self, at: int, one: Manoeuvre) -> list[str]:
+        """The limit of the critical object, and its name; nothing without objects."""
+        if not (objects := self.found.objects):
+            return []
+        name = min(objects, key=lambda own: float(objects[own].worst.largest[at]))
+        worst = objects[name].worst
+        by = "slides" if worst.slip[at] < worst.tip[at] else "tips"
+        value = _limit(worst, at, one)
+        return [value if value == _NOT else f"{value} ({name} {by})"]
 
     def _lifts(self) -> list[tuple[str, str]]:
         """When the first contact lifts, which may be long before the base tips."""
@@ -129,7 +145,7 @@ def _down(value: float) -> str:
 
 def _limit(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
     value = one.value(float(own.largest[k]))
-    return "not limited" if value is None else _down(value)
+    return _NOT if value is None else _down(value)
 
 
 def _what(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:

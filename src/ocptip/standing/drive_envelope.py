@@ -157,6 +157,7 @@ def largest_manoeuvres(
     manoeuvres: Manoeuvres,
     tolerance: Uncertainty = NONE,
     nominal: LargestManoeuvres | None = None,
+    interface: int = 0,
 ) -> LargestManoeuvres:
     """Largest parameters with which the base keeps its contacts, for an arm at rest or in motion.
 
@@ -167,18 +168,19 @@ def largest_manoeuvres(
         manoeuvres: of the base.
         tolerance: of floor, base, arm and payload; deviations of a motion do not count.
         nominal: the result without uncertainty, if it is known, from which the search begins.
+        interface: of the robot's `interfaces`, whose contacts are kept instead; 0: the base.
 
     Raises:
         InputError: contacts that do not lie on one plane, or whose set of forces is not convex.
         SolverError: upper bounds that did not settle.
     """
-    search = _ManoeuvreSearch(robot, q, manoeuvres, tolerance)
+    search = _ManoeuvreSearch(robot, q, manoeuvres, tolerance, interface)
     tip, contacts = search.tip()
     lift = search.lift(tip)
     return LargestManoeuvres(tip, contacts, lift, *search.slip(tip, nominal and nominal.normals))
 
 
-def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres) -> np.ndarray:
+def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, interface: int = 0) -> np.ndarray:
     """(P, 3) numbers of the states in which the nominal base tips, slides and lifts a wheel first.
 
     Sliding is that of friction pyramids, lifting that of equally compliant wheels; where one of them is not
@@ -188,16 +190,18 @@ def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres) -> np
         robot: on its base, with contacts on one plane.
         states: (N, 3 n), see `largest_manoeuvres`.
         manoeuvres: P of them.
+        interface: see `largest_manoeuvres`.
     """
+    footing = robot.interfaces[interface]
     count, families = len(states), len(manoeuvres)
     search = _ManoeuvreSearch(
-        robot, np.tile(states, (families, 1)), manoeuvres.repeated(count), Uncertainty()
+        robot, np.tile(states, (families, 1)), manoeuvres.repeated(count), Uncertainty(), interface
     )
     size = count * families
     off = np.zeros((size, search.deviations.size))
     polynomials = search.polynomials(np.arange(size), off, np.ones(size))
-    facets, normals = robot.slip.half_spaces(1.0), equal_normal_map(robot.support)
-    slopes, offsets = robot.tip_over.affine_moments or (np.empty((0, 6)), np.empty(0))
+    facets, normals = footing.slip.half_spaces(1.0), equal_normal_map(footing.support)
+    slopes, offsets = footing.tip_over.affine_moments or (np.empty((0, 6)), np.empty(0))
     rows = [slopes, None if facets is None else -facets, normals]
     found = np.full((3, size), LARGEST)
     for k, own in enumerate(rows):
@@ -214,11 +218,13 @@ class _ManoeuvreSearch:
     """Upper bounds of the parameters that fall until the worst deviations keep them.
 
     Args:
-        robot, q, manoeuvres, tolerance: see `largest_manoeuvres`.
+        robot, q, manoeuvres, tolerance, interface: see `largest_manoeuvres`.
     """
 
-    def __init__(self, robot: Robot, q: np.ndarray, manoeuvres: Manoeuvres, tolerance: Uncertainty) -> None:
-        self._cases = driving_case_of(robot, tolerance)
+    def __init__(
+        self, robot: Robot, q: np.ndarray, manoeuvres: Manoeuvres, tolerance: Uncertainty, interface: int
+    ) -> None:
+        self._cases = driving_case_of(robot, tolerance, interface)
         posture = np.concatenate([q, np.zeros(2 * robot.n)]) if q.ndim == 1 else q
         self._s = np.broadcast_to(posture, (len(manoeuvres), posture.shape[-1]))
         self._manoeuvres = manoeuvres

@@ -18,9 +18,12 @@ _STILL = DriveProfile.of_velocities(np.array([0.0, 1.0]), np.zeros((2, 3)))
 
 
 @lru_cache(maxsize=8)
-def driving_case_of(robot: Robot, tolerance: Uncertainty) -> WorstCase:
-    """The worst case of a robot at rest whose base may move: its motion is part of the states."""
-    return worst_case_of(robot.driving(_STILL), tolerance)
+def driving_case_of(robot: Robot, tolerance: Uncertainty, interface: int = 0) -> WorstCase:
+    """The worst case of a robot at rest whose base may move: its motion is part of the states.
+
+    Of one of the robot's `interfaces`; 0: the base.
+    """
+    return worst_case_of(robot.driving(_STILL), tolerance, interface)
 
 
 class MovingCase:
