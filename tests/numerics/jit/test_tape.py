@@ -127,7 +127,7 @@ def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
     tape, inputs = Tape(cs.Function("f", [x], [cs.sin(x) * 3])), np.array([[0.5, 1.0], [2.0, 3.0]])
     for _ in range(WORTH + 1):
         np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
-        assert len(list(tmp_path.rglob("*.tape"))) == (tape._runs >= WORTH)
+        assert len(list(tmp_path.rglob("*.tape"))) == (tape._blocks >= WORTH)
     [file] = tmp_path.rglob("*.tape")
     other = Tape(cs.Function("f", [x], [cs.sin(x) * 4]))  # another constant: the same code
     assert other.native(compile_it=False) is not None
@@ -138,6 +138,17 @@ def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
     for k in range(native.KEPT + 5):
         native._write(file.with_name(f"{k}.tape"), b"code")
     assert len(list(file.parent.iterdir())) == native.KEPT
+
+
+def test_a_run_of_many_states_counts_as_many_blocks(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(native.config, "CACHE_DIR", "")
+    x = cs.SX.sym("x", 2)
+    tape, inputs = Tape(cs.Function("f", [x], [cs.sin(x) * 3])), np.ones((2, WORTH * BLOCK // 2))
+    np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
+    assert tape._native is None
+    np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
+    assert tape._native is not None
 
 
 def test_without_a_folder_to_write_into_code_is_made_anew(monkeypatch, tmp_path):

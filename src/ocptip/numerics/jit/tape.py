@@ -30,7 +30,7 @@ _Op = IntEnum(
     """,
 )
 SEARCHED, WORTH = 3, 400
-"""Runs after which machine code is searched on disk, and after which it is worth its compilation."""
+"""Blocks after which machine code is searched on disk, and after which it is worth its compilation."""
 
 _CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
 
@@ -82,26 +82,27 @@ class Tape:
             self._code[k] = code, *row
         self._work = function.sz_w()
         self._arguments, self._size = int(inputs[-1]), int(outputs[-1])
-        self._runs, self._native, self._lock = 0, None, threading.Lock()
+        self._blocks, self._native, self._lock = 0, None, threading.Lock()
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         """All results (results, N) of all arguments (arguments, N)."""
         outputs = np.empty((self._size, inputs.shape[1]))
         inputs = np.ascontiguousarray(inputs)
-        if self._native is None and self._runs < WORTH:
-            self._count()
+        if self._native is None and self._blocks < WORTH:
+            self._count(-(-inputs.shape[1] // BLOCK))
         if self._native is not None:
             self._native(inputs, self._constants, outputs)
         else:
             _run(self._code, self._constants, inputs, outputs, self._work)
         return outputs
 
-    def _count(self) -> None:
-        """One more run; machine code if it is time for it."""
+    def _count(self, blocks: int) -> None:
+        """Count blocks; machine code if it is time for it."""
         with self._lock:
-            self._runs += 1
-            if self._native is None and self._runs in (SEARCHED, WORTH):
-                self._native = self.native(compile_it=self._runs == WORTH)
+            before, self._blocks = self._blocks, self._blocks + blocks
+            for number in (SEARCHED, WORTH):
+                if self._native is None and before < number <= self._blocks:
+                    self._native = self.native(compile_it=number == WORTH)
 
     def native(self, compile_it: bool, lanes: int = LANES) -> Native | None:
         """Machine code from disk, or compiled if asked for."""
