@@ -38,14 +38,20 @@ def largest_jerk(motion):
     return np.max(np.abs(motion.states(times + h)[2] - motion.states(times - h)[2]) / (2 * h), axis=0)
 
 
-def test_segments_of_cycles_keep_them(tmp_path):
+def task_of_two_segments(tmp_path):
     head, _, rest = URDF.partition("goal_deg")
-    text = f'{head}[[segment]]\ngoal_deg{rest}[[segment]]\ngoal = "start"\n'
-    task = load_cycle(limited(tmp_path, text))
-    accelerations = task.robot.limits.acceleration
+    return load_cycle(limited(tmp_path, f'{head}[[segment]]\ngoal_deg{rest}[[segment]]\ngoal = "start"\n'))
+
+
+def test_segments_of_cycles_have_them_as_rise_times(tmp_path):
+    task = task_of_two_segments(tmp_path)
     for segment in task.segments:
-        assert segment.task.rise_times == pytest.approx(2 * accelerations / JERK)
-    plan = plan_motion(task, starts=1, jobs=1)
+        assert segment.task.rise_times == pytest.approx(2 * task.robot.limits.acceleration / JERK)
+
+
+@pytest.mark.slow
+def test_plans_of_segments_of_cycles_keep_them(tmp_path):
+    plan = plan_motion(task_of_two_segments(tmp_path), starts=1, jobs=1)
     for part in plan.parts:
         assert np.all(largest_jerk(part.motion) <= JERK * (1 + 1e-6))
 
