@@ -47,6 +47,13 @@ def notes(checked: MotionCheck) -> list[str]:
             f"friction used is for the best sharing of the load; equally compliant feet would need {share} "
             f"of it {contacts.equal_friction}. Declare `stiffness` of the contacts to check their springs"
         )
+    every = {"the base": contacts, **checked.objects}
+    sliding = [name for name, own in every.items() if own.friction and own.friction.value > 1]
+    if sliding:
+        found.append(
+            f"{some(sliding, 3)} slides: its tipping margin and forces are those of the sliding state, whose "
+            "acceleration changes them"
+        )
     if contacts.weak:
         found.append(
             f"weakly stable at {contacts.weak} sampled instants, first at {contacts.first_weak:.3f} s, as is "
@@ -161,7 +168,13 @@ def _stops(segment: str, stops: Stops) -> list[str]:
 def cancel_lines(found: SafeDecelerations, segment: str = "", *, yaml: bool = False) -> list[str]:
     """Safe decelerations of a cancelled controller, and the line for ros2_control, to be copied."""
     of = f"segment {segment}: " if segment else ""
-    return [*wrapped("Cancel", [f"{of}{found.text}"]), *([found.yaml] if yaml and found.yaml else [])]
+    units = (
+        "" if found.together else f"  # {' and '.join(f'{unit}/s^2' for unit in dict.fromkeys(found.units))}"
+    )
+    return [
+        *wrapped("Cancel", [f"{of}{found.text}"]),
+        *([f"{found.yaml}{units}"] if yaml and found.yaml else []),
+    ]
 
 
 def _scaled(robot: StandingMechanism, factor: float, checked: MotionCheck) -> list[str]:

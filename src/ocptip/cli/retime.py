@@ -11,7 +11,7 @@ import numpy as np
 from ocptip.api.given import task_of_motion
 from ocptip.api.retime import RetimedPlan, Timing, retime
 from ocptip.api.tasks import load_task
-from ocptip.basics.text import quantity
+from ocptip.basics.text import quantity, wrapped
 from ocptip.cli.command import Report
 from ocptip.cli.options import gate_of, given_limits, naming_options, output_directory, read_gate, typed
 from ocptip.cli.plan_report import PlanReport
@@ -73,7 +73,8 @@ class RetimeReport(PlanReport):
         given = f", as given {sum(before):.3f} s" if len(before) == len(timings) else ""
         kind = _WORDS[timings[0].task.objective.name]
         motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
-        return [self.headline, motion]
+        paths = wrapped("Path", [text for title, text in self.found() if title == "path"])
+        return [self.headline, motion, *paths]
 
     def found(self) -> list[tuple[str, str]]:
         """The path of each segment, what it was, and what decides its timing."""

@@ -88,7 +88,7 @@ class SafeDecelerations:
 
     @property
     def hardest(self) -> CancelLevel:
-        """At 100 %."""
+        """The largest that was checked: 100 %, or more where more is asked for."""
         return self.levels[0]
 
     def deceleration(self, share: float) -> str:
@@ -125,7 +125,7 @@ class SafeDecelerations:
         of = f"stopj({self.full[0]:g})" if self.together else of
         hardest, model = self.hardest, self.within or "nominal model"
         if self.minimum is None or self.maximum is None:
-            kept = f"no deceleration from {100 * SHARES[-1]:g} to 100 % of {of} is safe"
+            kept = f"no deceleration from {100 * SHARES[-1]:g} to {100 * hardest.share:.3g} % of {of} is safe"
             helps = f". To plan for it, try ocptip plan with --stop-safe cancel{self._gentle}"
             helps = "" if self.together else helps
             if any(text.startswith("clearance") for text in hardest.broken):
@@ -178,6 +178,7 @@ def safe_decelerations(
     *,
     of_limits: bool = True,
     close: float = CLOSE,
+    most: float = 1.0,
 ) -> SafeDecelerations:
     """Which shares of the decelerations of `cancel` are safe, at all instants of a motion.
 
@@ -187,6 +188,7 @@ def safe_decelerations(
         cancel: decelerations that are 100 %, reaction, limits of the contacts.
         of_limits: the decelerations are the acceleration limits.
         close: of the share, to which the ends are determined; 1: no closer than `SHARES`.
+        most: the largest share that is checked, if it is above 1.
     """
     found: dict[float, CancelLevel] = {}
     level_of = _levels(robot, motion, limits, cancel)
@@ -203,7 +205,8 @@ def safe_decelerations(
         return abs(one - other) <= close
 
     runs: list[list[float]] = [[]]
-    for share in SHARES:
+    shares = (most, *SHARES) if most > 1 else SHARES
+    for share in shares:
         if level(share).safe:
             runs[-1].append(share)
         elif runs[-1]:
@@ -212,11 +215,11 @@ def safe_decelerations(
     minimum = maximum = None
     if widest:
         maximum, minimum = widest[0], widest[-1]
-        above, below = (SHARES.index(maximum) - 1, SHARES.index(minimum) + 1)
+        above, below = (shares.index(maximum) - 1, shares.index(minimum) + 1)
         if above >= 0:
-            maximum = bisected(safe, SHARES[above], maximum, maximum, near)[1]
-        if below < len(SHARES):
-            minimum = bisected(safe, SHARES[below], minimum, minimum, near)[1]
+            maximum = bisected(safe, shares[above], maximum, maximum, near)[1]
+        if below < len(shares):
+            minimum = bisected(safe, shares[below], minimum, minimum, near)[1]
     return SafeDecelerations(
         full=cancel.decelerations,
         names=robot.names,

@@ -147,8 +147,8 @@ def check_stops(
             cancel = limits.cancel or rules.cancel(robot, limits)
             tables["cancel"] = CancelTable(robot, motion, limits, cancel, times)
             full = rules.cancel(robot, limits, 1.0)
-            of_limits = rules.of_limits
-            decelerations = safe_decelerations(robot, motion, limits, full, of_limits=of_limits)
+            how = {"of_limits": rules.of_limits, "most": rules.share}
+            decelerations = safe_decelerations(robot, motion, limits, full, **how)
     assumed = rules.guessed and limits.brakes is None  # then what breaks a limit may not in truth
     broken = {kind: table.violations() for kind, table in tables.items()}
     unknown = [lacking] if lacking else broken.pop("brakes", []) if assumed else []

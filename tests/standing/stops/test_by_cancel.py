@@ -187,6 +187,19 @@ def test_safe_decelerations_end_where_a_limit_does(case):
     assert slow.minimum > found.minimum
 
 
+def test_more_than_all_is_checked_where_it_is_asked_for(case):
+    """Beside the shares up to 100 %, which stay."""
+    robot, motion, limits = case.robot, case.reference, case.limits
+    full = Cancel(tuple(0.5 * robot.limits.acceleration), GN=1.0, GT=1.0, longest=5.0)
+    loose = replace(limits, GN=1.0, GT=1.0)
+    alone = safe_decelerations(robot, motion, loose, full, close=1.0)
+    more = safe_decelerations(robot, motion, loose, full, close=1.0, most=4.0)
+    assert alone.hardest.share == 1.0
+    assert more.hardest.share == 4.0
+    assert set(alone.levels) <= set(more.levels)
+    assert more.hardest.GN > alone.hardest.GN
+
+
 def test_without_a_safe_deceleration_both_ends_and_a_remedy_are_named(case):
     robot, motion, limits = case.robot, case.reference, case.limits
     full = Cancel(tuple(robot.limits.acceleration), GN=limits.GN, GT=limits.GT, longest=0.01)

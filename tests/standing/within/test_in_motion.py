@@ -99,7 +99,7 @@ def test_how_much_of_a_tolerance_a_motion_can_have(task):
     alone, factor, why = too_much(task.robot, motion, limits)
     assert 0.1 < share < 0.9
     assert (alone, share < factor) == (Uncertainty(tilt=tolerance.tilt), True)
-    assert why.startswith("of floor tilt 3 deg alone it can have floor tilt ")
+    assert why.startswith("floor tilt 3 deg alone is too much, possible is floor tilt ")
     for factor, kept in ((share - 0.03, True), (share + 0.05, False)):
         scaled = dataclasses.replace(limits, tolerance=tolerance.scaled(factor))
         worst = check_motion(task.robot, motion, scaled).worst.values()

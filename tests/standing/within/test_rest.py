@@ -166,7 +166,7 @@ def test_refusals_name_the_quantity_and_how_much_of_it_is_possible():
     support, loads = support_of(), [HANGING, PULL]
     found = scene_within(support, loads, Uncertainty(base_push=200.0, base_mass=0.05))
     assert not found.stands
-    assert found.reason.startswith("of push of 200 N at the base alone it can have push of ")
+    assert found.reason.startswith("push of 200 N at the base alone is too much, possible is push of ")
     most = float(found.reason.split("push of ")[2].split()[0])
     assert scene_within(support, loads, Uncertainty(base_push=0.98 * most)).stands
     assert not scene_within(support, loads, Uncertainty(base_push=1.02 * most)).stands
@@ -219,7 +219,7 @@ def test_the_command_judges_the_worst_of_a_tolerance(tmp_path, capsys):
     text = " ".join(capsys.readouterr().out.split())
     assert "STABLE NOMINALLY" in text
     assert "NOT WITHIN ITS UNCERTAINTY" in text
-    assert "A CONTACT IS LOST: of push of 400 N at the base alone it can have push of" in text
+    assert "A CONTACT IS LOST: push of 400 N at the base alone is too much, possible is push of" in text
     assert main(["stand", str(path), "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert (data["persistent"], data["within"]["stands"]) == (True, False)

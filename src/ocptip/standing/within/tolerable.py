@@ -42,8 +42,9 @@ def why_not(
 def culprit_words(too_much: Uncertainty, factor: float) -> str:
     """The result of `culprit`, in words."""
     if len(too_much.given) > 1:
-        return f"each alone it can have, together {100 * factor:.0f} % of everything"
-    return f"of {too_much} alone it can have {too_much.scaled(factor)}" if factor else f"no {too_much} alone"
+        return f"each of them alone is possible, all together at {100 * factor:.0f} %"
+    possible = too_much.scaled(factor) if factor else "none of it"
+    return f"{too_much} alone is too much, possible is {possible}"
 
 
 def culprit(
