@@ -105,6 +105,19 @@ def test_inside_package_inits_only_export_what_is_theirs(arrows):
             assert all(other.startswith(name + ".") for other in arrows[name]), name
 
 
+def test_imported_names_exist():
+    """In tests and studies as well, those inside functions included: nothing imports what has moved away."""
+    words = {name: set(re.findall(r"\w+", path.read_text("utf-8"))) for name, path in MODULES.items()}
+    line = re.compile(r"^ *from (ocptip\.[\w.]+) import (?:\(([^)]*)\)|([^\n]*))", re.MULTILINE)
+    for folder in ("src", "tests", "studies"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for found in line.finditer(path.read_text(encoding="utf-8")):
+                taken = re.sub("#.*", "", found[2] or found[3]).split(",")
+                for name in (one.split()[0] for one in taken if one.strip()):
+                    known = name in words.get(found[1], ()) or f"{found[1]}.{name}" in MODULES
+                    assert known, f"{path}: no {name} in {found[1]}"
+
+
 def test_only_pictures_draw():
     for name, path in MODULES.items():
         if re.search(r"^\s*(import|from) matplotlib", path.read_text(encoding="utf-8"), re.MULTILINE):
