@@ -11,6 +11,7 @@ from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import CompiledDynamics, simulate
 from tests.parallel.code.test_complete import robot_for
+from tests.parallel.parallel_examples import redundant_leg
 from tests.parallel.test_dependent_coordinates import MECHANISMS, robot_of
 from tests.quick import some
 
@@ -67,6 +68,15 @@ def test_a_hexapod_on_springs_keeps_its_energy():
     assert error < 1e-7
     assert path.closure < 1e-12
     assert np.abs(path.z - path.z[0]).max() > 1e-3
+
+
+def test_a_robot_with_a_redundant_joint_moves_as_in_python():
+    robot = ParallelRobot(redundant_leg())
+    start = robot.description.home, np.full(4, 0.2)
+    path = simulate(robot, *start, duration=0.2, step=0.001)
+    assert path.energy_drift < 1e-9
+    slow = simulate(robot, *start, duration=0.02, step=0.001)
+    np.testing.assert_allclose(path.z[:21], slow.z, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", some(1, ["five_bar", "exechon", "prs3"]))

@@ -69,8 +69,8 @@ def simulate(
 ) -> SimulatedMotion:
     """Integrate the equations of motion with the classic Runge-Kutta method.
 
-    Long motions (200 steps and more) run as machine code, except those of robots with redundant joints,
-    branched legs or legs with inner loops.
+    Long motions (200 steps and more) run as machine code, except those of robots with branched legs or legs
+    with inner loops.
 
     Args:
         robot: its Euler angles must stay away from their singularity.

@@ -58,6 +58,7 @@ ROBOTS = {
     "6UPS": ups6,
     "spherical": spherical,
     "driven behind": driven_behind,
+    "redundant": redundant_leg,
 }
 
 
@@ -172,7 +173,7 @@ def more_motors() -> ParallelRobot:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ParallelRobot(redundant_leg()), "joints are redundant"),
+        (lambda: robot_of("delta_parallelograms"), "leg 1 is branched or has closed loops"),
         (more_motors, "4 motors move 3 coordinates"),
     ],
 )

@@ -35,7 +35,8 @@ class CompleteLeg:
         arm: of its end on the platform, world axes.
         frame: link frame of the equations.
         rows, others: components of the end's twist that give the joint rates, and the other ones.
-        columns: joints that are solved for; the other one, if any, is idle.
+        columns: joints that are solved for; of the others at most one is idle.
+        redundant: joints that are coordinates, whose rates are given.
         jacobian: 6 rows of entries, one per joint.
         system: its rows and columns.
         idle, momentum: (n,) motion of all joints with the end at rest, and what rates are multiplied with to
@@ -54,6 +55,7 @@ class CompleteLeg:
     jacobian: list[Scalars]
     system: BlockSystem
     free: LegModel | None
+    redundant: tuple[int, ...] = ()
     idle: Scalars = field(default_factory=list)
     momentum: Scalars = field(default_factory=list)
     held: list[Wrench] = field(default_factory=list)
@@ -66,7 +68,7 @@ class CompleteLeg:
             for row, value in zip((*self.rows, other), (*balance, cs.SX(-1.0)), strict=True):
                 values[row] = -value
             self.held.append(self._to_world(values))
-        spare = [j for j in range(self.model.size) if j not in self.columns]
+        spare = [j for j in range(self.model.size) if j not in (*self.columns, *self.redundant)]
         if spare:
             self.idle = self._spread(self.system.solve([-self.jacobian[row][spare[0]] for row in self.rows]))
             self.idle[spare[0]] = cs.SX(1.0)
@@ -82,26 +84,34 @@ class CompleteLeg:
             raise RuntimeError("the motion of the legs has not been computed")
         return self.motion
 
-    def followed(self, linear: Vector, angular: Vector) -> Scalars:
-        """Joint rates for a velocity of the end, world axes, without a part along the idle motion."""
-        rates = self.particular(linear, angular)
+    def followed(self, linear: Vector, angular: Vector, given: Scalars) -> Scalars:
+        """Joint rates for a velocity of the end, world axes, without a part along the idle motion.
+
+        Those of redundant joints are given.
+        """
+        rates = self.particular(linear, angular, given)
         return self._without(rates, dot(self.momentum, rates)) if self.idle else rates
 
-    def nearest(self, linear: Vector, angular: Vector) -> Scalars:
-        """The smallest joint rates for a velocity of the end."""
-        rates = self.particular(linear, angular)
+    def nearest(self, linear: Vector, angular: Vector, given: Scalars) -> Scalars:
+        """The smallest joint rates for a velocity of the end, those of redundant joints given."""
+        rates = self.particular(linear, angular, given)
         return self._without(rates, dot(self.idle, rates) / dot(self.idle, self.idle)) if self.idle else rates
 
-    def particular(self, linear: Vector, angular: Vector) -> Scalars:
-        """Joint rates for a velocity of the end, idle joint at rest."""
+    def particular(self, linear: Vector, angular: Vector, given: Scalars) -> Scalars:
+        """Joint rates for a velocity of the end, idle joint at rest, those of redundant joints given."""
         to_frame = self.model.rotation(self.frame, 0)
         moving = [*to_frame(linear), *to_frame(angular)]
-        return self._spread(self.system.solve([moving[row] for row in self.rows]))
+        for joint, rate in zip(self.redundant, given, strict=True):
+            moving = [own - row[joint] * rate for own, row in zip(moving, self.jacobian, strict=True)]
+        rates = self._spread(self.system.solve([moving[row] for row in self.rows]))
+        for joint, rate in zip(self.redundant, given, strict=True):
+            rates[joint] = rate
+        return rates
 
-    def accelerated(self, rates: Scalars, linear: Vector, angular: Vector) -> Scalars:
+    def accelerated(self, rates: Scalars, linear: Vector, angular: Vector, given: Scalars) -> Scalars:
         """Joint accelerations for an acceleration of the end, world axes, at given rates."""
         drift, turning = self.drift(rates)
-        found = self.particular(minus(linear, drift), minus(angular, turning))
+        found = self.particular(minus(linear, drift), minus(angular, turning), given)
         if not self.idle:
             return found
         if self.free is None:
@@ -116,8 +126,9 @@ class CompleteLeg:
         linear, angular = chain_drift(self.model, rates, self.frame)
         return to_world(linear), to_world(angular)
 
-    def wrench(self, efforts: Sequence[cs.SX]) -> Wrench:
-        """Force and moment at the leg's end, world axes, that joint efforts balance."""
+    def wrench(self, efforts: Sequence[cs.SX]) -> tuple[Vector, Vector, Scalars]:
+        """Force and moment at the leg's end, world axes, that joint efforts balance; and what is left of the
+        efforts of redundant joints."""
         if self.idle:
             share = dot(self.idle, efforts)
             efforts = [own - weight * share for own, weight in zip(efforts, self.momentum, strict=True)]
@@ -125,7 +136,11 @@ class CompleteLeg:
         balance = self.system.solve_transposed([efforts[c] for c in self.columns])
         for row, value in zip(self.rows, balance, strict=True):
             values[row] = value
-        return self._to_world(values)
+        left = [
+            efforts[joint] - dot([self.jacobian[row][joint] for row in self.rows], balance)
+            for joint in self.redundant
+        ]
+        return *self._to_world(values), left
 
     def _to_world(self, values: Scalars) -> Wrench:
         to_world = self.model.rotation(0, self.frame)
@@ -147,13 +162,13 @@ def _free_efforts(model: LegModel, rates: Scalars, accelerations: Scalars) -> Sc
 
 
 def chosen_equations(
-    leg: LegSolver, model: LegModel, at: np.ndarray
+    leg: LegSolver, model: LegModel, at: np.ndarray, redundant: tuple[int, ...]
 ) -> tuple[int, tuple[int, ...], tuple[int, ...], list[Scalars]]:
     """Frame, rows and columns of a leg's equations, and all entries: independent, in the smallest blocks,
     then sparsest."""
-    rank = leg.n - leg.idle
-    pivots = np.asarray(scipy.linalg.qr(leg.jacobian(at)[0], pivoting=True)[-1])
-    columns = tuple(sorted(int(k) for k in pivots[:rank]))
+    rank, others = leg.n - leg.idle - len(redundant), [k for k in range(leg.n) if k not in redundant]
+    pivots = np.asarray(scipy.linalg.qr(leg.jacobian(at)[0][:, others], pivoting=True)[-1])
+    columns = tuple(sorted(others[k] for k in pivots[:rank]))
     best: tuple[tuple[int, int], int, tuple[int, ...], list[Scalars]] | None = None
     for frame in range(1, model.size + 1):
         by_joint = [

@@ -43,8 +43,6 @@ from ocptip.parallel.symbolic.symbols import (
 
 def complete_obstacle(description: RobotDescription) -> str:
     """Why there are no such equations; "" if there are."""
-    if description.redundant:
-        return "joints are redundant"
     for number, leg in enumerate(description.legs, start=1):
         if not leg.serial:
             return f"leg {number} is branched or has closed loops"
@@ -108,7 +106,7 @@ class CompleteEquations:
         self._m, self._order = coordinates.m, coordinates.order
         self._k = len(coordinates.dependent)
         self._pose = [
-            *cs.vertsplit(arguments.z),
+            *cs.vertsplit(arguments.z)[: self._m],
             *cs.vertsplit(arguments.q)[-self._k or arguments.q.numel() :],
         ]
         self._at = kinematics.joints(near).q
@@ -128,10 +126,12 @@ class CompleteEquations:
     def move(self) -> None:
         """Find the motion of all bodies: what forces and rates need."""
         rates, accelerations = cs.vertsplit(self.arguments.rates), cs.vertsplit(self.arguments.accelerations)
+        speeds, turned = self._by_leg(rates[self._m :]), self._by_leg(accelerations[self._m :])
+        rates, accelerations = rates[: self._m], accelerations[: self._m]
         if self._k:
             rates = [*rates, *self._system.solve([-dot(row, rates) for row in self._G_z])]
             moving = self._platform(rates, [*accelerations, *[cs.SX(0.0)] * self._k])
-            joints = [leg.followed(moving.point_velocity(leg.arm), moving.omega) for leg in self.legs]
+            joints = [leg.followed(moving.point_velocity(leg.arm), moving.omega, []) for leg in self.legs]
             lags = []
             for number, which in self._chosen:
                 leg = self.legs[number]
@@ -143,10 +143,10 @@ class CompleteEquations:
                 )
             accelerations = [*accelerations, *self._system.solve(lags)]
         self.platform = self._platform(rates, accelerations)
-        for leg in self.legs:
-            rates = leg.followed(self.platform.point_velocity(leg.arm), self.platform.omega)
+        for leg, speed, turn in zip(self.legs, speeds, turned, strict=True):
+            rates = leg.followed(self.platform.point_velocity(leg.arm), self.platform.omega, speed)
             changing = self.platform.point_acceleration(leg.arm)
-            found = leg.accelerated(rates, changing, self.platform.alpha)
+            found = leg.accelerated(rates, changing, self.platform.alpha, turn)
             leg.motion = chain_motion(leg.model, rates, found, self.gravity)
 
     def rows(self) -> list[Scalars]:
@@ -155,21 +155,23 @@ class CompleteEquations:
         for number, joint in self.description.actuated:
             leg = self.legs[number]
             single = [cs.SX(float(k == joint)) for k in range(leg.model.size)]
-            rows.append(self._projected(self._reduced(leg, *leg.wrench(single))))
+            force, moment, left = leg.wrench(single)
+            own = {number: left}
+            rows.append([*self._projected(self._reduced(leg, force, moment)), *self._coordinates(own)])
         return rows
 
     def force(self, *, motors_too: bool = True) -> tuple[Scalars, dict[tuple[int, int], cs.SX]]:
         """tau_s (m,), and efforts of the motor joints: parts of it, or left out of it."""
         force, moment = platform_wrench(self._own, self.platform, self.gravity)
-        own = {}
+        own, left = {}, {}
         for number, leg in enumerate(self.legs):
             efforts = leg_efforts(leg.model, leg.moved)
             for joint in leg.model.actuated:
                 own[number, joint] = efforts[joint]
                 efforts[joint] = efforts[joint] if motors_too else cs.SX(0.0)
-            f, n = leg.wrench(efforts)
+            f, n, left[number] = leg.wrench(efforts)
             force, moment = plus(force, f), plus(moment, n, cross(leg.arm, f))
-        return self._projected(self._generalized(force, moment)), own
+        return [*self._projected(self._generalized(force, moment)), *self._coordinates(left)], own
 
     def motor_forces(self) -> cs.SX:
         """J_a^T tau_a = tau_s, with the efforts of the motor joints added after the unactuated ones are
@@ -193,11 +195,12 @@ class CompleteEquations:
     def coordinate_rates(self) -> list[cs.SX]:
         """z' (m,) from the given s'."""
         rates = cs.vertsplit(self.arguments.rates)
-        return rates if self._k else euler_rates(self.platform, rates)
+        return rates if self._k else [*euler_rates(self.platform, rates[: self._m]), *rates[self._m :]]
 
     def closure_errors(self) -> cs.SX:
-        """(6 legs,) closure errors, m or rad."""
-        return cs.vertcat(*(x for gap, turned in self.closures() for x in (*gap, *turned)))
+        """(6 legs + redundant joints,) closure errors, m or rad."""
+        closed = [x for gap, turned in self.closures() for x in (*gap, *turned)]
+        return cs.vertcat(*closed, *(step for own in self._steps() for step in own))
 
     def potential(self) -> cs.SX:
         """Potential energy in gravity, J."""
@@ -232,9 +235,31 @@ class CompleteEquations:
             along = self._system.solve(right)
         shift = self._platform([*[cs.SX(0.0)] * self._m, *along], [cs.SX(0.0)] * len(self._pose))
         steps = []
-        for leg, (gap, turned) in zip(self.legs, gaps, strict=True):
-            steps += leg.nearest(minus(shift.point_velocity(leg.arm), gap), minus(shift.omega, turned))
+        for leg, (gap, turned), given in zip(self.legs, gaps, self._steps(), strict=True):
+            moving = minus(shift.point_velocity(leg.arm), gap), minus(shift.omega, turned)
+            steps += leg.nearest(*moving, given)
         return self.arguments.q + cs.vertcat(*steps, *along)
+
+    def _by_leg(self, values: Scalars) -> list[Scalars]:
+        """Values of the redundant joints, leg by leg."""
+        of_joint = zip(self.description.redundant, values, strict=True)
+        found: list[Scalars] = [[] for _ in self.description.legs]
+        for (leg, _), value in of_joint:
+            found[leg].append(value)
+        return found
+
+    def _coordinates(self, left: dict[int, Scalars]) -> Scalars:
+        """Values of the redundant joints in the order of the coordinates; 0 of legs that are not there."""
+        ends = {number: list(values) for number, values in left.items()}
+        return [ends[leg].pop(0) if leg in ends else cs.SX(0.0) for leg, _ in self.description.redundant]
+
+    def _steps(self) -> list[Scalars]:
+        """By how much redundant joints are off their coordinates, leg by leg."""
+        meant = self._by_leg(cs.vertsplit(self.arguments.z)[self._m :])
+        return [
+            [z - leg.model.q[joint] for joint, z in zip(leg.redundant, own, strict=True)]
+            for leg, own in zip(self.legs, meant, strict=True)
+        ]
 
     def _platform(self, rates: Scalars, accelerations: Scalars) -> PlatformState:
         """Motion of the platform from those of its coordinates (z, d)."""
@@ -260,10 +285,11 @@ class CompleteEquations:
             own = cs.SX(cs.sparsify(cs.DM(solver.inertia)))
             free = model_of(own, drives * np.array([[1.0], [0.0], [0.0]]))
         arm = self._still.arm(coupling_entries(cast(SerialLeg, solver.leg), geometry))
-        frame, rows, columns, entries = chosen_equations(solver, model, at)
+        redundant = tuple(joint for leg, joint in self.description.redundant if leg == solver.number)
+        frame, rows, columns, entries = chosen_equations(solver, model, at, redundant)
         others = tuple(k for k in range(6) if k not in rows)
         system = BlockSystem([[entries[row][c] for c in columns] for row in rows])
-        return CompleteLeg(model, arm, frame, rows, others, columns, entries, system, free)
+        return CompleteLeg(model, arm, frame, rows, others, columns, entries, system, free, redundant)
 
     def _restrain(self) -> None:
         """Choose the held wrenches that determine the dependent coordinates best."""
