@@ -127,6 +127,21 @@ def test_one_joint_rings_as_by_hand():
     assert damped.modes[0].damping == pytest.approx((0.1, 0.1))
 
 
+@pytest.mark.parametrize("detuned", some(1, [1.0, 0.5, 2.0]))
+def test_ripple_of_a_drive_excites_what_it_moves(detuned):
+    """A recorded drive that ripples: r^2 / (1 - r^2 + 2 i zeta r) times the ripple, r = w / w_0."""
+    stiffness, inertia, zeta, size = 800.0, 0.5, 0.05, 1e-3
+    omega = np.sqrt(stiffness / inertia)
+    times = np.linspace(0.0, 4.0, 8001)
+    at = detuned * omega * times
+    rise = 1 - np.exp(-times / 0.2)  # from rest
+    q = size * np.sin(at) * rise
+    found = on_its_drives(pendulum(stiffness, zeta, inertia), Trajectory.from_points(times, q[:, None]))
+    late = (found.course.times > 3.0) & (found.course.times < 4.0)
+    expected = size * detuned**2 / abs(1 - detuned**2 + 2j * zeta * detuned)
+    assert np.max(np.abs(found.course.bends[late, 0])) == pytest.approx(expected, rel=0.02)
+
+
 def test_a_rise_time_of_one_period_leaves_nothing():
     stiffness, inertia = 800.0, 0.5
     robot, motion = pendulum(stiffness, inertia=inertia), ramp(speed=0.93)
