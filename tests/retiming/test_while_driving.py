@@ -14,10 +14,14 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.objective import TIME
 from ocptip.motion.source import source_of
 from ocptip.retiming import while_driving
+from ocptip.retiming.fastest import Grid, spaced
+from ocptip.retiming.late import LateJoints
 from ocptip.retiming.retime import least_cost, retime
+from ocptip.retiming.rows import PathClock, TimingLimits
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.instants import Instants
 from ocptip.standing.stops.along_path import affine_loads
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.drive_profile import DriveProfile, load_drive_profile
 from ocptip.trajectories.path import PathTiming
 from tests.places import EXAMPLES
@@ -146,6 +150,19 @@ def test_accelerations_of_a_turn_step_at_its_knots_alone():
     t = np.linspace(1e-6, profile.end - 1e-6, 400)
     rate = np.where(t < 0.5 * profile.end, 1, -1) * np.pi / 2
     np.testing.assert_allclose(profile.rows(t)[:, 8], rate, atol=1e-9)
+
+
+def test_rows_within_an_uncertainty_know_steps_of_the_profile(task):
+    own = ocptip.load_task(TASK, uncertainty=Uncertainty(damping=0.3))
+    profile = DriveProfile.of_velocities(np.array([0, 0.4, 0.6]), np.array([[0.6, 0, 0]] * 2 + [[0, 0, 0]]))
+    robot, path = arm_of(own.robot).driving(profile), random_path(task, 1, 0.01)
+    s = spaced(path, 12)
+    slow = np.where((s == 0) | (s == 1), 0, 0.05)
+    clock = PathClock(PathTiming(path, s, slow))
+    late = LateJoints(Grid(robot, path, TimingLimits(robot, own.limits), s, clocks=[clock]))
+    calm = dataclasses.replace(own.limits, tolerance=Uncertainty(delay=1e-3))
+    without = LateJoints(Grid(robot, path, TimingLimits(robot, calm), s, clocks=[clock]))
+    assert late.broken(slow)[0] > without.broken(slow)[0] + 1e-3
 
 
 @pytest.mark.slow

@@ -13,13 +13,15 @@ from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
+from ocptip.retiming.fastest import Grid, spaced
+from ocptip.retiming.late import LateJoints
 from ocptip.retiming.retime import retime
-from ocptip.retiming.rows import Places
+from ocptip.retiming.rows import Places, TimingLimits
 from ocptip.retiming.whole_body import BaseLimits, able_to_drive
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
-from ocptip.standing.tolerance import NONE
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.path import load_path
 from ocptip.trajectories.path import JointPath
@@ -190,3 +192,18 @@ def test_what_is_no_path_of_base_and_arm_is_refused(task):
     with pytest.raises(InputError, match="does not move"):
         retime(task.robot, still, base=BASE)
     assert isinstance(task.robot, Robot)
+
+
+def test_rows_within_an_uncertainty_know_the_base(task):
+    own, path = load_task(TASK, Uncertainty(tilt=0.005, damping=0.3)), with_base(random_path(task, 1, 0.1), 1)
+    robot = able_to_drive(arm_of(own.robot))
+    limits = TimingLimits(robot, own.limits, BaseLimits())
+    grid = Grid(robot, path, limits, spaced(path, 12))
+    late, rng = LateJoints(grid), np.random.default_rng(0)
+    x = np.minimum(1.0, 12 * np.minimum(grid.s, 1 - grid.s)) * rng.uniform(0.8, 1.2, len(grid.s))
+    excess, rows = late.broken(x)
+    assert excess > 0
+    change = 1e-6 * x * rng.normal(size=len(x))
+    worst = int(np.argmax(rows.A @ x - rows.b))
+    found = late.broken(x + change)[0] - excess
+    assert found == pytest.approx((rows.A @ change)[worst], rel=1e-3)

@@ -17,6 +17,7 @@ import numpy as np
 import scipy  # subpackages load on first use
 
 from ocptip.retiming.fastest import Grid
+from ocptip.retiming.whole_body import BasePath
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.late_joints import delay_cases
 from ocptip.standing.within.worst_case import worst_case_of
@@ -88,6 +89,11 @@ class LateJoints:
         still = np.zeros((len(grid.s), grid.robot.n))
         self._after = np.stack([still, *(np.vstack([part, none]) for part in after)])
         self._before = np.stack([*(np.vstack([none, part]) for part in before), still])
+        self._base = None if places.base is None else BaseNodes.of(places.base, grid)
+        acts = grid.robot.acts
+        self._steps = acts.knots if acts.end and self._more and self._base is None else np.empty(0)
+        after, before = (grid.robot.acting(self._steps + side) for side in (INSIDE, -INSIDE))
+        self._overshooting = after + self._more * (after - before)
 
     @staticmethod
     def wanted(tolerance: Uncertainty) -> bool:
@@ -120,8 +126,11 @@ class LateJoints:
         """By how much the worst row is missed, and GT where slopes of it are rows, and rows that are, or
         nearly.
         """
-        options, made, places = self._options(x)
-        acting, axes = self._grid.acting(places, x), self._cases.axes
+        options, made, places, bases = self._options(x)
+        axes = self._cases.axes
+        acting = self._grid.acting(places, x) if self._base is None else self._base.rows(x, bases)
+        steps = [k for k, made_of in enumerate(bases) if made_of is None]
+        acting[steps] = self._overshooting[: len(steps)]
         functions = range(axes + (self._planes is None))
         number, values, slopes = worst_options(
             options, self._cases, acting, (self._most - _FAR) * self._units, functions
@@ -139,7 +148,8 @@ class LateJoints:
             parts.append((*found[:2], found[2] / self._weight, found[3] / self._weight))
             names += [NAMES[1]] * len(found[0])
         instants, numbers, slopes, excess = (np.concatenate(part) for part in zip(*parts, strict=True))
-        on = slopes.reshape(len(instants), 3, self._grid.robot.n)  # (R, 3, n)
+        n = self._grid.robot.n
+        on, on_base = slopes[:, : 3 * n].reshape(len(instants), 3, n), slopes[:, 3 * n :]
         A = np.zeros((len(instants), len(x)))
         pace = 0.5 / np.sqrt(np.maximum(x, _SLOWEST * np.mean(x)))
         for row, (instant, own) in enumerate(zip(instants, numbers, strict=True)):
@@ -151,12 +161,15 @@ class LateJoints:
                     first, last = max(node - 1, 0), min(node + 2, len(x))
                     over = (self._after if part else self._before)[first - node + 1 : last - node + 1]
                     A[row, first:last] += factor * on[row, 2, joint] * over[:, node, joint]
+            if self._base is not None and (acts := bases[instant]) is not None:
+                A[row] += self._base.slopes(x, pace, acts, on_base[row])
         rows = Couplings(scipy.sparse.csr_matrix(A), A @ x - excess, tuple(names))
         return float(np.max(excess, initial=-_NEAR)), slips, rows
 
-    def _options(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray]:
+    def _options(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray, list[_Made | None]]:
         """(D, n, K, 4) of what joints may be doing at nodes and the delay after them; what it is made of;
-        where on the path, (D,)."""
+        where on the path, (D,); what a base on its path is doing; None at steps of a drive profile.
+        """
         pace = np.sqrt(x)
         t = np.append(0.0, np.cumsum(2 * self._grid.widths / (pace[1:] + pace[:-1])))
         padded = np.concatenate([[0.0], x, [0.0]])
@@ -164,21 +177,36 @@ class LateJoints:
         at = _Nodes(
             t, self._dq * pace[:, None], *(np.sum(c * near, axis=0) for c in (self._after, self._before))
         )
-        found, made, s, places = [], [], self._grid.s, []
+        found, made, s, places, bases = [], [], self._grid.s, [], list[_Made | None]()
         for node in range(len(x)):
             found.append(self._at(at, node, t[node], 0.0))
             places.append(s[node])
+            ends, on_time = ((node, 1.0),), ((node, True, 1.0),)
+            bases.append((ends, on_time))
+            if self._base is not None and self._more:  # its acceleration step overshoots, joints are on time
+                found.append([self._made(at, ends, on_time, 0.0)])
+                places.append(s[node])
+                bases.append((ends, ((node, True, 1 + self._more), (node, False, -self._more))))
             time = t[node] + self._delay
             if self._delay and time < t[-1]:
                 last = int(np.searchsorted(t, time, side="right")) - 1
                 share = (time - t[last]) / (t[last + 1] - t[last])
                 found.append(self._at(at, last, time, share))
                 places.append(s[last] + share * (s[last + 1] - s[last]))
+                ends = (last, 1 - share), (last + 1, share)
+                bases.append((ends, ((last, True, 1 - share), (last + 1, False, share))))
+        for time in self._steps[self._steps < t[-1]]:  # of a drive profile, whose steps overshoot
+            last = int(np.searchsorted(t, time, side="right")) - 1
+            share = (time - t[last]) / (t[last + 1] - t[last])
+            ends = (last, 1 - share), (last + 1, share)
+            found.append([self._made(at, ends, ((last, True, 1 - share), (last + 1, False, share)), 0.0)])
+            places.append(s[last] + share * (s[last + 1] - s[last]))
+            bases.append(None)
         made = [[way for _, way in own] for own in found]
         options = np.full((len(found), self._q.shape[1], max(map(len, made)), 4), np.nan)
         for instant, own in enumerate(found):
             options[instant, :, : len(own)] = np.array([state for state, _ in own]).transpose(2, 0, 1)
-        return options, made, np.array(places)
+        return options, made, np.array(places), bases
 
     def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
         """The possible delayed states (4, n) of the joints at a share of the interval after a node, with
@@ -218,6 +246,59 @@ class LateJoints:
         q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, at.qd))
         qdd = sum(factor * (at.after if part else at.before)[end] for end, part, factor in parts)
         return (q, qd, qdd, np.full_like(self._q[0], max_delay)), (ends, parts)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseNodes:
+    """A base on its path at the nodes of a grid.
+
+    Attributes:
+        turning: (N + 1,), d yaw / ds.
+        after, before: (3, N + 1, 9) rows of its motion after and before nodes, over x at the node before,
+            there, and at the next; without angular velocities, which grow with ds/dt.
+    """
+
+    turning: np.ndarray
+    after: np.ndarray
+    before: np.ndarray
+
+    @classmethod
+    def of(cls, base: BasePath, grid: Grid) -> BaseNodes:
+        """Of places at the nodes, see `Grid.places`."""
+        one, none, turn = np.ones(len(base.d)), np.zeros(len(base.d)), 1 / (2 * grid.widths)[:, None]
+        of_u, of_x = base.rows(one, none), base.rows(none, one)
+        of_x[:, 5] = 0.0
+        left, right, still = grid.left, grid.right, np.zeros((len(grid.s), 9))
+        after = [-of_u[left] * turn + of_x[left], of_u[left] * turn]
+        before = [-of_u[right] * turn, of_u[right] * turn + of_x[right]]
+        return cls(
+            np.append(base.d[left, 2], base.d[right[-1], 2]),
+            np.stack([still, *(np.vstack([part, still[:1]]) for part in after)]),
+            np.stack([*(np.vstack([still[:1], part]) for part in before), still]),
+        )
+
+    def rows(self, x: np.ndarray, made: list[_Made | None]) -> np.ndarray:
+        """(D, 9) rows of `BaseMotion` at instants, of what they are made of, at x (N + 1,)."""
+        padded = np.concatenate([[0.0], x, [0.0]])
+        near = np.stack([padded[:-2], x, padded[2:]])[:, :, None]
+        after, before = (np.sum(own * near, axis=0) for own in (self.after, self.before))
+        found = np.zeros((len(made), 9))
+        for row, own in zip(found, made, strict=True):
+            ends, parts = own or ((), ())
+            row += sum(factor * (after if part else before)[node] for node, part, factor in parts)
+            row[5] = sum(factor * self.turning[node] * np.sqrt(x[node]) for node, factor in ends)
+        return found
+
+    def slopes(self, x: np.ndarray, pace: np.ndarray, made: _Made, on: np.ndarray) -> np.ndarray:
+        """(N + 1,) slopes over x of a function with slopes (9,) over the rows; pace: of sqrt(x)."""
+        found = np.zeros(len(x))
+        for node, factor in made[0]:
+            found[node] += factor * on[5] * self.turning[node] * pace[node]
+        for node, part, factor in made[1]:
+            first, last = max(node - 1, 0), min(node + 2, len(x))
+            over = (self.after if part else self.before)[first - node + 1 : last - node + 1, node]
+            found[first:last] += factor * (over @ on)
+        return found
 
 
 class _Nodes(NamedTuple):

@@ -43,13 +43,14 @@ def worst_options(
             values by the slopes; default: all.
 
     Returns:
-        Numbers (D, F, n) of cases; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
-        where a function does not matter, less precisely.
+        Numbers (D, F, n) of cases; the functions' values there, (D, F), and slopes (D, F, 3 n or more) over
+        states; where a function does not matter, less precisely.
     """
     count, n = options.shape[:2]
+    size = 3 * n + acting.shape[1]
     each = np.arange(cases.axes + 1) if functions is None else np.array(functions, dtype=int)
     number = np.repeat(usual_cases(options)[:, None], len(each), axis=1)
-    values, slopes = np.empty((count, len(each))), np.empty((count, len(each), 3 * n))
+    values, slopes = np.empty((count, len(each))), np.empty((count, len(each), size))
     row, which = (own.ravel() for own in np.indices((count, len(each))))
     few = count if most is None else most
     for turn in range(1 + _CHOICES):
@@ -60,9 +61,9 @@ def worst_options(
             values[row, which], found = found[0].ravel(), found[1].reshape(len(row), -1)
         else:
             values[row, which], found = cases.function(states, each[which], chosen[..., 3])
-        slopes[row, which] = found[:, : 3 * n]
+        slopes[row, which] = found[:, :size]
         if turn < _CHOICES:
-            over = slopes[row, which].reshape(-1, 3, n)
+            over = slopes[row, which, : 3 * n].reshape(-1, 3, n)
             gains = _gains(over, options[row])
             gained = np.sum(np.max(gains, axis=2), axis=1) - np.einsum("rsj,rjs->r", over, chosen[..., :3])
             number[row, which] = np.argmax(gains, axis=2)
@@ -92,8 +93,8 @@ def worst_beyond(
     Args: see `farthest`.
 
     Returns:
-        Of R pairs the instant (R,), numbers (R, n) of cases, slopes (R, 3 n) of the distance over the state,
-        and the distance (R,), N.
+        Of R pairs the instant (R,), numbers (R, n) of cases, slopes (R, 3 n or more) of the distance over the
+        state, and the distance (R,), N.
     """
     found = farthest(cases.deviations, options, acting, planes, above, most)
     a, n = planes[found.planes], options.shape[1]
@@ -101,9 +102,9 @@ def worst_beyond(
     def at(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         chosen, states = selected(options, found.instants, number, acting)
         worst = cases.least(states, lambda wrench: (-np.einsum("rw,rw->r", a, wrench), -a), chosen[..., 3])
-        return -worst.values, cases.deviations.state_slopes(states, worst.theta, a)[0][:, : 3 * n]
+        return -worst.values, cases.deviations.state_slopes(states, worst.theta, a)[0]
 
-    slopes = at(found.number)[1].reshape(-1, 3, n)
+    slopes = at(found.number)[1][:, : 3 * n].reshape(-1, 3, n)
     number = np.argmax(_gains(slopes, options[found.instants]), axis=2)
     values, slopes = at(number)
     return found.instants, number, slopes, values
