@@ -341,7 +341,8 @@ def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray
     place = grid.s[stuck]
     for places in grid.every:
         if (why := grid.limits.why_not_at_rest(places)) is not None:
-            return f"path: cannot be timed: at {why[0]}: {'; '.join(why[1])}; move the path there"
+            advice = "move the path there" + (places.clock is not None) * ", or drive more gently"
+            return f"path: cannot be timed: at {why[0]}: {'; '.join(why[1])}; {advice}"
     if polygons.counts[stuck] == 0:
         name = grid.name(int(polygons.numbers[stuck, 0]), extra, stuck)
         return f"path: cannot be timed: no speed keeps all limits at {_where(grid, place)} ({name})"
