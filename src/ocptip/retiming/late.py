@@ -289,11 +289,11 @@ class BaseNodes:
             row[5] = sum(factor * self.turning[node] * np.sqrt(x[node]) for node, factor in ends)
         return found
 
-    def slopes(self, x: np.ndarray, pace: np.ndarray, made: _Made, on: np.ndarray) -> np.ndarray:
-        """(N + 1,) slopes over x of a function with slopes (9,) over the rows; pace: of sqrt(x)."""
+    def slopes(self, x: np.ndarray, of_root: np.ndarray, made: _Made, on: np.ndarray) -> np.ndarray:
+        """(N + 1,) slopes over x of a function with slopes (9,) over the rows, and of sqrt(x)."""
         found = np.zeros(len(x))
         for node, factor in made[0]:
-            found[node] += factor * on[5] * self.turning[node] * pace[node]
+            found[node] += factor * on[5] * self.turning[node] * of_root[node]
         for node, part, factor in made[1]:
             first, last = max(node - 1, 0), min(node + 2, len(x))
             over = (self.after if part else self.before)[first - node + 1 : last - node + 1, node]
