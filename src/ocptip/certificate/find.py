@@ -73,6 +73,7 @@ _COVERED = {
     "angle_margin_deg",
     "position_margin_m",
     "duration_s",
+    "duration_s_cancel",  # like the duration exact by the motion itself; the headline claims contacts only
 }
 
 

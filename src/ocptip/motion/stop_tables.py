@@ -439,7 +439,7 @@ class CancelTable(JointTable):
             )
         i = int(np.argmax(found.rests))
         longest = float(found.rests[i]) + cancel.reaction
-        if longest > cancel.longest:
+        if longest > cancel.longest and not self._in_check:
             texts.append(
                 f"a cancel begun at {self._times[i]:.4f} s takes {longest:.3g} s, must be <= "
                 f"{cancel.longest:.3g} s"

@@ -41,6 +41,7 @@ _IF_REACHED = {
     "angle_margin_deg_cancel": ("Angle, cancelled", "deg", 1.0),
     "position_margin_m_cancel": ("Position, cancelled", "mm", 1e3),
     "duration_s": ("Duration", "s", 1.0),
+    "duration_s_cancel": ("Duration, cancelled", "s", 1.0),
 }
 """Titles and units of limits that have a row only where they are broken or, of drives, reached."""
 _REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995, "jerk_ratio": 0.995}

@@ -30,6 +30,7 @@ RESULT_TITLES = {
     "GT_cancel_worst_case": "GT when cancelled, worst case",
     "angle_margin_deg_cancel": "angle margin when cancelled",
     "position_margin_m_cancel": "position margin when cancelled",
+    "duration_s_cancel": "duration when cancelled",
     "torque_ratio": "torque / limit",
     TORQUE_WITHIN: "torque / limit, worst case",
     "clearance_m": "clearance",

@@ -11,7 +11,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit_kinds.kinds import CancelAngleLimit
+from ocptip.standing.limit_kinds.kinds import CancelAngleLimit, CancelDurationLimit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import Limits
 from ocptip.standing.stops.by_cancel import Cancel, cancel_slopes, stop_states
@@ -95,6 +95,44 @@ def test_a_motion_at_full_speed_beside_a_limit_is_not_cancelled_within_it(robot)
     # It reaches 1 rad/s until 1/16 rad before the goal.
     assert worst.value == pytest.approx(np.degrees(0.1 + 1 / 16 - 0.25), abs=0.1)
     assert worst.violation
+
+
+def test_a_fast_joint_needs_long_to_stop(robot):
+    """By hand: 1 rad/s at 2 rad/s^2 needs 0.5 s, after 0.1 s until the controller reacts."""
+    way = np.eye(robot.n)[0]
+    motion = Trajectory.from_profiles(np.zeros(robot.n), [[RampCommand(x, 1.0, 8.0)] for x in way])
+    cancel = Cancel((2.0,) * robot.n, reaction=0.1, longest=0.55, GN=1.0, GT=1.0)
+    limits = Limits(cancel=cancel)
+    worst = check_motion(robot, motion, limits).worst["duration_s_cancel"]
+    assert worst.value == pytest.approx(0.6)
+    assert worst.detail == robot.joint_label(0)
+    assert worst.violation
+    [limit] = CancelDurationLimit.of(robot, limits, tuple(range(robot.n)))
+    speeds = np.random.default_rng(2).normal(size=(4, robot.n))
+    states = np.zeros_like(speeds), speeds, np.zeros_like(speeds)
+    at, most = Instants.of_states(robot, *states), 2.0 * 0.45
+    np.testing.assert_allclose(limit.use(at), np.max(np.abs(speeds), axis=1) / most)
+    np.testing.assert_array_equal(limit.near(at, 0.7), np.abs(speeds) >= 0.7 * most)
+    size = 3 * robot.n
+    none = np.empty((4, 0)), np.empty((4, 0, size))
+    nodes = NodeSlopes(NodeColumns(robot.n, 0), at.s, np.tile(np.eye(size), (4, 1, 1)), *none)
+    rows = limit.rows(nodes, np.ones_like(speeds, dtype=bool))
+    np.testing.assert_allclose(rows.values, speeds.ravel() / most)
+    np.testing.assert_allclose(np.sum(rows.slopes * at.s[rows.nodes], axis=1), rows.values)
+
+
+@pytest.mark.slow
+def test_a_plan_is_slow_enough_to_stop_in_time(tmp_path):
+    (tmp_path / "two.urdf").write_text(TWO_JOINTS)
+    (tmp_path / "task.toml").write_text(URDF)
+    task = load_task(tmp_path / "task.toml")
+    cancel, lasts = Cancel(tuple(0.3 * task.robot.limits.acceleration)), {}
+    for longest in (2.0, 0.6):
+        limits = replace(task.limits, cancel=replace(cancel, longest=longest))
+        checked = plan_motion(replace(task, limits=limits), starts=1, jobs=1).check
+        assert checked.verified
+        lasts[longest] = checked.worst["duration_s_cancel"].value
+    assert lasts[0.6] <= 0.6 < lasts[2.0]
 
 
 @pytest.mark.slow

@@ -275,6 +275,51 @@ class CancelAngleLimit(StateLimit, AngleLimit):
         return count, bends
 
 
+class CancelDurationLimit(StateLimit):
+    """Time from a cancel until everything rests, exact by the peaks of speeds. Rows are speeds, as shares of
+    those that stop in time.
+    """
+
+    name = "duration of cancels"
+    scenario = WHOLE
+    of_motion = False
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
+        return CancelLimit.wanted(robot, asked)
+
+    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._cancel, self.width = cancel_of(robot, asked)[1], robot.n
+        self._rates = np.array(self._cancel.decelerations)
+        self._fastest = self._rates * (self._cancel.longest - self._cancel.reaction)
+
+    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+        lasts, longest = at.motion.speed_peaks / self._rates + self._cancel.reaction, self._cancel.longest
+        j = int(np.argmax(lasts))
+        value, joint = float(lasts[j]), self.robot.joint_label(j)
+        return [Worst("duration_s_cancel", value, np.nan, longest, joint, value - longest)]
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return np.abs(at.speeds) >= share * self._fastest
+
+    def use(self, at: Instants) -> np.ndarray:
+        return np.max(np.abs(at.speeds) / self._fastest, axis=1)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        most = np.full(self.width, 1 - FURTHER_INSIDE)
+        return -most, most
+
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+        i, k = np.nonzero(mask)
+        slopes = np.zeros((len(i), at.s.shape[1]))
+        slopes[np.arange(len(i)), self.robot.n + k] = 1 / self._fastest[k]
+        return NodeRows(at, i, k, at.motion_states[1][i, k] / self._fastest[k], slopes)
+
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.empty(0, dtype=int), np.empty((0, rows.at.s.shape[1], rows.at.s.shape[1]))
+
+
 class FurtherLimit(QuantityLimit):
     """Further limits of the mechanism, see `FurtherLimits`."""
 
@@ -340,6 +385,7 @@ KINDS: tuple[type[Limit], ...] = (
     DurationLimit,
     AngleLimit,
     CancelAngleLimit,
+    CancelDurationLimit,
     FurtherLimit,
     WorstCaseLimit,
     WorstTorqueLimit,
