@@ -17,6 +17,7 @@ from ocptip.motion.output import sample_motion
 from ocptip.motion.summary import TITLES, at_text
 from ocptip.pictures import plan as motion_plots
 from ocptip.pictures import plan_curves, style
+from ocptip.pictures.frame import new_figure
 from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.pictures.sketch import SKETCH, view_of
@@ -364,3 +365,21 @@ def test_forces_and_gaps_of_feet_that_give():
     at = np.searchsorted(found.course.times, times)
     np.testing.assert_array_equal(forces, found.course.forces[at, 1, 0])
     assert curve(figures["feet"], "gap-1")[1].max() <= 1e3 * found.lift
+
+
+def test_joints_in_m_and_in_degrees_have_an_axis_each():
+    angles = np.array([[0.1, 0.5], [0.2, 1.0]])
+    seen = SimpleNamespace(
+        times=np.array([0.0, 1.0]), joint_names=["1: lift", "2: turn"], units=["m", "deg"],
+        scales=np.array([1.0, 180 / np.pi]), samples=SimpleNamespace(angles=angles),
+        events=np.empty(0), plan=SimpleNamespace(),
+    )  # fmt: skip
+    figure = new_figure(6.0, 3.0)
+    motion_plots._angles(figure.subplots(), seen)
+    metres, degrees = (panel(figure, f"coordinate [{unit}]") for unit in ("m", "deg"))
+    assert metres is not degrees
+    assert curve(metres, "angle-1")[1] == pytest.approx(angles[:, 0])
+    assert curve(degrees, "angle-2")[1] == pytest.approx(np.degrees(angles[:, 1]))
+    assert metres.get_ylim()[1] < 1 < degrees.get_ylim()[1]
+    labels = [text.get_text() for text in metres.get_legend().get_texts()]
+    assert labels == ["1: lift [m]", "2: turn [deg]"]

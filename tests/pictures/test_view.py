@@ -2,9 +2,9 @@
 
 import json
 import re
-import shutil
 import subprocess
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,11 +26,11 @@ from ocptip.standing.parts import Part
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
 from ocptip.trajectories.trajectory import Trajectory
+from studies.pictures.browser import CHROMIUM, browser_page
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES, ROOT
 
 pytest.importorskip("viser")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 ADDRESS = re.compile(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//|fetch\(\s*["']https?://""")
 
 
@@ -123,6 +123,35 @@ def test_what_is_on_stage_is_what_the_check_says():
     assert np.linalg.norm(tip) < robot.arm.reach
     cone = stage.nodes["/friction cones/1"].values[0]
     assert np.allclose(np.hypot(*cone[1:, :2].T), 0.2 * cone[1:, 2])  # friction
+
+
+def test_the_panel_has_the_margins_and_follows_the_player(page):
+    robot, motion = committed("A")
+    show = motion_show("A", [Part(robot, motion)])
+    panel, seen = show.panel, robot.samples(motion, show.times)
+    assert panel.moments == pytest.approx(seen.tip.moments.min(axis=1))
+    assert panel.forces.sum(axis=1) == pytest.approx(-seen.wrenches[:, 2])
+    assert panel.worst == np.argmin(panel.moments)
+    assert panel.stable.all()
+    assert "STABLE" in panel.text(0)
+    assert f"tipping margin <b>{panel.moments[5]:.3g} N m</b>" in panel.text(5)
+    assert page.index("ocptip-panel") < page.rindex("</body>")
+    lost = replace(panel, stable=~panel.stable)
+    assert "A CONTACT IS LOST" in lost.html(0)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+def test_the_player_jumps_to_the_minimum_margin(page, tmp_path):
+    (tmp_path / "a.html").write_text(page, encoding="utf-8")
+    panel = motion_show("A", parts("A")).panel
+    time_shown = "Number(document.querySelector('[role=slider]')?.getAttribute('aria-valuenow') || 0)"
+    with browser_page((tmp_path / "a.html").as_uri()) as shown:
+        shown.wait_for(f"{time_shown} > 0")
+        shown.run("document.querySelector('.ocptip-worst').click()")
+        shown.wait_for(f"Math.abs({time_shown} - {panel.times[panel.worst]}) < 0.02")
+        shown.wait_for(f"document.body.innerText.includes('{panel.moments[panel.worst]:.3g} N m')")
+        assert not shown.errors
 
 
 def test_a_cycle_is_one_show_with_what_each_segment_holds():

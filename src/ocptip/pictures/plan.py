@@ -155,13 +155,16 @@ FIGURES: dict[str, Callable[[PlanCurves], Figure]] = {
 
 def _angles(ax: Any, curves: PlanCurves) -> None:
     values = (curves.scales * curves.samples.angles).T
-    for j, (name, own) in enumerate(zip(curves.joint_names, values, strict=True)):
-        ax.plot(curves.times, own, **style.member(j), label=name, gid=f"angle-{j + 1}")
-    if set(curves.units) == {"deg"}:
-        title, label = "Angle of each joint", "angle [deg]"
-    else:
-        title, label = "Coordinates", f"coordinate [{', '.join(sorted(set(curves.units), reverse=True))}]"
-    _finish(ax, curves, title, label)
+    units = list(dict.fromkeys(curves.units))
+    axes = {unit: ax if unit == units[0] else ax.twinx() for unit in units}  # m and deg have an axis each
+    for j, (name, own, unit) in enumerate(zip(curves.joint_names, values, curves.units, strict=True)):
+        label = name if len(units) == 1 else f"{name} [{unit}]"
+        axes[unit].plot(curves.times, own, **style.member(j), label=label, gid=f"angle-{j + 1}")
+        if axes[unit] is not ax:
+            ax.plot([], [], **style.member(j), label=label)  # one legend for both axes
+            axes[unit].set_ylabel(f"coordinate [{unit}]")
+    title, word = ("Angle of each joint", "angle") if units == ["deg"] else ("Coordinates", "coordinate")
+    _finish(ax, curves, title, f"{word} [{units[0]}]")
 
 
 def _shares(

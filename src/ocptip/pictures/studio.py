@@ -20,11 +20,11 @@ from ocptip.basics.text import quantity
 from ocptip.motion.posture_study import Conditions, PostureAnswer, PostureStudy, Robustness
 from ocptip.pictures import view_bodies as bodies
 from ocptip.pictures.view import LOAD, RATE, Act, Forces, open_server, shared_forces, until_interrupted
+from ocptip.pictures.view_panel import BAD, GOOD, WARNING
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.payload import Payload
 from ocptip.standing.parts import Part
 
-GOOD, BAD, WARNING = "#1a7f37", "#c0281e", "#b35c00"
 _QUIET = 0.4  # s without a change after which the robustness is computed
 _AROUND = 1.2  # m, of the sliders of the TCP about the middle of the base, at least
 _PUSH, _PAYLOAD, _TILT, _ACCELERATION = 300.0, 10.0, 20.0, 3.0  # N, kg, deg, m/s^2: ends of sliders, at least

@@ -24,6 +24,7 @@ from ocptip.contact.support import Support
 from ocptip.motion.plan_files import samples_joined
 from ocptip.pictures import view_bodies as bodies
 from ocptip.pictures.scene_picture import margin_texts
+from ocptip.pictures.view_panel import MarginPanel
 from ocptip.reserves.equal_compliance import equal_normal_map, reported_slip
 from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
@@ -56,12 +57,14 @@ class Show:
         stage: puts everything on a viser server and returns what shows a frame there.
         times: (T,), s, of the frames; one for what stands still.
         centre, size: (3,), m, and m: where the camera looks, and of how much.
+        panel: margins over time beside the picture; None: it stands still.
     """
 
     stage: Callable[[Any], Callable[[int], None]]
     times: np.ndarray
     centre: np.ndarray
     size: float
+    panel: MarginPanel | None = None
 
 
 def to_html(show: Show) -> str:
@@ -75,7 +78,10 @@ def to_html(show: Show) -> str:
             frame(k)
         if len(show.times) > 1:
             recorder.insert_sleep(1.0)
-        return f"{recorder.as_html()}\n<!-- {MARK} -->\n"
+        page = recorder.as_html()
+        if show.panel is not None:
+            page = show.panel.overlaid(page)
+        return f"{page}\n<!-- {MARK} -->\n"
 
 
 def serve(show: Show, say: Callable[[str], None]) -> None:
@@ -89,11 +95,27 @@ def serve(show: Show, say: Callable[[str], None]) -> None:
         frame = show.stage(server)
         frame(0)
         if len(show.times) > 1:
-            slider = server.gui.add_slider(
-                "time [s]", min=0.0, max=float(show.times[-1]), step=0.001, initial_value=0.0
-            )
-            slider.on_update(lambda _: frame(int(np.abs(show.times - slider.value).argmin())))
+            _controls(server, show, frame)
         until_interrupted(server, say)
+
+
+def _controls(server: Any, show: Show, frame: Callable[[int], None]) -> None:
+    """A slider over the time, and the panel with a button that shows the minimum margin."""
+    gui, panel = server.gui, show.panel
+    text = gui.add_html(panel.html(0)) if panel is not None else None
+    slider = gui.add_slider("time [s]", min=0.0, max=float(show.times[-1]), step=0.001, initial_value=0.0)
+
+    def moved(_: Any) -> None:
+        k = int(np.abs(show.times - slider.value).argmin())
+        frame(k)
+        if panel is not None and text is not None:
+            text.content = panel.html(k)
+
+    slider.on_update(moved)
+    if panel is not None:
+        worst = float(show.times[panel.worst])
+        button = gui.add_button("show the minimum margin")
+        button.on_click(lambda _: setattr(slider, "value", worst))
 
 
 def until_interrupted(server: Any, say: Callable[[str], None]) -> None:
@@ -158,6 +180,15 @@ class Act:
         """(k, 3), m: where it is."""
         contacts = [np.asarray(c.position) for c in self.robots[0].support.contacts]
         return np.vstack([self.frames.origins.reshape(-1, 3), contacts])
+
+    def panel(self, times: np.ndarray) -> MarginPanel:
+        """Margins and foot forces at the times (T,), s, of the frames."""
+        seen, tip = self.seen, self.seen.tip
+        none = np.full(len(times), np.nan)
+        moments = np.maximum(tip.moments.min(axis=1), 0.0) if tip.moments.shape[1] else none
+        known = [shared_forces(seen.states.contact_forces, seen.slip, k)[:, 0] for k in range(len(times))]
+        stable = (tip.GN < 1) & (seen.slip.GT < 1)
+        return MarginPanel(times, moments, seen.slip.GT, np.nan_to_num(np.array(known)), stable)
 
     def clock(self, k: int) -> str:
         """Name of the motion, or of the segment of a cycle, and what is left at frame k."""
@@ -242,7 +273,7 @@ def _show(
 
         return frame
 
-    return Show(stage, times, centre, size)
+    return Show(stage, times, centre, size, act.panel(times) if len(times) > 1 else None)
 
 
 def _ghost(
