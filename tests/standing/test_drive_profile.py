@@ -208,6 +208,11 @@ def test_files_and_words_give_the_same_profile(tmp_path):
     )
 
 
+def test_words_without_a_unit_are_no_file():
+    with pytest.raises(InputError, match=r"with units, such as .*, got .2 m, 0\.5 m/s, 0\.5.$"):
+        load_drive_profile("2 m, 0.5 m/s, 0.5")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -125,7 +125,7 @@ class Stage:
         assert self.part is not None
         assert self.checked is not None
         found = {"start": 0.0, "goal": self.part.motion.end}
-        for name, word in (("GN", "minimum tipping margin"), ("GT", "maximum friction used")):
+        for name, word in (("GN", "min margin"), ("GT", "max friction")):
             time = self.checked.worst[name].time
             if min(abs(time - other) for other in found.values()) > _SAME:
                 found[f"{word} ({self.part.begin + time:.3f} s)"] = time

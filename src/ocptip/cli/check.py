@@ -162,6 +162,7 @@ class CheckReport(GatedReport):
     def _notes(self) -> list[str]:
         """Remarks on what a user may not expect of the motion."""
         motion = self.check.motion
+        moves = bool(np.any(motion.speed_peaks))  # a posture that is held has no curve and no start
         notes = [self.check.retimed] if self.check.retimed else []
         lost = any(text.startswith(("GN", "GT")) for text in self.check.check.violations)
         given = self.check.sensitivities or self.check.check.objects  # which these options do not take
@@ -173,14 +174,14 @@ class CheckReport(GatedReport):
         notes += [f"trajectory and margins over time are in the bag {self.bag}"] if self.bag else []
         if motion.fit is not None:
             notes += fit_notes(motion.fit, self.check.task.robot)
-        elif motion.points is not None:
+        elif motion.points is not None and moves:
             curve = motion.points.interpolation
             notes += [
                 f"checked is the curve through the samples, {curve}; where accelerations step between "
                 "samples, it overshoots"
             ]
         notes += self.check.misses
-        for unit, pair in () if self.check.task.is_cycle else self.check.offsets.items():
+        for unit, pair in self.check.offsets.items() if moves and not self.check.task.is_cycle else ():
             for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
                 if offset > SAME[unit]:
                     notes += [f"the motion {verb} {offset:.4g} {unit} off the task's {place}"]

@@ -100,12 +100,13 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
 
 
 def price_line(price: Mapping[str, Any]) -> list[str]:
-    """The energy penalty of stops, in words: energy and duration against the plan without them."""
+    """The energy of plans with stops, in words: energy and duration against the plan without them."""
     if not price:
         return []
     costs, more = price["without_stops"], 100 * price["energy_more"]
     than = f"the plan without, {costs['energy_J']:.1f} J in {costs['duration_s']:.3f} s"
-    return [f"price: {round(more, 1) + 0.0:+.1f} % energy against {than}"]
+    luck = "; that plan is a worse local optimum" if more < -0.05 else ""
+    return [f"cost of stops: {round(more, 1) + 0.0:+.1f} % energy against {than}{luck}"]
 
 
 def stop_table(stops: Stops) -> list[str]:

@@ -68,8 +68,8 @@ STOPS = Keys(
             {"enum": [True, False, *get_args(Kinds)]},
             default=False,
         ),
-        "GN": schema.number("Largest tip-over index during stops.", otherwise="of [limits]"),
-        "GT": schema.number("Largest slip index during stops.", otherwise="of [limits]"),
+        "GN": schema.number("Largest tip-over index during stops, see [limits].", otherwise="of [limits]"),
+        "GT": schema.number("Largest share of the friction in use during stops.", otherwise="of [limits]"),
         "time": schema.number(
             "Shortest time of a stop along the path.", "s", otherwise="what the drives can"
         ),

@@ -54,7 +54,7 @@ OBJECT = Keys(
         ),
         "cup": schema.tables(CUP, "Suction cups or magnets with the object's friction."),
         "position": schema.vector(
-            "Origin, gripper or base axes; on an object from the middle of its top.",
+            "Middle of the bottom, gripper or base axes; on an object from its middle top.",
             "m",
             3,
             default=[0, 0, 0],

@@ -127,7 +127,7 @@ _LIMITS = Keys(
     "Limits of a placement.",
     {
         "GN": _index_limit("Largest tip-over index; false: contacts are maintained."),
-        "GT": _index_limit("Largest slip index; false: contacts are maintained."),
+        "GT": _index_limit("Largest share of the friction in use; false: contacts are maintained."),
         "torque_ratio": _limit("Largest torque over its limit, of any joint.", "", "1"),
         "clearance": _limit(
             "Minimum distance of what must not touch.", "m", "0.01, or less if links are nearer"

@@ -139,7 +139,7 @@ def _limit(meaning: str, unit: str, otherwise: str) -> Key:
 NO_BASE_SHAPE = "the base has no [[base.shape]]: collisions of the arm with it are not checked"
 SEGMENT_LIMITS = {
     "GN": _limit("Largest tip-over index.", "", "0.9"),
-    "GT": _limit("Largest slip index.", "", "0.9"),
+    "GT": _limit("Largest share of the friction in use.", "", "0.9"),
     "torque_ratio": _limit("Largest torque over its limit, of any joint.", "", "1"),
     "clearance": _limit("Minimum distance of what must not touch.", "m", "0.01, or less if links are nearer"),
     "foot_lift": _limit("Largest height of a compliant foot above the ground.", "m", "0"),

@@ -34,6 +34,9 @@ _NUMBER = r"\s*([0-9.eE+-]+)\s*"
 _TRAPEZOID = re.compile(rf"{_NUMBER}(m|deg|rad),{_NUMBER}\2/s,{_NUMBER}\2/s\^2\s*")
 
 
+_WORDS = re.compile(rf"{_NUMBER}(m|deg|rad)\s*,")  # begins like a profile, and like no file
+
+
 @dataclass(frozen=True, eq=False)
 class DriveProfile:
     """Velocities of a base that drives: forward and sideways, m/s, and turning, rad/s, in base axes.
@@ -151,6 +154,11 @@ def load_drive_profile(
     """
     if isinstance(source, str) and (words := _TRAPEZOID.fullmatch(source)):
         return DriveProfile.of_course(_trapezoid(words))
+    if isinstance(source, str) and _WORDS.match(source):
+        raise InputError(
+            "drive profile: expected distance, speed and acceleration with units, such as "
+            f"'2 m, 0.8 m/s, 1 m/s^2', got {source!r}"
+        )
     path = Path(source)
     bag = is_bag(path)
     refuse_of_other_files(bag, [topic] if topic else [], columns)
