@@ -258,9 +258,7 @@ class DriveEnvelope(SavedFolder):
         return f"at {np.degrees(self.worst_direction[1]):.0f} deg (0: forward, 90: left)"
 
     def limit(self, key: str) -> float | None:
-        """The limit of a manoeuvre, within the uncertainty, by base and objects; None where nothing limits
-        it.
-        """
+        """The limit of a manoeuvre by base and objects, within the uncertainty; None where nothing limits."""
         k = [one.key for one in self.manoeuvres].index(key)
         every = (self, *self.objects.values())
         least = min(float(own.worst.largest[len(self.angles) + k]) for own in every)

@@ -14,6 +14,7 @@ MOST = 96
 """Edges of a polygon, at most."""
 
 _ZERO = 1e-13
+_SURELY = 1e-12  # of the right-hand side: so far inside, no rounding makes a row cut
 
 
 @compiled
@@ -35,13 +36,26 @@ def reduced(alpha, beta, gamma, caps, left, right, widths, ends, extra, counts, 
         polygon[1, 0] = polygon[2, 0] = caps[one]
         polygon[2, 1] = polygon[3, 1] = caps[two]
         names[0], names[1], names[2], names[3] = -2, -3, -4, -1
-        n = 4
+        n, reach = 4, _reach(polygon, 4)
         for k in range(2 * size + ends[i + 1] - ends[i]):
+            # Objects have thousands of rows, of which few cut: bounds of p or q, and of q - p, tell.
+            if k < size:
+                most = _most(beta[one, k], reach[0], reach[1]) + _most(alpha[one, k] * h, reach[4], reach[5])
+                if most < gamma[one, k] - _SURELY * abs(gamma[one, k]):
+                    continue
+            elif k < 2 * size:
+                at = k - size
+                most = _most(beta[two, at], reach[2], reach[3]) + _most(
+                    alpha[two, at] * h, reach[4], reach[5]
+                )
+                if most < gamma[two, at] - _SURELY * abs(gamma[two, at]):
+                    continue
             a, b, c = _row(alpha, beta, gamma, one, two, h, extra, ends[i], size, k)
             n = clipped(polygon, names, n, a, b, c, k, other, other_numbers)
             if n == 0:
                 names[0] = k
                 break
+            reach = _reach(polygon, n)
         counts[i] = n
         for k in range(n):
             number = names[k]
@@ -56,6 +70,26 @@ def reduced(alpha, beta, gamma, caps, left, right, widths, ends, extra, counts, 
             else:
                 a, b, c = 0.0, 1.0, caps[two]
             rows[i, k, 0], rows[i, k, 1], rows[i, k, 2] = a, b, c
+
+
+@compiled
+def _reach(polygon, n):
+    """Minimum and maximum of p, q and q - p over the corners of a polygon."""
+    p = low = high = polygon[0, 0]
+    q = left = right = polygon[0, 1]
+    least = most = q - p
+    for k in range(1, n):
+        p, q = polygon[k, 0], polygon[k, 1]
+        low, high = min(low, p), max(high, p)
+        left, right = min(left, q), max(right, q)
+        least, most = min(least, q - p), max(most, q - p)
+    return low, high, left, right, least, most
+
+
+@compiled
+def _most(factor, low, high):
+    """Maximum of factor * x over low <= x <= high."""
+    return factor * (high if factor > 0 else low)
 
 
 @compiled
