@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
-from types import ModuleType
 from typing import Literal, TypeVar, cast
 
 import numpy as np
@@ -23,6 +22,7 @@ from ocptip.motion.multi_start import ToleranceError
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
+from ocptip.retiming import among
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.velocity_profiles import checked_rise_times
 
@@ -88,7 +88,7 @@ def searched(
         if method is not None or budget.given or not carries:
             return found
         say("timing the straight line, which keeps objects as level as start and goal ...")
-        return plans_along_paths().no_worse_than_line(found)
+        return among.no_worse_than_line(found)
     except ToleranceError:
         raise
     except PlanningError as error:
@@ -133,7 +133,7 @@ def _first_of(
             with interrupted_after(seconds):
                 if name == "direct":
                     return direct()
-                return plans_along_paths().plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
+                return among.plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
         except TimeIsUpError:
             if not budget.given:  # it was the time of a search around this one
                 raise
@@ -145,13 +145,6 @@ def _first_of(
         except SolverError as error:
             failed.append(f"{name} method: no verified motion, a solver failed: {error}")
     raise PlanningError("; ".join(failed))
-
-
-def plans_along_paths() -> ModuleType:
-    """The module that times paths; its splines load for 0.2 s, so only who needs it loads it."""
-    from ocptip.retiming import among
-
-    return among
 
 
 def _shares(count: int) -> list[float]:
@@ -277,7 +270,7 @@ def better_smoothed(
     """
 
     def smoother() -> tuple[MotionPlan, list[Execution]] | None:
-        plan = plans_along_paths().smoothed_plan(planned)
+        plan = among.smoothed_plan(planned)
         return None if plan is None else (plan, run(plan))
 
     objective, before = planned.task.segments[0].task.objective, executions[0].check

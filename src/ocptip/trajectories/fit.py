@@ -19,8 +19,7 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
-import scipy.sparse as sp
-from scipy.interpolate import BSpline
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.cone_program import INFEASIBLE, USABLE, quiet_settings, solve_cones
@@ -227,10 +226,10 @@ class _Spline:
     unit: float
     knots: np.ndarray
     places: np.ndarray
-    at_samples: sp.csr_matrix
-    at_knots: sp.csr_matrix
-    speeds: sp.csr_matrix
-    jumps: sp.csr_matrix
+    at_samples: scipy.sparse.csr_matrix
+    at_knots: scipy.sparse.csr_matrix
+    speeds: scipy.sparse.csr_matrix
+    jumps: scipy.sparse.csr_matrix
 
     @classmethod
     def of(cls, times: np.ndarray, ends: np.ndarray) -> _Spline:
@@ -239,18 +238,18 @@ class _Spline:
         at, knots = times / unit, ends / unit
         whole = np.concatenate([knots[[0, 0]], knots, knots[[-1, -1]]])
         count = len(knots)
-        speeds = sp.diags(2 / (whole[3 : count + 3] - whole[1 : count + 1])) @ _differences(count)
-        accelerations = sp.diags(1 / np.diff(knots)) @ _differences(count - 1) @ speeds
-        none = sp.csr_matrix((1, count + 1))
+        speeds = scipy.sparse.diags(2 / (whole[3 : count + 3] - whole[1 : count + 1])) @ _differences(count)
+        accelerations = scipy.sparse.diags(1 / np.diff(knots)) @ _differences(count - 1) @ speeds
+        none = scipy.sparse.csr_matrix((1, count + 1))
         return cls(
             at,
             unit,
             knots,
             0.5 * (whole[1 : count + 2] + whole[2 : count + 3]),
-            sp.csr_matrix(BSpline.design_matrix(at, whole, 2)),
-            sp.csr_matrix(BSpline.design_matrix(knots, whole, 2)),
-            sp.csr_matrix(speeds),
-            sp.csr_matrix(_differences(count) @ sp.vstack([none, accelerations, none])),
+            scipy.sparse.csr_matrix(scipy.interpolate.BSpline.design_matrix(at, whole, 2)),
+            scipy.sparse.csr_matrix(scipy.interpolate.BSpline.design_matrix(knots, whole, 2)),
+            scipy.sparse.csr_matrix(speeds),
+            scipy.sparse.csr_matrix(_differences(count) @ scipy.sparse.vstack([none, accelerations, none])),
         )
 
     def calmest(
@@ -289,15 +288,15 @@ class _Spline:
         slack.
         """
         size, count = len(near), len(self.knots)
-        each, none = sp.identity(count), sp.csr_matrix((len(at), count))
+        each, none = scipy.sparse.identity(count), scipy.sparse.csr_matrix((len(at), count))
         ends = self.speeds[[0, -1]]
-        matrix = sp.vstack(
+        matrix = scipy.sparse.vstack(
             [
-                sp.hstack([ends, sp.csr_matrix((2, count))]),
-                sp.hstack([self.jumps, -each]),
-                sp.hstack([-self.jumps, -each]),
-                sp.hstack([self.at_samples, none]),
-                sp.hstack([-self.at_samples, none]),
+                scipy.sparse.hstack([ends, scipy.sparse.csr_matrix((2, count))]),
+                scipy.sparse.hstack([self.jumps, -each]),
+                scipy.sparse.hstack([-self.jumps, -each]),
+                scipy.sparse.hstack([self.at_samples, none]),
+                scipy.sparse.hstack([-self.at_samples, none]),
             ]
         )
         jumps, missing = self.jumps @ near, at - self.at_samples @ near
@@ -309,7 +308,7 @@ class _Spline:
         status = ""
         for share in STEPS:
             setattr(settings, "max_step_fraction", share)  # noqa: B010  # missing in its stubs
-            found = solve_cones(price, sp.csc_matrix(matrix), bounds, cones, settings)
+            found = solve_cones(price, scipy.sparse.csc_matrix(matrix), bounds, cones, settings)
             status = str(found.status)
             if status in USABLE:
                 return np.array(found.x[:size])
@@ -318,6 +317,8 @@ class _Spline:
         raise ArithmeticError(status)
 
 
-def _differences(count: int) -> sp.csr_matrix:
+def _differences(count: int) -> scipy.sparse.csr_matrix:
     """(count, count + 1): each number from the next one."""
-    return sp.csr_matrix(sp.eye(count, count + 1, k=1) - sp.eye(count, count + 1))
+    return scipy.sparse.csr_matrix(
+        scipy.sparse.eye(count, count + 1, k=1) - scipy.sparse.eye(count, count + 1)
+    )

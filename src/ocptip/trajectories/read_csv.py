@@ -12,6 +12,7 @@ import numpy as np
 from ocptip.basics.errors import LARGEST, InputError, doubt_degrees, refuse_huge
 from ocptip.basics.text import some
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table, times_of
+from ocptip.trajectories.fit import fitted
 from ocptip.trajectories.points import REST, Points
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -301,8 +302,6 @@ def _as_given(times: np.ndarray, values: dict[str, np.ndarray]) -> Trajectory | 
 
 
 def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray) -> Trajectory:
-    from ocptip.trajectories.fit import fitted  # loads scipy.sparse for 0.1 s
-
     kept = _spaced(times)
     angles, speeds = values[POSITION][kept], values.get(SPEED)
     if speeds is None:
