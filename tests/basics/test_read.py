@@ -43,7 +43,7 @@ ELSEWHERE = {
     "numerics/jit/compiled.py": {"read_bytes", "open"},  # the kernels' source, also to lock it
     "numerics/jit/native.py": {"load"},  # an instruction
     "numerics/jit/private.py": {"open", "fdopen"},  # machine code, with rules of its own
-    "parallel/code/codegen.py": {"read_bytes"},  # what this process made
+    "parallel/code/codegen.py": {"read_bytes", "read_text"},  # what this process made
     "pictures/animation.py": {"open"},  # what this process made
     "pictures/view_panel.py": {"read_text"},  # of the package
     "published/arms.py": {"loads", "read_text"},  # of the package
