@@ -351,8 +351,8 @@ class DriveEnvelope(SavedFolder):
 
     def __repr__(self) -> str:
         """The scope, and the worst direction."""
-        value, where = self.worst_direction[0], self.worst_direction_words
-        return f"<DriveEnvelope {self.name}: {value:.3g} m/s^2 {where}; {self.scope}>"
+        where = f"{self.worst_direction[0]:.3g} m/s^2 {self.worst_direction_words}"
+        return f"<DriveEnvelope {self.name}: {where}; {self.scope}>"
 
     def _limits(self, k: int, one: Manoeuvre) -> dict[str, Any]:
         data: dict[str, Any] = {}

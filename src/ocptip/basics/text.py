@@ -57,6 +57,16 @@ def wrapped(name: str, texts: Iterable[str], wide: int = 8) -> list[str]:
     return [line.replace(_FIXED, " ") for line in lines]
 
 
+def joint_words(names: Iterable[str], units: Iterable[str], q: np.ndarray) -> str:
+    """Values (n,) of joints with their names: "lift 0.2 m, elbow 30 deg"."""
+    known = {"rad": ("deg", 180 / math.pi)}
+    joints = [
+        (name, *known.get(unit, (unit, 1.0)), value)
+        for name, unit, value in zip(names, units, q, strict=True)
+    ]
+    return ", ".join(f"{name} {quantity(scale * value, unit)}" for name, unit, scale, value in joints)
+
+
 def margin_text(value: float, unit: str, digits: int = 3) -> str:
     """A margin, and below zero what is missing: "27.1 N m", "-12.3 N m: 12.3 N m are missing"."""
     text = quantity(value, unit, digits)

@@ -11,7 +11,7 @@ import numpy as np
 from ocptip.api.drive import STOW, drive
 from ocptip.api.drive_result import ASSUMED, DriveEnvelope
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import quantity, table, wrapped
+from ocptip.basics.text import joint_words, quantity, table, wrapped
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
@@ -90,7 +90,7 @@ class DriveReport(FolderReport):
         """The posture, or the motion with the instant of the worst direction."""
         found = self.found
         if found.motion is None or found.worst.times is None:
-            return "posture", found.robot.joint_words(found.q)
+            return "posture", joint_words(found.robot.names, found.robot.units, found.q)
         k = int(np.argmin(found.worst.largest[: len(found.angles)]))
         return "motion", f"{found.motion.end:.4g} s; worst direction at {found.worst.times[k]:.3f} s"
 

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import joint_words
 from ocptip.retiming.kernels import MOST, controllable, greatest, reduced
 from ocptip.retiming.rows import HalfPlanes, PathClock, Places, TimingLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -357,4 +358,5 @@ def _where(grid: Grid, place: float) -> str:
     """A place of the path, and the joint values there."""
     places = grid.every[0]
     q = places.q[np.argmin(np.abs(places.s - place))]
-    return f"s = {place:.4f} of {grid.s[-1]:.4g}, {grid.limits.robot.joint_words(q)}"
+    robot = grid.limits.robot
+    return f"s = {place:.4f} of {grid.s[-1]:.4g}, {joint_words(robot.names, robot.units, q)}"

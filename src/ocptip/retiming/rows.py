@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ocptip.basics.text import joint_words
 from ocptip.retiming.whole_body import BaseLimits, BasePath
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.kinds import AccelerationLimit, FurtherLimit, SpeedLimit, limits_of
@@ -311,7 +312,8 @@ class TimingLimits:
             at = Instants.at_rest(self.robot, places.q[k : k + 1], places.times[k : k + 1])
             if reasons := [reason for limit in kinds for reason in limit.refusals(at)]:
                 when = "" if places.clock is None else f", passed at {places.times[k]:.3f} s"
-                return f"s = {places.s[k]:.4f}{when}, {self.robot.joint_words(places.q[k])}", reasons
+                joints = joint_words(self.robot.names, self.robot.units, places.q[k])
+                return f"s = {places.s[k]:.4f}{when}, {joints}", reasons
         return None
 
 

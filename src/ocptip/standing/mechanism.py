@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import MadeOf
-from ocptip.basics.text import quantity
 from ocptip.contact.support import Support
 from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.reserves.classical import ClassicalMeasures
@@ -154,14 +153,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
     def usual_clearance(self) -> float:
         """Smallest distance, m, of what may collide where none is asked for."""
         return CLEARANCE
-
-    def joint_words(self, q: np.ndarray) -> str:
-        """Values (n,) of the joints with their names, angles in degrees."""
-        values = [
-            quantity(np.rad2deg(value) if unit == "rad" else value, "deg" if unit == "rad" else unit)
-            for value, unit in zip(q, self.units, strict=True)
-        ]
-        return ", ".join(f"{name} {value}" for name, value in zip(self.names, values, strict=True))
 
     @property
     def notes(self) -> tuple[str, ...]:
