@@ -113,7 +113,7 @@ def test_acceleration_steps_break_every_jerk_limit(tmp_path):
     assert not found.verified
     step = f"{np.rad2deg(ACCELERATION):.4g} deg/s^2"
     (text,) = [text for text in found.broken if "jerk" in text]
-    assert text == f"jerk / limit is inf (hip, its acceleration steps by up to {step}), must be <= 1"
+    assert text == f"jerk is unlimited (hip, its acceleration steps by up to {step}), must be <= 100 %"
     with pytest.raises(InputError, match="rise_time: 0 exceeds any jerk limit, and joints hip, knee have"):
         ocptip.plan(task, rise_time=0.0)
 
