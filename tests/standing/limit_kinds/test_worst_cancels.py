@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ocptip.motion.check import check_motion
+from ocptip.motion.plan import plan_motion
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limit_kinds.worst_cancels import WorstCancelLimit
@@ -78,3 +80,12 @@ def test_rows_are_as_bad_as_the_check(task):
     assert less < 0.95 * found
     assert 0.9 * slip.value < float(np.max(limits[1].use(at))) < 1
     assert float(np.max(limits[0].use(at))) < 1
+
+
+@pytest.mark.slow
+def test_a_plan_keeps_contacts_in_cancels_where_one_without_these_limits_loses_them(task):
+    asked, values = replace(task.limits, cancel=limits_of_cancels(task, 0.2)[0], tolerance=WORKSHOP), []
+    for limits in (asked, asked.without_stops):
+        motion = plan_motion(replace(task, limits=limits), starts=1, jobs=1).motion
+        values.append(check_motion(task.robot, motion, asked).worst["GN_cancel_worst_case"].value)
+    assert values[0] <= asked.GN_worst_case < 1.1 < values[1]
