@@ -22,13 +22,8 @@ from ocptip.cli.arguments import (
 )
 from ocptip.cli.command import CLOSED, MACHINE, PLACE, VERIFY, Command
 
-FOR_PLANS = (
-    "ocptip.motion.plan",
-    "ocptip.certificate.checks",
-    "ocptip.pictures.plan",
-    *("matplotlib.collections", "matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin"),
-)
-"""Modules that are loaded by processes which plan and draw."""
+FOR_PLANS = ("ocptip.motion.plan", "ocptip.certificate.checks", "ocptip.motion.planner.kernels")
+"""Modules that are loaded by processes which plan."""
 
 MACHINE_COMMANDS = (
     Command(

@@ -40,6 +40,19 @@ class Kernel:
     def __call__(self, *arguments: Any) -> Any:
         return self._function(*arguments) if _interpreting else self.machine_code(*arguments)
 
+    def prepare(self, arguments: str) -> None:
+        """Load the machine code for these arguments, or compile it, without a call.
+
+        Args:
+            arguments: of each f (float), i (integer) or b (bool), and the dimensions of an array, such as
+                "f2 i1 f" for `kernel(matrix, numbers, factor)`.
+        """
+        kinds, types = {"f": "float64", "i": "int64", "b": "boolean"}, []
+        for one in arguments.split():
+            size = int(one[1:] or 0)
+            types.append(kinds[one[0]] + (f"[{':,' * (size - 1)}::1]" if size else ""))
+        self.machine_code.compile(f"({', '.join(types)})")
+
     @cached_property
     def machine_code(self) -> Any:
         """Numba's dispatcher of the function, in which the kernels that it calls are theirs."""
