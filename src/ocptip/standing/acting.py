@@ -93,13 +93,13 @@ class Acting:
 
     def on_gripper_expressions(
         self, arm: ArmModel, q: cs.SX, process: cs.SX | None
-    ) -> tuple[ArmModel, list[cs.SX]]:
+    ) -> tuple[ArmModel, tuple[cs.SX, cs.SX]]:
         """The same of one column (6,); without it two columns of zeros."""
         if process is None or self.process is None:
-            return arm, [cs.SX.zeros(3), cs.SX.zeros(3)]
+            return arm, (cs.SX.zeros(3), cs.SX.zeros(3))
         arm = arm.without_process
         turn = chain(arm, q)[0][-1] if self.process.turns_with_tool else cs.SX.eye(3)
-        return arm, [turn @ part for part in cs.vertsplit(process, 3)]
+        return arm, (turn @ process[:3], turn @ process[3:])
 
     def during(self, motion: Trajectory, tool: Callable[[np.ndarray], np.ndarray]) -> Acting:
         """The same over the time of a motion.

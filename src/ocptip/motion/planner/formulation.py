@@ -170,8 +170,7 @@ class Formulation:
         first = count - len(order.steps)
         binding[first:] |= structure.rows(x)[0][first:] < MEET
         for chosen in (binding, equal):  # order rows that cannot all be met are left as they are
-            moved = self._newton(chosen, structure, x)
-            if moved is not None:
+            if (moved := self._newton(chosen, structure, x)) is not None:
                 return moved
         return x
 
@@ -266,8 +265,7 @@ class Formulation:
             x: near the solution; short intervals there get fewer nodes.
             extra: further nodes, for rows only.
         """
-        layout = order.layout
-        events = order.rows
+        layout, events = order.layout, order.rows
         where = []
         for i, length in enumerate(np.diff(events @ x)):
             nodes = ORDER - sum(length < short for short in SHORT)
@@ -298,16 +296,15 @@ class Formulation:
                 kinds[node] = DEVIATING
         how = {"regime": order.regime, "behind": behind, "kinds": kinds, "course": self._course(layout)}
         if limits.cancel is not None and limits.tolerance.given and not order.rises:
-            delay = limits.tolerance.late + MEET
-            at = np.searchsorted(events @ x, times @ x - delay, side="right") - 1
+            at = np.searchsorted(events @ x, times @ x - limits.tolerance.late - MEET, side="right") - 1
             how["earlier"] = (order.corner_positions <= at[:, None, None]).astype(float)
         placed = Nodes(self.profiles(layout), times, masks=masks, late=late, **how)
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)
         kept, structure = limits_of(self.robot, limits, layout.joints), self._structure_of(order)
-        physics, objective = self.physics, self.objective
-        return MotionProgram(physics, kept, layout, placed, weights, directions, structure, objective)
+        with_objective = directions, structure, self.objective
+        return MotionProgram(self.physics, kept, layout, placed, weights, *with_objective)
 
     # --- structure rows ---------------------------------------------------------------------------------
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limit_kinds.limit import AskedLimit, InstantAt, WrenchLimit
-from ocptip.standing.limit_kinds.quantities import ContactQuantity, SlipQuantity, TipOverQuantity
+from ocptip.standing.limit_kinds.quantities import SlipQuantity, TipOverQuantity
+from ocptip.standing.limit_kinds.quantity import ContactQuantity
 from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism

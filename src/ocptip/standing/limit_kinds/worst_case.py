@@ -23,7 +23,7 @@ from ocptip.standing.limit_kinds.limit import (
     Worst,
 )
 from ocptip.standing.limit_kinds.nominal import ContactLimit
-from ocptip.standing.limit_kinds.quantities import ContactQuantity
+from ocptip.standing.limit_kinds.quantity import ContactQuantity
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
 from ocptip.standing.limits import TORQUE_WITHIN, WITHIN_OF, Limits
 from ocptip.standing.mechanism import StandingMechanism
