@@ -16,12 +16,19 @@ from ocptip.certificate.describe import model_data, motion_data, tolerance_data
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
-from ocptip.motion.load_cases import LoadCaseGrid, RestLoads, largest_payload, load_cases, tilt_by_direction
+from ocptip.motion.load_cases import (
+    LoadCaseGrid,
+    MotionLoads,
+    RestLoads,
+    largest_payload,
+    load_cases,
+    tilt_by_direction,
+)
 from ocptip.motion.output import sample_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.plan_files import write_plan
 from ocptip.motion.planner.node_physics import NodePhysics
-from ocptip.motion.tolerated import _Parts, tolerated
+from ocptip.motion.tolerated import tolerated
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.problem import GripperTask, PlacementProblem, ProcessLoad
 from ocptip.placement.terrain import plane
@@ -137,7 +144,7 @@ def test_loads_at_rest_and_what_is_tolerated_count_it_once():
     q, qd, qdd = motion.states(times)
     rest = RestLoads(robot, q).wrenches(robot.support.gravity)
     np.testing.assert_allclose(rest, robot.loads(q, 0 * q, 0 * q)[1], atol=1e-10)
-    parts = _Parts(robot, motion, times)
+    parts = MotionLoads(robot, motion, times)
     np.testing.assert_allclose(parts.total(speed=1.3), robot.loads(q, 1.3 * qd, 1.69 * qdd)[1], atol=1e-9)
 
 
@@ -324,7 +331,7 @@ def test_what_is_tolerated_knows_one_that_varies(over):
     q, qd, qdd = motion.states(times)
     rest = RestLoads(robot, q, robot.acting(times)).wrenches(robot.support.gravity)
     np.testing.assert_allclose(rest, robot.loads(q, 0 * q, 0 * q, robot.acting(times))[1], atol=1e-10)
-    parts = _Parts(robot, motion, times)
+    parts = MotionLoads(robot, motion, times)
     expected = robot.loads(q, 1.3 * qd, 1.69 * qdd, robot.acting(times))[1]
     np.testing.assert_allclose(parts.total(speed=1.3), expected, atol=1e-9)
     found = {one.quantity: one for one in tolerated(robot, motion)}

@@ -10,6 +10,7 @@ from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.motion.summary import robustness_lines
 from ocptip.motion.tolerated import Tolerated, _beyond, robustness, tolerated
+from ocptip.numerics.bisection import bisected
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
@@ -90,6 +91,14 @@ def test_with_the_mass_that_drives_move_a_torque_is_at_its_limit(task, found):
     heavy = Robot(arm, task.robot.support, task.robot.motors)
     torques, _ = heavy.loads(*task.reference.states(task.reference.both_sides(0.01)))
     assert np.max(np.abs(torques) / heavy.limits.torque) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_predictions_change_no_number(task, found, monkeypatch):
+    def plain(*given):
+        return bisected(*given[:5])
+
+    monkeypatch.setattr("ocptip.motion.tolerated.bisected", plain)
+    assert values(task.robot, task.reference) == found
 
 
 def test_a_payload_is_held_already(task, found):

@@ -1,7 +1,7 @@
 """Load cases at rest: poses of an arm, each with more payload, on tilted floors, pushed at the gripper.
 
-Nothing moves here; what motions do is the matter of the check. Every direction of tilt and push is checked in
-steps of 15 and about 45 degrees, all in combination.
+No load case moves; the loads of a motion (`MotionLoads`) serve its robustness. Every direction of tilt and
+push is checked in steps of 15 and about 45 degrees, all in combination.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ import numpy as np
 from ocptip.basics.errors import finite_array
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_normal_forces
+from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
+from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
 from ocptip.standing.slope import MOST_TILT, around, tilted
+from ocptip.trajectories.trajectory import Trajectory
 
 HALVINGS = 20
 AT_ONCE = 16  # states of which slip is solved before half spaces are made anew
@@ -118,6 +121,51 @@ class RestLoads:
         """(N, 6) with gravity (3,), m/s^2, more payload, kg (or one each, (N, 1)), and a push (3,), N."""
         force = payload * gravity + (0.0 if push is None else push)
         return self.per_gravity @ gravity + self.process + self.at_tool(force)
+
+
+class MotionLoads(RestLoads):
+    """Wrenches on the base of an arm at instants (N,) of a motion, by what they are linear in."""
+
+    def __init__(self, robot: Robot, motion: Trajectory, times: np.ndarray) -> None:
+        self.times, self.support = times, robot.support
+        q, qd, qdd = motion.states(times)
+        super().__init__(robot, q, robot.acting(times))
+        arm, about = robot.arm.without_process, robot.support.center_of_mass
+        bare = arm.with_payload(None)
+        one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
+
+        def loads(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> Any:
+            given = {"gravity": gravity, "about": about, "base_motion": self.base_motion}
+            return evaluate_dynamics(model, q, *rates, **given)
+
+        def wrench(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> np.ndarray:
+            return loads(model, rates, gravity).wrench
+
+        moving = (qd, qdd)
+        self.inertial, self.crossed = wrench(arm, moving, np.zeros(3)), np.zeros((len(q), 6))
+        if self.base_motion is not None:  # the speeds of arm and base meet in Coriolis forces
+            back = wrench(arm, (-qd, qdd), np.zeros(3))
+            self.crossed = 0.5 * (self.inertial - back)
+            self.inertial = 0.5 * (self.inertial + back) - wrench(arm, (0 * qd, 0 * qdd), np.zeros(3))
+        with_it, without = (loads(model, moving, self.support.gravity) for model in (one, bare))
+        self.extra, self._extra_torques = with_it.wrench - without.wrench, with_it.torque - without.torque
+
+    def held_by_drives(self, robot: Robot, motion: Trajectory) -> float | None:
+        """kg: the largest point mass at the gripper that the drives can move; None: not limited."""
+        states, per_kilogram = motion.states(self.times), self._extra_torques
+        torques = robot.loads(*states, robot.acting(self.times))[0]
+        limit = robot.limits.torque
+        unused = np.where(per_kilogram > 0, limit - torques, limit + torques)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            masses = np.where(per_kilogram != 0, unused / np.abs(per_kilogram), np.inf)
+        least = max(float(np.min(masses)), 0.0)
+        return least if np.isfinite(least) else None
+
+    def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
+        """Wrenches (N, 6) on the base with gravity (3,), m/s^2, and the arm's speed times `speed`."""
+        gravity = self.support.gravity if gravity is None else gravity
+        moving = speed**2 * self.inertial + speed * self.crossed
+        return self.per_gravity @ gravity + self.process + moving
 
 
 def load_cases(robot: Robot, asked: LoadCaseGrid) -> list[LoadCase]:

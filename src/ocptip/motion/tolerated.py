@@ -8,7 +8,7 @@ instants and directions are checked; other limits (torques, clearance) are not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -19,12 +19,10 @@ import numpy as np
 from ocptip.contact.bindings.binding import DAMPING_RATIO
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.load_cases import RestLoads, everywhere
+from ocptip.motion.load_cases import MotionLoads, everywhere
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
-from ocptip.reserves.slip import Slip
-from ocptip.robots.dynamics import evaluate_dynamics
-from ocptip.robots.payload import Payload
+from ocptip.reserves.slip import Slip, known
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
@@ -164,16 +162,19 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     """
     robot.require_fit(motion.n)
     robot = robot.during(motion)
-    parts = _Parts(robot, motion, np.union1d(motion.both_sides(SPACING), _knots(robot, motion)))
+    parts = MotionLoads(robot, motion, np.union1d(motion.both_sides(SPACING), _knots(robot, motion)))
     solver = _Solver(robot)
     free = robot.support.gravity
     size = float(np.linalg.norm(free))
 
+    nominal = parts.total()
+
     def downhill(side: np.ndarray) -> Loads:
-        return lambda a: parts.total(gravity=tilted(free, side, a))
+        return lambda a: nominal + parts.per_gravity @ (tilted(free, side, a) - free)
 
     def pushed(side: np.ndarray) -> Loads:
-        return lambda force: parts.total() + force * parts.push(side)
+        per_newton = parts.at_tool(side)
+        return lambda force: nominal + force * per_newton
 
     found = [
         solver.largest(
@@ -185,12 +186,12 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
                 "kg",
                 1.0,
                 robot.mass,
-                [_Case(lambda m: parts.total() + m * parts.extra, parts.times, "")],
+                [_Case(lambda m: nominal + m * parts.extra, parts.times, "")],
             ),
             drives=parts.held_by_drives(robot, motion),
         ),
         solver.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, everywhere(free), "")),
-        _least_friction(robot, parts),
+        _least_friction(robot, solver, parts.times, nominal),
         solver.largest(
             "faster",
             "%",
@@ -229,55 +230,6 @@ def _worse(one: Tolerated, other: Tolerated) -> bool:
     if one.quantity == "friction":
         return one.value > other.value
     return (one.value, one.at_most) < (other.value, other.at_most)
-
-
-class _Parts(RestLoads):
-    """Loads of all instants (N, ...), by what they are linear in."""
-
-    def __init__(self, robot: Robot, motion: Trajectory, times: np.ndarray) -> None:
-        self.times, self.support = times, robot.support
-        q, qd, qdd = motion.states(times)
-        super().__init__(robot, q, robot.acting(times))
-        arm, about = robot.arm.without_process, robot.support.center_of_mass
-        bare = arm.with_payload(None)
-        one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
-
-        def loads(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> Any:
-            given = {"gravity": gravity, "about": about, "base_motion": self.base_motion}
-            return evaluate_dynamics(model, q, *rates, **given)
-
-        def wrench(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> np.ndarray:
-            return loads(model, rates, gravity).wrench
-
-        moving = (qd, qdd)
-        self.inertial, self.crossed = wrench(arm, moving, np.zeros(3)), np.zeros((len(q), 6))
-        if self.base_motion is not None:  # the speeds of arm and base meet in Coriolis forces
-            back = wrench(arm, (-qd, qdd), np.zeros(3))
-            self.crossed = 0.5 * (self.inertial - back)
-            self.inertial = 0.5 * (self.inertial + back) - wrench(arm, (0 * qd, 0 * qdd), np.zeros(3))
-        with_it, without = (loads(model, moving, self.support.gravity) for model in (one, bare))
-        self.extra, self._extra_torques = with_it.wrench - without.wrench, with_it.torque - without.torque
-
-    def held_by_drives(self, robot: Robot, motion: Trajectory) -> float | None:
-        """kg: the largest point mass at the gripper that the drives can move; None: not limited."""
-        states, per_kilogram = motion.states(self.times), self._extra_torques
-        torques = robot.loads(*states, robot.acting(self.times))[0]
-        limit = robot.limits.torque
-        unused = np.where(per_kilogram > 0, limit - torques, limit + torques)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            masses = np.where(per_kilogram != 0, unused / np.abs(per_kilogram), np.inf)
-        least = max(float(np.min(masses)), 0.0)
-        return least if np.isfinite(least) else None
-
-    def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
-        """Wrenches (N, 6) on the base with gravity (3,), m/s^2, and the arm's speed times `speed`."""
-        gravity = self.support.gravity if gravity is None else gravity
-        moving = speed**2 * self.inertial + speed * self.crossed
-        return self.per_gravity @ gravity + self.process + moving
-
-    def push(self, side: np.ndarray) -> np.ndarray:
-        """(N, 6): of a force of 1 N at the gripper in direction `side`."""
-        return self.at_tool(side)
 
 
 class _Solver:
@@ -326,6 +278,27 @@ class _Solver:
         slides = np.flatnonzero(~(ratio < 1))
         return (int(rows[slides[np.argmax(ratio[slides])]]), "slips") if len(slides) else None
 
+    def _prediction(self, loads: Loads, level: float) -> Callable[[float], bool] | None:
+        """Whether contacts are likely lost at levels below one at which they are; None: not known cheaply.
+
+        Half spaces are convex: wrenches within them at the levels zero and `level` are so between. The others
+        decide; forces are solved for the farthest only.
+        """
+        if (held := self._held) is None:
+            return None
+        rows = np.sort(_beyond(held, loads(level)))
+
+        def likely(level: float) -> bool:
+            nonlocal rows
+            wrenches = loads(level)[rows]
+            beyond = _beyond(held, wrenches)
+            if not len(beyond) or self.lost(wrenches[beyond[:1]]) is None:
+                return False
+            rows = np.sort(rows[beyond])
+            return True
+
+        return likely
+
     def largest(
         self, quantity: str, unit: str, scale: float, most: float, cases: Iterable[_Case]
     ) -> Tolerated:
@@ -343,7 +316,7 @@ class _Solver:
             def lost(level: float, loads: Loads = case.loads) -> tuple[int, str] | None:
                 return self.lost(loads(level))
 
-            best, fails = bisected(lost, 0.0, best, fails, near)
+            best, fails = bisected(lost, 0.0, best, fails, near, self._prediction(case.loads, best))
             time, how = float(case.times[fails[0]]), ", ".join(part for part in (case.how, fails[1]) if part)
         return Tolerated(quantity, float(scale * best), unit, not how, time, how)
 
@@ -362,11 +335,12 @@ def _beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
     return rows[np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]]
 
 
-def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
+def _least_friction(
+    robot: Robot, solver: _Solver, times: np.ndarray, wrenches: np.ndarray
+) -> Tolerated | None:
     """The minimum factor of the friction coefficients of ordinary contacts; None without such contacts."""
     if not any(isinstance(c, UnilateralContact) for c in robot.support.contacts):
         return None
-    wrenches = parts.total()
 
     def lost(factor: float) -> tuple[int, str] | None:
         contacts = [
@@ -378,14 +352,16 @@ def _least_friction(robot: Robot, parts: _Parts) -> Tolerated | None:
     def near(low: float, high: float) -> bool:
         return high - low <= 0.5 * CLOSE or high <= 1e-3
 
-    factor, found = 1.0, lost(1.0)
+    factor, found = 1.0, solver.lost(wrenches)
     if found is None:
-        factor, (row, how) = bisected(lost, 1.0, 0.0, (-1, "slips"), near)
+        # The friction used is the factor that contacts need; each factor evaluated takes another solver.
+        used = float(np.max(known(robot.slip.greatest(wrenches))))
+        factor, (row, how) = bisected(lost, 1.0, 0.0, (-1, "slips"), near, lambda factor: factor <= used)
     else:
         row, how = found
     if row < 0:  # it needs next to no friction
         return Tolerated("friction", factor, "", True, np.nan, "")
-    return Tolerated("friction", factor, "", False, float(parts.times[row]), how)
+    return Tolerated("friction", factor, "", False, float(times[row]), how)
 
 
 def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
@@ -402,7 +378,7 @@ def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
 
 
 def _named(
-    parts: _Parts, loads: Callable[[np.ndarray], Loads], sides: Iterable[np.ndarray], word: str
+    parts: MotionLoads, loads: Callable[[np.ndarray], Loads], sides: Iterable[np.ndarray], word: str
 ) -> list[_Case]:
     return [_Case(loads(side), parts.times, f"{word} {_direction(side)}".lstrip()) for side in sides]
 

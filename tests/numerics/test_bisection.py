@@ -1,0 +1,41 @@
+"""Bisection with a prediction: the same as without, whatever the prediction is; fewer costly evaluations."""
+
+import pytest
+
+from ocptip.numerics.bisection import bisected
+
+BORDER = 0.3217
+
+
+def near(low, high):
+    return high - low < 1e-3
+
+
+@pytest.mark.parametrize(("predicted", "most"), [(BORDER, 2), (0.35, 13), (0.0, 13), (2.0, 13)])
+@pytest.mark.parametrize(("without", "having", "sign"), [(0.0, 1.0, 1), (1.0, 0.0, -1)])
+def test_a_prediction_changes_costs_only(predicted, most, without, having, sign):
+    tried = []
+
+    def find(value):
+        tried.append(value)
+        return f"at {value}" if sign * value > sign * BORDER else None
+
+    def likely(value):
+        return sign * value > sign * predicted
+
+    plain = bisected(find, without, having, "at the end", near)
+    tried.clear()
+    assert bisected(find, without, having, "at the end", near, likely) == plain
+    assert len(tried) <= most
+
+
+def test_a_prediction_at_the_ends_is_right():
+    """No result up to the last value, or one down to the first: only the other one is evaluated."""
+    for border in (-1.0, 2.0):
+
+        def find(value, border=border):
+            return value if value > border else None
+
+        assert bisected(find, 0.0, 1.0, 1.0, near, lambda v, b=border: v > b) == bisected(
+            find, 0.0, 1.0, 1.0, near
+        )
