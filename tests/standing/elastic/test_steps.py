@@ -12,7 +12,7 @@ def test_all_steps_at_once_are_the_steps_one_after_the_other():
     steps = np.tile(np.eye(6), (9, 1, 1))
     steps[:, :2] += 0.1 * rng.normal(size=(9, 2, 6))
     steps[:, 3, 2] = 0.25  # time
-    counts = np.array([3, 1, 4, 4, 1, 2, 3, 1, 5])
+    counts = np.array([3, 1, 4, 40, 1, 2, 3, 40, 17])
     z = np.array([0.3, -0.2, 1.0, 0.0, 0.0, 0.0])
     ends = ends_of_steps(steps, counts, z, 2)
     states, owner = states_within(steps, counts, ends)

@@ -331,9 +331,10 @@ class Simulation:
             yield seen
 
     def _seen(self, i: int, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, ...]:
-        gaps = np.where(self._pressing, 0.0, np.maximum(self._gaps(states, times), 0.0))
-        forces, wrenches = self._forces(states), self._wrenches(i, states)
-        return times, states[:, : 2 * self.d], forces, gaps, wrenches
+        gaps = np.zeros((len(times), len(self._D)))
+        if not self._pressing.all():
+            gaps = np.where(self._pressing, gaps, np.maximum(self._gaps(states, times), 0.0))
+        return times, states[:, : 2 * self.d], self._forces(states), gaps, self._wrenches(i, states)
 
     def _wrenches(self, i: int, states: np.ndarray) -> np.ndarray:
         """(T, 6) on a base whose feet do not give; else (T, 0)."""
@@ -417,9 +418,9 @@ class Simulation:
 
     def _forces(self, states: np.ndarray) -> np.ndarray:
         """(T, n, 3), N."""
-        stretch = np.einsum("vkc,sv->skc", self._W, states[:, : self.d])
-        stretch += self._delays[:, None] * np.einsum("vkc,sv->skc", self._W, states[:, self.d : 2 * self.d])
-        forces = -self._D * (stretch - self._anchors) * self._pressing[:, None]
+        damped = np.concatenate([self._W, self._W * self._delays[:, None]]).reshape(2 * self.d, self._D.size)
+        stretch = (states[:, : 2 * self.d] @ damped).reshape(len(states), *self._D.shape) - self._anchors
+        forces = -self._D * self._pressing[:, None] * stretch
         forces[:, :, 0] += np.where(self._pressing, 0.0, self._lowest)
         if self._one_sided:
             forces[:, :, 0] = np.maximum(forces[:, :, 0], self._lowest)

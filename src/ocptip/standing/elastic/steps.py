@@ -12,6 +12,7 @@ from ocptip.contact.elastic import ElasticFeet
 
 _DEGREE, _CLOSE = 12, 0.35  # of Taylor polynomials; the norm up to which what they leave out is rounding
 _AT_ONCE = 100  # matrices that fit the processor's cache
+_FEW = 16  # instants within a step up to which squares of its matrix cost more than they save
 
 
 def exponentials(A: np.ndarray, scale: np.ndarray, moving: int) -> np.ndarray:
@@ -87,11 +88,28 @@ def states_within(steps: np.ndarray, counts: np.ndarray, ends: np.ndarray) -> tu
     states = np.empty((int(np.sum(counts)), ends.shape[1]))
     for count in np.unique(counts):
         rows = np.flatnonzero(counts == count)
+        if count > _FEW:
+            states[first[rows][:, None] + np.arange(count)] = _doubled(steps[rows], ends[rows], int(count))
+            continue
         state, own = ends[rows], steps[rows]
         for k in range(int(count)):
             state = np.einsum("sij,sj->si", own, state)
             states[first[rows] + k] = state
     return states, np.repeat(np.arange(len(counts)), counts)
+
+
+def _doubled(steps: np.ndarray, begins: np.ndarray, count: int) -> np.ndarray:
+    """(S, count, p) states of steps (S, p, p) from begins (S, p): every product doubles their number."""
+    states, done = np.empty((len(steps), count, begins.shape[1])), 1
+    power = np.ascontiguousarray(np.swapaxes(steps, 1, 2))
+    states[:, :1] = begins[:, None] @ power
+    while done < count:
+        more = min(done, count - done)
+        states[:, done : done + more] = states[:, :more] @ power
+        done += more
+        if done < count:
+            power = power @ power
+    return states
 
 
 def oscillations(inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
