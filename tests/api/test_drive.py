@@ -81,6 +81,26 @@ def test_parameters_for_navigation_hold_together(envelope):
     assert 0 < sideways["max_accel"][1] < envelope.limit("left")
 
 
+@pytest.mark.parametrize("heavy", [False, True])
+def test_reverse_is_allowed_only_where_the_same_limits_hold_backwards(tmp_path, heavy):
+    """The cart brakes unlike it accelerates, for its arm; one that is far heavier than the arm does alike."""
+    file, text = tmp_path / "cart.toml", TASK.read_text(encoding="utf-8")
+    text = text.replace("ur5.urdf", str(TASK.parent / "ur5.urdf"))
+    file.write_text(text.replace("mass = 35.0 ", "mass = 1e10 ") if heavy else text)
+    found = ocptip.drive(file, directions=4, speed=0.3, uncertainty="none")
+    most, least, x, d = found.navigation.values()
+    assert least[1:] == [-most[1], -most[2]]
+    reversing = [
+        holds(found, ocptip.BaseMotion([a, -0.3 * w, 0], [0, 0, w], [0, 0, 0.99 * s * x[2]]))
+        for a in (-0.99 * d[0], -0.99 * x[0])
+        for w in (0.99 * least[2], 0.99 * most[2])
+        for s in (-1, 1)
+    ]
+    assert all(reversing) == heavy
+    assert least[0] == (-0.3 if heavy else 0.0)
+    assert ("reverse: as fast as forward" in found.to_yaml()) == heavy
+
+
 @pytest.mark.parametrize(("share", "good"), [(0.99, True), (1.01, False)])
 def test_a_check_of_the_same_braking_says_the_same(envelope, share, good):
     """Within an uncertainty whose acceleration steps overshoot; contacts alone count."""
@@ -133,8 +153,8 @@ def test_text_files_and_json(tmp_path, capsys):
     assert float(rows[4]["within_largest"]) == data["directions"][4]["within"]["largest"]
     lines = (folder / "nav2.yaml").read_text(encoding="utf-8").splitlines()
     assert "overshoot by 85.4 %" in lines[2]
-    assert lines[4:6] == ["velocity_smoother:", "  ros__parameters:"]
-    given = [float(value) for value in lines[7].split("[")[1].rstrip("]").split(",")]
+    assert lines[5:7] == ["velocity_smoother:", "  ros__parameters:"]
+    given = [float(value) for value in lines[9].split("[")[1].rstrip("]").split(",")]
     assert all(
         0 <= exact - shown < 1e-3 for exact, shown in zip(data["navigation"]["max_accel"], given, strict=True)
     )

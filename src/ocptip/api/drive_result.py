@@ -30,6 +30,7 @@ from ocptip.trajectories.trajectory import Trajectory
 ASSUMED = "contacts with friction are wheels that drive and brake up to it: torques of wheels are not limited"
 NOT_COVERED = ("compliance of wheels", "uneven floor")
 _SAME = 1e-6  # relative: limits that differ by rounding
+_NONE = (0.0,)
 _SPACING = 0.02  # s: between instants of a motion
 
 
@@ -158,14 +159,10 @@ class DriveEnvelope(SavedFolder):
 
     def _turns(self, gravity: np.ndarray, share: float) -> Manoeuvres:
         """At constant speeds: nothing sets in."""
-        rows = np.zeros((2, 9))
-        rows[:, 1], rows[:, 5] = [self.given.speed, -self.given.speed], [1, -1]
-        return Manoeuvres.along(rows, gravity)
+        return Manoeuvres.corners((_NONE, _NONE, _NONE), ((self.given.speed,), _NONE, (1, -1)), gravity)
 
     def _starts(self, gravity: np.ndarray, share: float) -> Manoeuvres:
-        rows = np.zeros((2, 9))
-        rows[:, 8] = [share, -share]
-        return Manoeuvres.along(rows, gravity)
+        return Manoeuvres.corners((_NONE, _NONE, (share, -share)), (_NONE, _NONE, _NONE), gravity)
 
     def _stops(self, gravity: np.ndarray, share: float) -> Manoeuvres:
         """In a turn whose radius stays: the turning slows down with the speed."""
@@ -278,33 +275,35 @@ class DriveEnvelope(SavedFolder):
         """Limits that hold all at once, as parameters of Nav2's velocity smoother: x, y, turning.
 
         The largest share of the single limits such that every corner of them is kept, and every step from
-        one corner to another.
+        one corner to another. Reverse is allowed only where they also hold then: accelerating backwards by
+        max_accel, braking by max_decel.
         """
-        more = self.counting.overshoot
-        single = {name: self._capped(name) for name in ("accelerate", "brake")}
+        swing = 1 + 2 * self.counting.overshoot  # of a step from one end of a symmetric interval to the other
+        forward, brake = self._capped("accelerate"), self._capped("brake")
         side = min(self._capped("left"), self._capped("right")) if self.given.holonomic else 0.0
         start = min(self._capped("start_turning_left"), self._capped("start_turning_right"))
-        turn = min(self._capped("turn_left"), self._capped("turn_right"))
-        rows = []
-        forward, back = single["accelerate"], -single["brake"]
-        swing = 1 + 2 * more  # of a step from one end of a symmetric interval to the other
-        for x in (forward + more * (forward - back), back + more * (back - forward)):
-            for y in {swing * side, -swing * side}:
-                for w in (turn, -turn):
-                    end = [0, 0, 0, w, 0, 0]
-                    rows += [[x, y + self.given.speed * w, *end, k * swing * start] for k in (1, -1)]
-        corners = Manoeuvres.along(np.array(rows), self.robot.support.gravity)
-        every = (own._largest(corners, self.counting) for own in (self, *self.objects.values()))
-        share = min(1.0, *(float(np.min(own.largest)) for own in every))
+        turn, speed = min(self._capped("turn_left"), self._capped("turn_right")), self.given.speed
+        sideways = speed if side else 0.0
+        step, both = self.counting.overshoot * (forward + brake), swing * max(forward, brake)
+
+        def share(ahead: tuple[float, float], speeds: tuple[float, ...]) -> float:
+            accelerations = ahead, {swing * side, -swing * side}, (swing * start, -swing * start)
+            velocities = speeds, {sideways, -sideways}, (turn, -turn)
+            corners = Manoeuvres.corners(accelerations, velocities, self.robot.support.gravity)
+            every = [own._largest(corners, self.counting).largest for own in (self, *self.objects.values())]
+            return min(1.0, float(np.min(every)))
+
+        most = share((forward + step, -brake - step), (speed,))
+        reverse = speed if share((both, -both), (speed, -speed)) >= most * (1 - _SAME) else 0.0
         return {
-            "max_velocity": [self.given.speed, self.given.speed if side else 0.0, share * turn],
-            "max_accel": [share * single["accelerate"], share * side, share * start],
-            "max_decel": [-share * single["brake"], -share * side, -share * start],
+            "max_velocity": [speed, sideways, most * turn],
+            "min_velocity": [0.0 - reverse, 0.0 - sideways, -most * turn],
+            "max_accel": [most * forward, most * side, most * start],
+            "max_decel": [-most * brake, -most * side, -most * start],
         }
 
     def _capped(self, key: str) -> float:
-        found = self.limit(key)
-        return LARGEST if found is None else found
+        return LARGEST if (found := self.limit(key)) is None else found
 
     @property
     def ground(self) -> str:
@@ -318,6 +317,12 @@ class DriveEnvelope(SavedFolder):
         return f"{level}; straight braking on {slope}: {down:.4g} m/s^2 at most"
 
     @property
+    def reverse(self) -> str:
+        """Whether the parameters for navigation let the base reverse, in words."""
+        allowed = self.navigation["min_velocity"][0] < 0
+        return f"reverse: {'as fast as forward' if allowed else 'no, it would break the limits'}"
+
+    @property
     def scope(self) -> str:
         """What the envelope is about, in words."""
         within = f"within {self.tolerance.scope}" if self.counting.given else "nominal model only"
@@ -327,20 +332,17 @@ class DriveEnvelope(SavedFolder):
     @property
     def not_covered(self) -> tuple[str, ...]:
         """What the envelope leaves out, in words."""
-        if self.motion is None:
-            of_arm = "motion of the arm"
-        else:
-            of_arm = "instants between the samples, overshoot of the arm's acceleration steps"
+        moving = "instants between the samples", "overshoot of the arm's acceleration steps"
+        of_arm = ("motion of the arm",) if self.motion is None else moving
         steps = () if self.counting.overshoot else ("overshoot of an acceleration that sets in at once",)
-        return (of_arm, *NOT_COVERED, *steps, *self.ignored)
+        return (*of_arm, *NOT_COVERED, *steps, *self.ignored)
 
     @property
     def steps(self) -> str:
         """What an acceleration that sets in at once does, in words; empty: nothing more."""
         more = self.counting.overshoot
-        if not more:
-            return ""
-        return f"steps of acceleration overshoot by {100 * more:.3g} % (damping of the uncertainty)"
+        text = f"steps of acceleration overshoot by {100 * more:.3g} % (damping of the uncertainty)"
+        return text if more else ""
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -426,11 +428,10 @@ class DriveEnvelope(SavedFolder):
 
     def to_yaml(self) -> str:
         """Parameters of Nav2's velocity smoother."""
+        edge = "the edge, if accelerations rise gently; what sets in at once overshoots"
         if self.steps:
             edge = f"the edge; {self.steps}, counted also from full acceleration to full braking"
-        else:
-            edge = "the edge, if accelerations rise gently; what sets in at once overshoots"
-        texts = f"{self.name}: {self.scope}", self.ground, edge, ASSUMED
+        texts = f"{self.name}: {self.scope}", self.ground, edge, ASSUMED, self.reverse
         comments = [f"# {text}" for text in texts]
         lines = [*comments, "velocity_smoother:", "  ros__parameters:"]
         for name, values in self.navigation.items():

@@ -12,7 +12,9 @@ the bound, and lower it, until none do.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -82,6 +84,18 @@ class Manoeuvres:
         """Motions in proportion to rows (P, 9), with gravity (P, 3) or (3,)."""
         none = np.zeros(linear.shape)
         return cls(none, linear, none, np.broadcast_to(gravity, (len(linear), 3)))
+
+    @classmethod
+    def corners(
+        cls,
+        accelerations: tuple[Iterable[float], ...],
+        velocities: tuple[Iterable[float], ...],
+        gravity: np.ndarray,
+    ) -> Manoeuvres:
+        """In proportion to all combinations of velocities in base axes and their derivatives, each a set."""
+        every = product(*accelerations, *velocities)
+        rows = [[a - u * w, b + v * w, 0, 0, 0, w, 0, 0, turn] for a, b, turn, v, u, w in every]
+        return cls.along(np.array(rows), gravity)
 
     def __add__(self, other: Manoeuvres) -> Manoeuvres:
         """These and others."""
