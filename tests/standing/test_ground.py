@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import mujoco
@@ -17,7 +18,7 @@ from ocptip.certificate.checks import certified
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import NO_FLOOR, check_motion
-from ocptip.motion.task import refusals
+from ocptip.motion.task import refusals, require_plannable
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Wall, floor
 from ocptip.standing.ground import floors_under
@@ -217,6 +218,21 @@ def test_a_proof_covers_the_floor(task):
     assert "floor at z = 0.000 m" in proved.collision_text
     (plane,) = proved.to_dict()["collision"]["floor"]
     assert plane == {"name": "floor", "normal": [0.0, 0.0, 1.0], "level_m": 0.0}
+
+
+def test_start_and_goal_are_refused_in_one_line_before_contacts_are_solved(task, monkeypatch):
+    monkeypatch.setattr("ocptip.motion.task.refusals", None)  # solves contacts
+    both = replace(task, start=dipping(task, -0.093).goal, goal=dipping(task, 0.004).goal)
+    with pytest.raises(InputError) as raised:
+        require_plannable(both)
+    reason = str(raised.value)
+    assert re.search(r"start: collision: .*tool0 and floor overlap by 93.0 mm", reason)
+    assert re.search(r"goal: .*tool0 and floor are 4.0 mm apart, must be >= 10.0 mm; for less give", reason)
+    assert reason.endswith('excluded_links = [["tool0", "floor"], ["b", "floor"]] in [arm]')
+    assert reason.count("floor = false in [base]") == 1
+    out = replace(both, goal=both.goal + 10.0)
+    with pytest.raises(InputError, match=r"start: collision: .*; goal: .*joint"):
+        require_plannable(out)
 
 
 def test_nearer_than_10_mm_is_refused_with_the_key(task, folder):

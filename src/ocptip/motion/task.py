@@ -17,10 +17,12 @@ from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import PATH
 from ocptip.standing.arm import Robot
+from ocptip.standing.instants import Instants
 from ocptip.standing.largest_payload import largest_payloads
+from ocptip.standing.limit_kinds.clearance import ClearanceLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.rest import posture_refusals
+from ocptip.standing.rest import own_refusals, posture_refusals
 from ocptip.standing.stops.by_brakes import BrakeCheck
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import checked_rise_times, earliest_end
@@ -240,11 +242,29 @@ def end_refusals(task: MotionTask, share: float, q: np.ndarray) -> list[str]:
 
 
 def require_plannable(task: MotionTask) -> None:
-    """Raise InputError with all reasons of :func:`refusals` if there are any."""
-    if reasons := refusals(task):
-        raise InputError(
-            f"{task.name}: cannot be planned: {'; '.join(filter(None, [*reasons, _possible_payload(task)]))}"
-        )
+    """Raise InputError with all reasons of :func:`refusals` if there are any.
+
+    Start and goal that are in collision, or too near, are refused first, before contacts are solved.
+    """
+    if not (reasons := _collisions(task)) and (reasons := [*refusals(task)]):
+        reasons += filter(None, [_possible_payload(task)])
+    if reasons:
+        raise InputError(f"{task.name}: cannot be planned: {'; '.join(reasons)}")
+
+
+def _collisions(task: MotionTask) -> list[str]:
+    """All pairs that are too near at start and goal in one reason, then those of joints."""
+    limits = task.limits
+    if not ClearanceLimit.wanted(task.robot, limits):
+        return []
+    ends = {"start: ": (task.robot.resting(0), task.start), "goal: ": (task.robot.resting(1), task.goal)}
+    if not (reason := ClearanceLimit(task.robot, limits, ()).too_near(ends)):
+        return []
+    reasons = [reason]
+    for where, (robot, q) in ends.items():
+        others = own_refusals(robot, limits, Instants.at_rest(robot, q[None]), but=ClearanceLimit.name)
+        reasons += [f"{where}{reason}" for reason in others]
+    return reasons
 
 
 def _possible_payload(task: MotionTask) -> str:

@@ -20,9 +20,13 @@ def posture_refusals(robot: StandingMechanism, limits: Limits, q: np.ndarray) ->
     return found + [reason for limit in kinds if limit.of_contacts for reason in limit.refusals(at)]
 
 
-def own_refusals(robot: StandingMechanism, limits: Limits, at: Instants) -> list[str]:
-    """Why the mechanism itself cannot be there, whatever its contacts: angles, clearance, torques."""
-    others = [limit for limit in reversed(limits_of(robot, limits)) if not limit.of_contacts]
+def own_refusals(robot: StandingMechanism, limits: Limits, at: Instants, *, but: str = "") -> list[str]:
+    """Why the mechanism itself cannot be there, whatever its contacts: angles, clearance, torques.
+
+    The limit named `but` is left out.
+    """
+    kinds = [limit for limit in limits_of(robot, limits) if limit.name != but]
+    others = [limit for limit in reversed(kinds) if not limit.of_contacts]
     return [reason for limit in others for reason in limit.refusals(at)]  # the posture before its load
 
 

@@ -71,11 +71,13 @@ class Collisions:
         source: in words, what stands for the mechanism.
         floors: name, upward normal (3,) and level (m, along it) of each floor among the obstacles.
         apart: pairs of names that are left out, with the reason.
+        links: names of links, pairs of which `excluded_links` may leave out.
     """
 
     labels: tuple[GapLabel, ...] = ()
     source = ""
     floors: tuple[tuple[str, np.ndarray, float], ...] = ()
+    links: frozenset[str] = frozenset()
     apart: dict[frozenset[str], str]
 
     def __init__(self, n: int) -> None:

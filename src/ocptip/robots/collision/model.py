@@ -76,6 +76,7 @@ class ShapeCollisions(Collisions):
         self.solids = [*own, *fixed, *around]
         self.of_arm, self.of_base = len(own), len(fixed)
         self.of_links = sum(not shape.carried for shape in geometry.shapes)
+        self.links = frozenset(name for name, *_ in own[: self.of_links]) if arm.geometry else frozenset()
         bodies = [s.body for s in geometry.shapes]
         self.apart = {}
         mounted = [self._links(bodies, 2), range(len(own), len(own) + len(fixed))]

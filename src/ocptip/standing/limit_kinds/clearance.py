@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -51,32 +52,54 @@ class ClearanceLimit(AskedLimit):
         return "" if label is None else str(label)
 
     def refusals(self, at: Instants) -> list[str]:
-        gap, pair, state = self.robot.collision.worst(at.angles)
-        if pair is None or gap >= self.number:
-            return []
-        near = self._overlaps(at.angles[state]) if gap < 0 else {f"{pair}": (pair, gap)}
-        meshes = {
-            name: self.robot.collision.on_meshes(at.angles[state], own) for name, (own, _) in near.items()
-        }
-        seen = {name: _of_meshes(apart) for name, apart in meshes.items()}
-        hint = _FLOOR_HINT if any(own.second.startswith(FLOOR) for own, _ in near.values()) else ""
-        hint += _PARTS_HINT if any(apart and apart >= self.number for apart in meshes.values()) else ""
-        if gap < 0:
-            texts = [f"{name} overlap by {-1e3 * own:.1f} mm{seen[name]}" for name, (_, own) in near.items()]
-            return [f"collision: {', '.join(texts)} (where that is meant: excluded_links{hint})"]
-        least = f"must be >= {1e3 * self.number:.1f} mm"
-        usual = self.robot.usual_clearance
-        less = "for less give clearance in [limits]"
-        if usual <= gap:
-            less = f"leave clearance in [limits] out: then {1e3 * usual:.1f} mm count"
-        return [f"{pair} are {1e3 * gap:.1f} mm apart{seen[f'{pair}']}, {least}; {less}{hint}"]
+        reason = self.too_near({"": (self.robot, at.angles[0])})
+        return [reason] if reason else []
 
-    def _overlaps(self, q: np.ndarray) -> dict[str, tuple[GapLabel, float]]:
-        """All pairs that overlap at q (n,), by their names, with the distance (m), the deepest first."""
+    def too_near(self, postures: Mapping[str, tuple[StandingMechanism, np.ndarray]]) -> str:
+        """All pairs that overlap or are nearer than allowed, in one sentence; empty if there are none.
+
+        Args:
+            postures: mechanism and angles (n,) by words that precede its pairs.
+        """
+        texts, pairs, hints = [], [], []
+        for where, (robot, q) in postures.items():
+            near = self._near_pairs(robot, q)
+            if not near:
+                continue
+            overlaps, apart = [], []
+            for name, (label, gap) in near.items():
+                meshes = robot.collision.on_meshes(q, label)
+                text = f"overlap by {-1e3 * gap:.1f} mm" if gap < 0 else f"are {1e3 * gap:.1f} mm apart"
+                (overlaps if gap < 0 else apart).append(f"{name} {text}{_of_meshes(meshes)}")
+                if robot.collision.links | {FLOOR} >= {label.first, label.second}:
+                    pairs.append(f'["{label.first}", "{label.second}"]')
+                if label.second.startswith(FLOOR):
+                    hints.append(_FLOOR_HINT)
+                if meshes and meshes >= self.number:
+                    hints.append(_PARTS_HINT)
+            parts = [f"collision: {', '.join(overlaps)}"] if overlaps else []
+            parts += [f"{', '.join(apart)}, must be >= {1e3 * self.number:.1f} mm"] if apart else []
+            texts.append(f"{where}{', '.join(parts)}")
+            least = min(gap for _, gap in near.values())
+            if apart:
+                usual = robot.usual_clearance
+                less = "for less give clearance in [limits]"
+                if not overlaps and usual <= least:
+                    less = f"leave clearance in [limits] out: then {1e3 * usual:.1f} mm count"
+                hints.insert(0, f"; {less}")
+        if not texts:
+            return ""
+        meant = f" = [{', '.join(dict.fromkeys(pairs))}] in [arm]" if pairs else ""
+        return (
+            f"{'; '.join(texts)}{''.join(dict.fromkeys(hints))}; where that is meant: excluded_links{meant}"
+        )
+
+    def _near_pairs(self, robot: StandingMechanism, q: np.ndarray) -> dict[str, tuple[GapLabel, float]]:
+        """Pairs nearer than allowed at q (n,) with the distance (m), by their names; the nearest first."""
         found: dict[str, tuple[GapLabel, float]] = {}
-        gaps, labels = self.robot.collision.gaps(q, 0.0), self.robot.collision.labels
+        gaps, labels = robot.collision.gaps(q, self.number), robot.collision.labels
         for k in np.argsort(gaps):
-            if gaps[k] < 0:
+            if gaps[k] < self.number:
                 found.setdefault(f"{labels[k]}", (labels[k], float(gaps[k])))
         return found
 
