@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -99,6 +101,28 @@ def test_positions_alone_are_points_of_a_smooth_curve() -> None:
     assert _smooth(fit)
     assert not fit.path.corners.size
     assert "corners blended" in path_of_motion(motion, 0.02).how
+    assert not path_of_motion(motion, 0.02).keeps_to_lines
+    assert path_of_motion(motion).keeps_to_lines == "--path-tolerance"
+
+
+def test_distance_of_a_spline_from_the_lines_between_its_points() -> None:
+    """Each sample of the curve against all lines, and a TCP at the end of two links."""
+    points = np.array([[0.0, 0.0], [0.6, 0.3], [0.9, 1.0], [1.4, 0.8]])
+    fit = spline_through(points)
+
+    def position(q: np.ndarray) -> np.ndarray:
+        ends = np.cumsum(q, axis=1)
+        return np.stack([np.cos(ends).sum(axis=1), np.sin(ends).sum(axis=1), 0 * q[:, 0]], axis=1)
+
+    joints, tool = fit.beside_lines(position)
+    rows = [one + np.linspace(0, 1, 1_501)[:, None] * (two - one) for one, two in pairwise(points)]
+    lines, curve = np.concatenate(rows), fit.path.at(np.linspace(0, 1, 601))[0]
+    wanted = np.abs(curve[:, None] - lines).max(axis=2).min(axis=1).max()
+    assert joints.max() == pytest.approx(wanted, abs=2e-3)
+    wanted = np.linalg.norm(position(curve)[:, None] - position(lines), axis=2).min(axis=1).max()
+    assert tool == pytest.approx(wanted, abs=2e-3)
+    straight = spline_through(np.outer([0.0, 0.3, 1.0], [1.0, 2.0]))
+    assert straight.beside_lines(position)[1] < 1e-12
 
 
 @examples(20)

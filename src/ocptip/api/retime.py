@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
@@ -29,6 +30,7 @@ from ocptip.pictures.phase_plane import draw_phase_plane
 from ocptip.retiming.retime import Retimed
 from ocptip.retiming.retime import retime as time_path
 from ocptip.retiming.whole_body import BaseLimits, Run
+from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.task_files.path import load_path, path_along, refuse_early
@@ -107,10 +109,26 @@ class Timing:
             "path_made_of": self.fit.how,
             "path_distance": (scales * self.fit.distance).tolist(),
             "tool_distance_mm": [1e3 * v for v in self.tool_distance][:1],
+            **self._beside_lines_to_dict(scales),
             "corners": len(self.fit.path.corners),
             "as_given": None if self.before is None else self.before.to_dict(),
             "robot": robot.kind,
         }
+
+    def _beside_lines_to_dict(self, scales: np.ndarray) -> dict[str, Any]:
+        if not self.fit.keeps_to_lines:
+            return {}
+        joints, tool = self.beside_lines
+        return {"beside_lines": (scales * joints).tolist(), "tool_beside_lines_mm": [1e3 * v for v in tool]}
+
+    @cached_property
+    def beside_lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Largest distance of a spline from the lines between its points: joints, (n,), and the gripper."""
+        robot = self.task.robot
+        if not isinstance(robot, Robot):
+            return self.fit.beside_lines()[0], np.zeros(0)
+        joints, tool = self.fit.beside_lines(lambda q: gripper_pose(robot.arm, q)[0])
+        return joints, np.array([tool])
 
     @property
     def tool_distance(self) -> np.ndarray:

@@ -21,6 +21,7 @@ from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.path import refuse_early
 
 _WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
+_ROUNDING = 1e-9  # rad or m: a path that is no farther off passes through its points
 
 
 def run(options: Namespace) -> Report:
@@ -102,19 +103,29 @@ def _rows(timing: Timing) -> list[tuple[str, str]]:
 
 
 def _path_text(timing: Timing) -> str:
+    """What the path is, how far from its samples, and a spline from the lines between its points."""
+    fit, text = timing.fit, timing.fit.how
     units = np.array(timing.task.robot.units)
-    off = [
-        f"{scale * own.max():.2g} {unit}"
-        for own, scale, unit in (
-            (timing.fit.distance[units == "rad"], 180 / np.pi, "deg"),
-            (timing.fit.distance[units == "m"], 1e3, "mm"),
-            (timing.tool_distance, 1e3, "mm of the gripper"),
-        )
-        if own.size
-    ]
-    corners = len(timing.fit.path.corners)
-    stops = f"; stops at {corners} corner{'s' * (corners > 1)}" if corners else ""
-    return f"{timing.fit.how}, at most {', '.join(off)} off{stops}"
+    if off := _off(units, fit.distance, timing.tool_distance):
+        text += f", at most {off} off"
+    if fit.keeps_to_lines and (off := _off(units, *timing.beside_lines)):
+        keeps = f"({fit.keeps_to_lines} keeps to them)"
+        text += f"; between them at most {off} off the straight lines {keeps}"
+    corners = len(fit.path.corners)
+    return f"{text}; stops at {corners} corner{'s' * (corners > 1)}" if corners else text
+
+
+def _off(units: np.ndarray, joints: np.ndarray, tool: np.ndarray) -> str:
+    """Distances in words, rounded up to 0.01 deg and 0.1 mm; empty: none but rounding."""
+    if max(joints.max(), tool.max(initial=0.0)) <= _ROUNDING:
+        return ""
+    groups = (
+        (joints[units == "rad"], 180 / np.pi, 0.01, "deg"),
+        (joints[units == "m"], 1e3, 0.1, "mm"),
+        (tool, 1e3, 0.1, "mm of the gripper"),
+    )
+    values = [(max(scale * own.max(), least), unit) for own, scale, least, unit in groups if own.size]
+    return ", ".join(f"{value:{'.2g' if value < 99 else '.0f'}} {unit}" for value, unit in values)
 
 
 def _timing_text(timing: Timing) -> str:

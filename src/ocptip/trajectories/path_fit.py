@@ -11,8 +11,8 @@ again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +26,8 @@ from ocptip.trajectories.trajectory import Trajectory
 
 FINE = 5e-5  # rad or m: distance of a path from a motion that is known exactly
 SAMPLES = 4000  # of a motion between two rests
+LINE_SAMPLES = 401  # of the line between two points, from which a spline is measured
+BESIDE_LINES = 4  # samples of the line for one of the spline
 IN_RAMP = 100  # samples between two events of ramps
 STILL = 1e-6  # rad/s or m/s: a motion that is slower rests
 _MERGED = 0.1  # of the tolerance: points that are nearer to each other are nearly the same
@@ -46,12 +48,14 @@ class FittedPath:
         how: what was made of what, in words.
         places: (M,), in [0, 1]: where on the path the samples are.
         samples: (M, n), rad or m: what the path was made of.
+        keeps_to_lines: of a spline through points: what to give for the straight lines between them.
     """
 
     path: JointPath
     how: str
     places: np.ndarray
     samples: np.ndarray
+    keeps_to_lines: str = field(default="", kw_only=True)
 
     def some(self, columns: slice) -> FittedPath:
         """The path of some of the joints."""
@@ -61,6 +65,33 @@ class FittedPath:
     def distance(self) -> np.ndarray:
         """Largest distance of each joint from the samples, (n,), rad or m."""
         return np.max(np.abs(self.path.at(self.places)[0] - self.samples), axis=0)
+
+    def beside_lines(
+        self, position: Callable[[np.ndarray], np.ndarray] | None = None
+    ) -> tuple[np.ndarray, float]:
+        """Largest distance of a spline from the straight lines in joint space between its points.
+
+        Each line is compared with the piece of the spline between the same points, at dense samples.
+
+        Args:
+            position: of the TCP, m, (N, 3), in postures (N, n), rad or m; None: there is none.
+
+        Returns:
+            distance of each joint, (n,), rad or m, from the nearest posture of the line, with 1 rad as 1 m;
+            that of the TCP, m, from its nearest position on the line.
+        """
+        joints, tool = np.zeros(self.samples.shape[1]), 0.0
+        shares = np.linspace(0, 1, LINE_SAMPLES)
+        for begin, end in pairwise(self.path.breakpoints):
+            curve = self.path.at(begin + shares[::BESIDE_LINES] * (end - begin))[0]
+            line = curve[0] + shares[:, None] * (curve[-1] - curve[0])
+            off = np.abs(curve[:, None] - line)
+            nearest = np.argmin(off.max(axis=2), axis=1)
+            joints = np.maximum(joints, off[np.arange(len(curve)), nearest].max(axis=0))
+            if position is not None:
+                between = np.linalg.norm(position(curve)[:, None] - position(line), axis=2)
+                tool = max(tool, float(between.min(axis=1).max()))
+        return joints, tool
 
 
 def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = None) -> FittedPath:
@@ -81,7 +112,9 @@ def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = No
         return FittedPath(path, "the path of a timing as it is", ends, path.at(ends)[0])
     if motion.points is not None and motion.points.speeds is None:
         points = motion.points.angles
-        return spline_through(points) if tolerance is None else blended_lines(points, tolerance)
+        if tolerance is None:
+            return replace(spline_through(points), keeps_to_lines="--path-tolerance")
+        return blended_lines(points, tolerance)
     wanted = np.full(motion.n, FINE) if tolerance is None else np.broadcast_to(tolerance, motion.n)
     if motion.fit is not None:
         _refuse_noise(motion.fit, wanted)
@@ -149,7 +182,8 @@ def spline_through(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> F
     lengths = polygon_lengths(points)
     curve = scipy.interpolate.CubicSpline(lengths, points, bc_type="natural")
     leg = Leg(curve, lengths, points, np.arange(len(points)))
-    return _with_left_out(joined([leg], f"smooth curve through {len(points)} points"), given, kept)
+    fit = joined([leg], f"smooth curve through {len(points)} points")
+    return _with_left_out(replace(fit, keeps_to_lines='between = "lines"'), given, kept)
 
 
 def blended_lines(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> FittedPath:
@@ -277,11 +311,11 @@ def _with_left_out(fit: FittedPath, points: np.ndarray, kept: np.ndarray) -> Fit
     repeats = int(np.sum(np.max(np.abs(points[others] - points[same]), axis=1) <= LEAST))
     words = [f"{repeats} repeated"] * bool(repeats)
     words += [f"{len(others) - repeats} nearly the same as the one before"] * (repeats < len(others))
-    return FittedPath(
-        fit.path,
-        f"{fit.how}, without {' and '.join(words)}",
-        np.concatenate([fit.places, places]),
-        np.concatenate([fit.samples, points[others]]),
+    return replace(
+        fit,
+        how=f"{fit.how}, without {' and '.join(words)}",
+        places=np.concatenate([fit.places, places]),
+        samples=np.concatenate([fit.samples, points[others]]),
     )
 
 
