@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shutil
 import subprocess
@@ -17,7 +16,12 @@ from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.code.texts import latex_text, matlab_text
+from ocptip.parallel.description.ready_made import READY_MADE
+from ocptip.parallel.minimal_form import joint_functions
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.task_files.parallel import read_robot
 from tests.parallel.parallel_cases import golden
+from tests.places import EXAMPLES
 
 
 def made(kind="3RPR"):
@@ -27,11 +31,15 @@ def made(kind="3RPR"):
     return case, lean, [case.z, case.zd, case.zdd, case.q, lean.geometry, lean.inertia, lean.gravity]
 
 
+READ_FUNCTIONS = ("sin", "cos", "tan", "arcsin", "arccos", "arctan", "arctan2", "sqrt", "sign")
+
+
 def run(text, name, given):
     """The outputs of a function of the text: its assignments evaluated in Python."""
-    body = re.search(rf"^function \[(.*)\] = {name}\((.*)\)\n(.*?)^end", text, re.MULTILINE | re.DOTALL)
+    body = re.search(rf"^function \[([^]]*)\] = {name}\(([^)]*)\)\n(.*?)^end", text, re.MULTILINE | re.DOTALL)
     outputs, inputs, lines = body[1].split(", "), body[2].split(", "), body[3].splitlines()
-    known = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "abs": abs, "atan2": math.atan2}
+    known = {name: getattr(np, name) for name in (*READ_FUNCTIONS, "abs")}
+    known |= {name: getattr(np, f"arc{name[1:]}") for name in ("asin", "acos", "atan", "atan2")}
     known |= {key: np.ravel(np.array(cs.DM(x)), order="F") for key, x in zip(inputs, given, strict=True)}
     known["zeros"] = lambda rows, columns: np.zeros(rows * columns)
     index = re.compile(rf"\b({'|'.join(inputs + outputs)})\((\d+)\)")
@@ -64,6 +72,7 @@ READ = {
     r"\,": "*",
     r"\cdot": "*",
     r"\operatorname{sign}": "sign",
+    r"\arc": "arc",
     r"\operatorname{atan2}": "arctan2",
     r"\frac{": "(",
     r"\sqrt{": "sqrt(",
@@ -88,7 +97,7 @@ def computed(text, given):
             right = right.replace(latex, python)
         for operand in operands:
             right = right.replace("@", f"v[{operand!r}]", 1)
-        known = {key: getattr(np, key) for key in ("sin", "cos", "sqrt", "sign", "arctan2")}
+        known = {key: getattr(np, key) for key in READ_FUNCTIONS}
         values[left] = eval(right, {"max": max, "min": min, "abs": abs, **known, "v": values})
     return values
 
@@ -126,12 +135,14 @@ def test_every_operation_has_its_place_in_equations():
     a, b, c, d = cs.vertsplit(x)
     results = [a - (b + c), (a - b) * (c - d), -(a * b) - c, a / (b / c), 1 / (a + b), (a * b) ** 2]
     results += [cs.sqrt(a + 1.5e-7) ** 2, cs.fabs(a - b) * cs.sign(c), cs.atan2(a - b, c), a * -2.5]
+    results += [cs.tan(a) * cs.asin(d), cs.acos(d - a) ** 2, -cs.atan(b + c)]
     results += [cs.fmax(a, b) * cs.fmin(c, d), 2 * (a + b), a + (b - c), cs.cos(a) ** 2, -(a - b) * c]
     function = cs.Function("f", [x], [cs.vertcat(*results)], ["x"], ["y"])
     given = [0.7, 1.9, -1.3, 0.4]
     text = latex_text([function])
     found = computed(text, entries("x", given))
     expected = np.ravel(np.array(function(given)))
+    np.testing.assert_allclose(run(matlab_text([function], "robot"), "f", [given])[0], expected, rtol=1e-12)
     np.testing.assert_allclose([found[f"y_{{{k + 1}}}"] for k in range(len(results))], expected, rtol=1e-12)
     parser = MathTextParser("path")
     for line in re.findall("(.*) &= (.*)[,.]", text):
@@ -145,6 +156,30 @@ def test_functions_that_call_others_are_written_out():
     outer = cs.Function("f", [y], [cs.norm_inf(cs.vertcat(inner(inner(y)), 0.5))], ["x"], ["y"])
     np.testing.assert_allclose(run(matlab_text([outer], "robot"), "f", [[0.3]])[0], [float(outer(0.3))])
     assert computed(latex_text([outer]), {"x": 0.3})["y"] == pytest.approx(float(outer(0.3)), rel=1e-14)
+
+
+ROBOTS = [*READY_MADE, *sorted(path.name for path in (EXAMPLES / "robots").glob("*.toml"))]
+LONG = {"sps6.toml"}  # its equations alone take seconds
+REFUSED = {"delta_parallelograms.toml": "leg 1 is branched or has closed loops"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in ROBOTS]
+)
+def test_every_ready_made_and_example_robot_has_texts(name):
+    robot = ParallelRobot(read_robot(name if name in READY_MADE else str(EXAMPLES / "robots" / name)))
+    if name in REFUSED:
+        with pytest.raises(InputError, match=REFUSED[name]):
+            robot.lean(form="A", dynpar=2)
+        return
+    joints = joint_functions(robot)
+    functions = [robot.lean(form="A", dynpar=2, name="forces"), *joints]
+    text = matlab_text(functions, "robot")
+    assert latex_text(functions).count(r"\begin{align*}") == len(functions)
+    if joints[0].name_in() == ["z", "geometry"]:  # closed form
+        given = robot.description.home, functions[0].geometry
+        for found, expected in zip(run(text, joints[0].name(), given), joints[0].call(given), strict=True):
+            np.testing.assert_allclose(found, np.ravel(np.array(expected), order="F"), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("write", [lambda f: matlab_text(f, "robot"), latex_text])
