@@ -2,7 +2,8 @@
 
 h(z, q) = 0, A = dh/dz, B = dh/dq, q' = -B^-1 A z' = J z', J' = -B^-1 (A' + B' J). Legs and platform follow
 from their energies (Lagrange), the platform in its Euler coordinates. Nothing here uses a geometric Jacobian,
-so that this route checks the library.
+so that this route checks the library. Redundant joints are coordinates in z, too: one closure more each says
+that the joint has this position.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import casadi as cs
 import numpy as np
 import scipy.linalg
 
-from ocptip.basics.errors import InputError
 from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import DynamicTerms
@@ -35,8 +35,6 @@ class ConstraintRoute:
     """
 
     def __init__(self, kinematics: Kinematics, *, complete: bool) -> None:
-        if kinematics.description.redundant:
-            raise InputError("closure constraints: no redundant joints")
         self._kinematics, self._complete = kinematics, complete
         self._platform = _platform_function(kinematics)
         self._closures = [_closure_function(kinematics, leg, complete) for leg in kinematics.legs]
@@ -51,7 +49,7 @@ class ConstraintRoute:
             q: joint positions per leg.
             gravity: (3,), m/s^2, world axes.
         """
-        w = self._kinematics.moving(z, q)
+        w = np.concatenate([self._kinematics.moving(z, q), z[self._kinematics.platform.m :]])
         wd, follow, lag = self._rates(w, zd, q)
         M, c, g = self._platform(w, wd, gravity)
         M, c, g = M.reshape(len(w), len(w)), np.ravel(c), np.ravel(g)
@@ -118,7 +116,7 @@ def lagrange_leg(topology: Topology, n: int) -> PointFunction:
 
 
 def _platform_function(kinematics: Kinematics) -> PointFunction:
-    m = len(kinematics.platform.order)
+    m = _size(kinematics)
     z, zd, gravity = cs.SX.sym("z", m), cs.SX.sym("zd", m), cs.SX.sym("gravity", 3)
     r, R = _symbolic_pose(kinematics.platform, z)
     p = cs.SX(kinematics.description.platform.inertia.vector)
@@ -126,11 +124,16 @@ def _platform_function(kinematics: Kinematics) -> PointFunction:
     return PointFunction(_lagrange("lagrange_platform", T, U, z, zd, [z, zd, gravity]))
 
 
+def _size(kinematics: Kinematics) -> int:
+    """Number of coordinates of the platform, dependent ones and redundant joints included."""
+    return len(kinematics.platform.order) + len(kinematics.description.redundant)
+
+
 def _closure_function(
     kinematics: Kinematics, leg: LegClosure, complete: bool
 ) -> tuple[PointFunction, PointFunction]:
     """(A, B) of (z, q), and A' z' + B' q' of (z, q, z', q')."""
-    m, n = len(kinematics.platform.order), leg.n if complete else leg.point
+    m, n = _size(kinematics), leg.n if complete else leg.point
     z, q, zd, qd = (cs.SX.sym(name, size) for name, size in (("z", m), ("q", n), ("zd", m), ("qd", n)))
     r, R = _symbolic_pose(kinematics.platform, z)
     padded = cs.vertcat(q, cs.SX.zeros(leg.n - n))
@@ -145,6 +148,9 @@ def _closure_function(
     closure = cs.vertcat(*h)
     if not complete and leg.leg.serial:
         closure = closure[list(kinematics.description.position_rows)]
+    for k, (number, joint) in enumerate(kinematics.description.redundant, len(kinematics.platform.order)):
+        if number == leg.number:
+            closure = cs.vertcat(closure, q[joint] - z[k])
     A, B = cs.jacobian(closure, z), cs.jacobian(closure, q)
     rate = A @ zd + B @ qd
     drift = cs.jtimes(rate, z, zd) + cs.jtimes(rate, q, qd)

@@ -105,8 +105,8 @@ def test_kinematic_redundancy():
     z, zd, zdd = np.array([0.02, 0.03, 0.1, 0.25]), np.array([0.3, -0.2, 0.5, 0.7]), np.array([1, 2, -1, 3.0])
     assert robot.ik(z).q[0][0] == 0.25
     own = robot.inverse_dynamics(z, zd, zdd).motors
-    for route in ("tree", "multipliers"):
-        assert relative(forces_by(route, robot, z, zd, zdd).motors, own) < SAME
+    for route in ROUTES:
+        assert relative(forces_by(route, robot, z, zd, zdd).motors, own) < SAME, route
     assert relative(Twin(robot).motor_forces(z, zd, zdd)[0], own) < SAME
 
 
