@@ -25,6 +25,7 @@ ARGUMENTS = {
     "cell": ["a.toml"],
     "chart": ["a.toml"],
     "drive": ["a.toml"],
+    "studio": ["a.toml"],
     "retime": ["a.toml"],
     "check": ["a.json"],
     "certify": ["a.json"],
