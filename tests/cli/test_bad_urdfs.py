@@ -244,8 +244,13 @@ def test_files_that_cannot_be_read_or_written(here, capfd):
     assert "no such file" in refusal(capfd, "init", "none.urdf")
     assert "is a folder; expected a file" in refusal(capfd, "init", ".")
     (here / "lift.toml").write_text("mine", encoding="utf-8")
-    assert "lift.toml: exists; give another file by --out" in refusal(capfd, "init", "lift.urdf")
+    assert "lift.toml: exists; give another place by --out, or --overwrite" in refusal(
+        capfd, "init", "lift.urdf"
+    )
     assert (here / "lift.toml").read_text(encoding="utf-8") == "mine"
+    assert main(["init", "lift.urdf", "--overwrite"]) == 0
+    assert "#>" in (here / "lift.toml").read_text(encoding="utf-8")
+    capfd.readouterr()
     assert "none" in refusal(capfd, "init", "lift.urdf", "--out", "none/task.toml")
     assert "these slide: lift; lock them" in refusal(capfd, "rate", "lift.urdf", "0", "0", "0")
 

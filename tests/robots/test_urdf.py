@@ -8,7 +8,7 @@ from ocptip.basics.errors import InputError
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.urdf import arm_from_pinocchio, arm_from_urdf
-from ocptip.robots.urdf_file import read_urdf
+from ocptip.robots.urdf_file import like_tools, read_urdf
 from tests.places import UR5
 from tests.robots.pinocchio_twin import dynamics, twin
 
@@ -272,6 +272,15 @@ def test_joints_without_a_way_do_not_move(service_robot):
     service_robot.write_text(wheel, encoding="utf-8")
     with pytest.raises(InputError, match=r"no free joint .* \(limits leave no way to lift, elbow, roll\)"):
         arm_from_urdf(service_robot, **NAMES)
+
+
+def test_candidates_of_tools_begin_with_those_named_so_and_end_with_wheels_and_sensors():
+    links = ["link_right_wheel", "link_aruco_wrist", "gripper_camera_lens", "head", "link_gripper_left"]
+    links += ["knee", "link_grasp_center", "left_ee"]
+    assert like_tools(links) == [
+        *("link_grasp_center", "left_ee", "link_gripper_left", "head", "knee"),
+        *("link_right_wheel", "link_aruco_wrist", "gripper_camera_lens"),
+    ]
 
 
 def test_names_may_be_left_out_where_there_is_no_choice(service_robot):

@@ -57,6 +57,7 @@ COMMANDS = (
             argument("--srdf", "SRDF", "SRDF of MoveIt: pairs that may touch, named states"),
             argument("--package-dirs", "DIR", "folders with ROS packages, for meshes", nargs="+", default=[]),
             argument("--out", "FILE", "the task file (default: ROBOT.toml)"),
+            argument("--overwrite", None, "replace the task file, filled in or not", action="store_true"),
         ),
     ),
     Command(

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.outputs import require_replaceable_file
 from ocptip.basics.text import some
 from ocptip.basics.toml import MARK
 from ocptip.basics.write import write_text
@@ -100,12 +101,11 @@ class InitReport(Report):
 
 
 def run(options: Namespace) -> InitReport:
-    """Read the URDF; InputError if the file is there already."""
+    """Read the URDF; InputError if the file is there already, without `--overwrite`."""
     if Path(options.robot).suffix == ".toml":
         raise InputError(f"{options.robot}: expected a URDF")
     path = Path(options.out or f"{Path(options.robot).stem.removesuffix('.urdf')}.toml")
-    if os.path.lexists(path):
-        raise InputError(f"{path}: exists; give another file by --out")
+    _require_new(path, options)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
     given = ("base_link", "tool_frame", "joint_limits", "srdf", "package_dirs")
@@ -114,11 +114,17 @@ def run(options: Namespace) -> InitReport:
         found = converted(Path(options.robot), path.parent, options.xacro) or Converted({})
         further = found.files
         for file in further:
-            if os.path.lexists(file):
-                raise InputError(f"{file}: exists; move it away, or give another folder by --out")
+            _require_new(file, options)
         for file, text in further.items():
             file.parent.mkdir(exist_ok=True)
             write_text(file, text)
         robot = next(iter(further), Path(options.robot))
         named |= {"armature": found.armature, "notes": found.notes}
         return InitReport(path, task_template(robot, path.parent, **named), tuple(further))
+
+
+def _require_new(path: Path, options: Namespace) -> None:
+    """Refuse to replace a file, filled in or not, without `--overwrite`."""
+    if not options.overwrite and os.path.lexists(path):
+        raise InputError(f"{path}: exists; give another place by --out, or --overwrite")
+    require_replaceable_file(path, overwrite=True)

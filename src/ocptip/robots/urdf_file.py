@@ -10,14 +10,14 @@ import html
 import os
 import re
 from collections import Counter
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import did_you_mean
+from ocptip.basics.text import did_you_mean, some
 from ocptip.robots.urdf_xml import UrdfJoint, joint_of, parse_urdf, require_shallow, require_valid
 
 TOOLS = (
@@ -26,8 +26,33 @@ TOOLS = (
 )
 """Names of tool frames, alone or behind a prefix such as "left_", in the order in which they are chosen."""
 
+_LIKE_TOOLS = ("grasp", "tool", "tcp", "ee", "eef", "gripper", "hand", "flange")
+_NO_TOOLS = (
+    *("wheel", "caster", "camera", "aruco", "sensor", "optical", "lens", "imu", "lidar", "laser", "depth"),
+    *("marker", "mic"),
+)
+_LISTED = 8  # candidates, at most
+
 _FILENAME = re.compile(r"""(\bfilename\s*=\s*)(["'])(.*?)\2""", re.DOTALL)
 _HAND = 1.5
+
+
+def like_tools(links: Iterable[str]) -> list[str]:
+    """Links in the order in which they are likely tools: first those named so, last wheels and sensors."""
+
+    def rank(name: str) -> int:
+        words = re.split(r"[^a-z]+", name.lower())
+        if any(word.startswith(_NO_TOOLS) for word in words):
+            return len(_LIKE_TOOLS) + 1
+        matches = (k for k, tool in enumerate(_LIKE_TOOLS) for word in words if _is_like(word, tool))
+        return min(matches, default=len(_LIKE_TOOLS))
+
+    return sorted(links, key=rank)
+
+
+def _is_like(word: str, tool: str) -> bool:
+    """Short names have to be the whole word."""
+    return word == tool or (len(tool) > 3 and word.startswith(tool))
 
 
 @dataclass(frozen=True)
@@ -178,12 +203,12 @@ class UrdfFile:
             if len(found) == 1:
                 return found[0]
             if found:
-                raise InputError(f"tool_frame: is missing, candidates: {', '.join(found)}")
+                raise InputError(f"tool_frame: is missing, candidates: {some(found, _LISTED)}")
         if len(ends) == 1:
             return ends[0]
         if not ends:
             raise InputError(f"base_link: no joint moves behind {base!r}")
-        raise InputError(f"tool_frame: is missing, candidates: {', '.join(ends)}")
+        raise InputError(f"tool_frame: is missing, candidates: {some(like_tools(ends), _LISTED)}")
 
     def _known(self, argument: str, name: str, candidates: list[str]) -> str:
         if name in self.links:

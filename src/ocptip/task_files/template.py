@@ -20,7 +20,7 @@ from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
-from ocptip.robots.urdf_file import UrdfFile, read_urdf
+from ocptip.robots.urdf_file import UrdfFile, like_tools, read_urdf
 from ocptip.task_files.arm import ARM, ARM_LIMITS
 from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
 from ocptip.task_files.joints import end_keys
@@ -212,7 +212,7 @@ def _arm(
         if named is not None:
             yield f"{key} = {toml_value(_relative(named, folder))}"
     yield _line(_OF_URDF, "base_link", toml_value(base))
-    others = [link for link in file.ends(base) if link != tool]
+    others = like_tools(link for link in file.ends(base) if link != tool)
     yield _line(_OF_URDF, "tool_frame", toml_value(tool), f"others: {some(others)}" if others else "")
     height = f"[0.0, 0.0, {foot.height:.6g}]"
     yield _line(ARM.keys, "mount_position", height, mark=not foot.contacts_of_urdf)
