@@ -284,3 +284,15 @@ def test_a_motion_planned_while_the_base_brakes_stands_where_others_tip(task):
     )
     quick = plain.time_scaled(found.motion.end / plain.end)
     assert not ocptip.check(task, quick, drive_profile=profile).check.stands
+
+
+@pytest.mark.parametrize(("yaw", "speed"), [(0.0, 0.28), (np.pi / 2, 0.0), (np.pi / 6, 0.2425)])
+def test_a_note_says_how_fast_the_base_moves_sideways_in_its_own_frame(task, yaw, speed):
+    """The course goes along y of the world; of a base that is turned by 90 degrees that is forward."""
+    times = np.array([0.0, 1.0, 2.0, 3.0])
+    course = np.column_stack([np.zeros(4), [0, 0.14, 0.42, 0.56], np.full(4, yaw)])
+    speeds = np.outer([0, 0.28, 0.28, 0], [0, 1, 0])
+    profile = DriveProfile.of_course(Trajectory.from_points(times, course, speeds))
+    notes = [text for text in task.robot.driving(profile).notes if "sideways" in text]
+    expected = f"the base moves sideways (up to {speed:.3g} m/s): only for holonomic bases; not checked that"
+    assert [text.startswith(expected) for text in notes] == [True] * bool(speed)

@@ -258,9 +258,7 @@ class Robot(StandingMechanism):
             f"clearance: {1e3 * usual:.1f} mm where none is given, for {pair} are never "
             f"farther apart than {2e3 * usual:.1f} mm",
         )  # fmt: skip
-        drives = () if self.drive_profile is None else (
-            f"the base drives: {self.drive_profile}; the arm has its clock, obstacles go along with it",
-        )  # fmt: skip
+        drives = () if self.drive_profile is None else self.drive_profile.notes
         return self.arm.notes + objects_note(self.objects) + process + near + drives + super().notes
 
     @property

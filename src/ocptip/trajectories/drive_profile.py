@@ -24,6 +24,7 @@ from ocptip.trajectories.trajectory import Trajectory
 POSE, UNITS = ("x", "y", "yaw"), ("m", "m", "rad")
 _LONGEST = 0.02  # s: of pieces of a base that turns on a path: their velocities are off by less than 1e-8
 _SAMPLED = 0.005  # s: of curved velocities in files, so that their accelerations are nearly the same
+_SIDEWAYS = 1e-3  # m/s: less is rounding
 _NAMES = {
     **dict.fromkeys(("v", "vx", "v_x", "linear.x", "linear_x"), 0),
     **dict.fromkeys(("vy", "v_y", "linear.y", "linear_y"), 1),
@@ -113,6 +114,19 @@ class DriveProfile:
             values = own.at(times, range(1))[0]
         rows = np.column_stack([times, values]).tolist()
         return "\n".join(["time,v,vy,w", *(",".join(map(repr, row)) for row in rows), ""])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is assumed about the base, one sentence each, for reports."""
+        drives = f"the base drives: {self}; the arm has its clock, obstacles go along with it"
+        sideways = float(self.velocities.peaks(0)[1])
+        if sideways <= _SIDEWAYS:
+            return (drives,)
+        return (
+            drives,
+            f"the base moves sideways (up to {sideways:.3g} m/s): only for holonomic bases; not checked that "
+            "the wheels can",
+        )
 
     def __str__(self) -> str:
         speeds, breaks = self.velocities.peaks(0), self.velocities.breaks
