@@ -110,3 +110,17 @@ def test_a_search_without_plan_says_what_the_base_alone_breaks(task, monkeypatch
         told = "the base alone, its arm at rest, breaks limits: at the start: GN is" in f"{caught.value}"
         assert told == alone
     assert len(said) == 1
+
+
+def test_a_refused_timing_says_what_the_base_alone_breaks(task, motion, monkeypatch):
+    def none(*_, **__):
+        raise InputError("path: cannot be timed: no speed keeps all limits")
+
+    monkeypatch.setattr("ocptip.api.retime.time_path", none)
+    for speed, alone in ((3.0, True), (0.1, False)):
+        speeds = np.array([[speed, 0, 0], [speed, 0, 0], [0, 0, 0]])
+        profile = DriveProfile.of_velocities(np.array([0, 0.1, 0.4]), speeds)
+        with pytest.raises(InputError, match="motion: path: cannot be timed: no speed") as caught:
+            ocptip.retime(task, motion, drive_profile=profile)
+        told = "the base alone, its arm at rest, breaks limits: at the start: GN is" in f"{caught.value}"
+        assert told == alone

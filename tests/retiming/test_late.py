@@ -7,11 +7,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy
 
+from ocptip.basics.errors import InputError
 from ocptip.certificate.describe import motion_data, tolerance_data
 from ocptip.motion.objective import TIME, priced
+from ocptip.retiming.cheapest import Price, cheapest
+from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
-from ocptip.retiming.late import LateJoints
+from ocptip.retiming.late import NAMES, Couplings, LateJoints
 from ocptip.retiming.retime import Retimed, retime
 from ocptip.retiming.rows import TimingLimits
 from ocptip.standing.tolerance import WORKSHOP
@@ -31,6 +35,29 @@ def within(objective=TIME) -> Retimed:
     task = cart()
     limits = replace(task.limits, tolerance=WORKSHOP)
     return retime(task.robot, random_path(task, 0, 0.1), limits, objective, nodes=NODES)
+
+
+def test_rows_that_no_timing_keeps_are_told_with_place_limit_and_amount():
+    """x at a node is never negative, so a row x <= -0.02 is missed by 0.02 of its reference."""
+    task = cart()
+    path, limits = random_path(task, 0, 0.1), TimingLimits(task.robot, task.limits)
+    grid = Grid(task.robot, path, limits, spaced(path, NODES))
+    fast = fastest(grid, ExtraRows.none())
+    row, typical = np.zeros((1, len(grid.s))), float(np.mean(fast.x))
+    row[0, 5] = 1 / typical
+
+    def solved(b: float, longest: float = np.inf):
+        rows = Couplings(scipy.sparse.csr_matrix(row), np.array([b]), (NAMES[1],))
+        drives = QuadraticDrives.free(task.robot.n)
+        return cheapest(grid, fast.polygons, drives, Price(0.0, 1.0, longest), fast.x, rows).x[5]
+
+    assert solved(0.2) <= 0.2 * typical * (1 + 1e-6)
+    told = rf"slip within tolerance exceeds its limit by 2 % .* near s = {grid.s[5]:.4f} of .* move the path"
+    with pytest.raises(InputError, match=told):
+        solved(-0.02)
+    shortest = float(np.sum(2 * grid.widths / (np.sqrt(fast.x[1:]) + np.sqrt(fast.x[:-1]))))
+    with pytest.raises(InputError, match="max_duration: no timing within the uncertainty takes"):
+        solved(0.01 * fast.x[5] / typical, 1.001 * shortest)
 
 
 def test_a_timing_within_a_tolerance_keeps_every_contact():

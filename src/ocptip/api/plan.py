@@ -332,7 +332,7 @@ def plan(
     refuse_driving(task, *["sensitivities"] * sensitivities)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
-    if (alone := _base_alone(task)) and stage:
+    if (alone := base_alone(task)) and stage:
         stage(f"{alone}: perhaps there is no plan ...")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
     budget = TimeBudget(seconds)
@@ -381,7 +381,7 @@ def plan(
     return Plan.of(planned, **known, **how_run)
 
 
-def _base_alone(task: Task) -> str:
+def base_alone(task: Task) -> str:
     """The limits that a base breaks while the arm rests at its start, and at its goal.
 
     Empty where one of both keeps them, or the base rests.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 
 from ocptip.api.given import MotionLike, ProfileLike, driven, driving, task_of_motion
-from ocptip.api.plan import Plan, silent
+from ocptip.api.plan import Plan, base_alone, silent
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.certificate.checks import certified
@@ -282,7 +283,7 @@ def retime(
         limits = replace(segment.task.limits, **most)
         asked = replace(segment.task, **ends, limits=limits, objective=goal)
         where = f"{name} (segment {segment.name})" if task.is_cycle else name
-        with naming(where):
+        with naming(where), _naming_base(asked):
             timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or silent, limits_of_base))
     planned = _cycle(cast(CycleTask, task), timings) if task.is_cycle else timings[0].plan
     executions = tuple(own.execution for own in timings)
@@ -297,6 +298,17 @@ def retime(
         robustness=robustness(planned.task, motion),
         cancels=cancels_by_segment(planned.task, motion),
     )
+
+
+@contextmanager
+def _naming_base(task: MotionTask) -> Iterator[None]:
+    """Refusals also say what the base alone breaks while it drives."""
+    try:
+        yield
+    except InputError as error:
+        if not (alone := base_alone(task)):
+            raise
+        raise InputError(f"{error.text}; {alone}", error.path, error.file) from None
 
 
 def _cycle(task: CycleTask, timings: Sequence[Timing]) -> MotionPlan:

@@ -115,6 +115,7 @@ class CheapestProgram:
             tangent: (N + 1,), 1/s^2: sqrt(x) in the viscous losses is replaced by its tangents there.
 
         Raises:
+            InputError: no timing keeps the rows; says where and why.
             SolverError: it is not solved.
         """
         program = _ConeRows(self.columns)
@@ -130,6 +131,13 @@ class CheapestProgram:
                 x = np.array(solution.x)[: len(self.grid.s)] * self.unit
                 x = np.clip(x, *self.grid.bounds.T)  # up to the solver's tolerance it is
                 return x, scale * float(solution.obj_val_dual) + offset
+        if status == "PrimalInfeasible":
+            if why := self.couplings.why_not(self.grid, polygons, self.unit):
+                raise InputError(why)
+            if np.isfinite(longest := self.price.longest):
+                raise InputError(
+                    f"max_duration: no timing within the uncertainty takes {longest:.4g} s or less"
+                )
         raise SolverError(f"timing: the cone program has no accurate solution (Clarabel: {status})")
 
     # columns: x and z of the nodes; per interval the cost of copper, standby and time (by joint: of standby

@@ -346,15 +346,15 @@ def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray
             return f"path: cannot be timed: at {why[0]}: {'; '.join(why[1])}; {advice}"
     if polygons.counts[stuck] == 0:
         name = grid.name(int(polygons.numbers[stuck, 0]), extra, stuck)
-        return f"path: cannot be timed: no speed keeps all limits at {_where(grid, place)} ({name})"
+        return f"path: cannot be timed: no speed keeps all limits at {where(grid, place)} ({name})"
     if stuck == 0 and found[0, 0] == grid.bounds[0, 0]:
         least, most = np.sqrt(np.maximum(polygons.corners[0, : polygons.counts[0], 0], 0.0))[[0, -1]]
         asked = np.sqrt(grid.bounds[0, 0])
         return f"path: cannot begin with ds/dt = {asked:.4g} 1/s, its limits allow {least:.4g} to {most:.4g}"
-    return f"path: cannot be timed: what follows {_where(grid, place)} cannot be reached within the limits"
+    return f"path: cannot be timed: what follows {where(grid, place)} cannot be reached within the limits"
 
 
-def _where(grid: Grid, place: float) -> str:
+def where(grid: Grid, place: float) -> str:
     """A place of the path, and the joint values there."""
     places = grid.every[0]
     q = places.q[np.argmin(np.abs(places.s - place))]

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # subpackages load on first use
 
-from ocptip.retiming.fastest import Grid
+from ocptip.retiming.fastest import Grid, Polygons, where
 from ocptip.retiming.whole_body import BasePath
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.late_joints import delay_cases
@@ -30,6 +30,7 @@ _FAR = 0.2  # of M0, or of GT: rows that are farther from it are no more looked 
 _PLANES = 6  # half spaces of friction at an instant of which rows are taken in one round
 _SLIDES = 0.01  # of GT: what is missed by more has slopes of a base that slides
 _HALVINGS = 8  # of the speed-up of a timing until it just reaches a limit
+_LEAST = 1e-6  # of M0, or of GT: rows that are missed by less are kept
 _SLOWEST = 1e-3  # of the mean of x: slopes of sqrt(x) are taken there, or where it is faster
 
 
@@ -59,6 +60,41 @@ class Couplings:
         """Both."""
         A = scipy.sparse.csr_matrix(scipy.sparse.vstack([self.A, other.A]))
         return Couplings(A, np.concatenate([self.b, other.b]), (*self.names, *other.names))
+
+    def why_not(self, grid: Grid, polygons: Polygons, unit: float) -> str:
+        """Why no timing keeps these rows and those of the path: place, limit, amount; empty: one does.
+
+        A linear program finds the timing with the minimum of the maximum excess over these rows.
+
+        Args:
+            grid, polygons: of the path.
+            unit: 1/s^2, of a typical timing.
+        """
+        count, (i, rows) = len(grid.s), polygons.all_rows()
+        each, a, b, c = np.arange(len(i)), *rows.T
+        size = np.maximum(np.maximum(np.abs(a), np.abs(b)) * unit, np.abs(c))
+        entries = np.concatenate([a, b]) * unit / np.tile(size, 2)
+        path = scipy.sparse.csr_matrix(
+            (entries, (np.tile(each, 2), np.append(i, i + 1))), (len(i), count + 1)
+        )
+        own = scipy.sparse.hstack([unit * self.A, np.full((len(self), 1), -1.0)])
+        found = scipy.optimize.linprog(
+            np.append(np.zeros(count), 1.0),
+            scipy.sparse.vstack([path, own]),
+            np.append(c / size, self.b),
+            bounds=[*(grid.bounds / unit), (0.0, None)],
+        )
+        if not found.success or found.fun < _LEAST:
+            return ""
+        row = int(np.argmin(found.ineqlin.marginals[len(i) :]))
+        place = grid.s[int(np.argmax(np.abs(self.A[row].toarray())))]
+        advice = "move the path there, or carry less, or reduce the uncertainty"
+        return (
+            f"path: cannot be timed: {self.names[row]} exceeds its limit by {100 * found.fun:.3g} % of its "
+            f"reference or more, however fast it is passed, near {where(grid, place)}; {advice}"
+            + (grid.places.clock is not None)
+            * ", or drive more gently"
+        )
 
 
 class LateJoints:
