@@ -107,6 +107,18 @@ def test_a_broken_limit_without_a_margin_has_a_row():
     assert "Angle margin" not in rows
 
 
+@pytest.mark.parametrize(("index", "mark"), [(1.5, "BROKEN"), (0.5, "")])
+def test_a_zero_moment_point_outside_is_marked_where_the_base_tips(task, checked, index, mark):
+    """Not where clamps hold it, so that the table never contradicts the verdict."""
+    tip = replace(checked.worst["GN"], value=index, excess=index - checked.worst["GN"].limit)
+    edge = replace(checked.contacts.force, value=-0.2)
+    outside = replace(
+        checked, worst={**checked.worst, "GN": tip}, contacts=replace(checked.contacts, edge=edge)
+    )
+    (row,) = [row for row in margin_rows(task.robot, outside) if row[0] == "ZMP to edge"]
+    assert row[-1] == mark
+
+
 def test_a_limit_of_the_drives_that_is_reached_has_a_row():
     task = experiment_task("A")
     slow = check_motion(task.robot, task.reference.time_scaled(2.0), task.limits)

@@ -6,7 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ocptip.api.plan import price_of_stops
 from ocptip.basics.errors import InputError
+from ocptip.cli.layout import price_line
 from ocptip.motion.objective import ENERGY, TIME, Objective, objective_of, priced
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.event_order import order_of
@@ -143,3 +145,15 @@ def test_an_objective_is_data():
         "unit": "J",
     }
     assert isinstance(TIME, Objective)
+
+
+@pytest.mark.parametrize(("objective", "words"), [(ENERGY, "+50.0 % energy"), (TIME, "+20.0 % duration")])
+def test_the_cost_of_stops_is_that_of_the_objective(objective, words):
+    task = SimpleNamespace(objective=objective)
+    task.segments = [SimpleNamespace(task=task)]
+    plan, without = (
+        SimpleNamespace(task=task, energy=energy, duration=duration)
+        for energy, duration in ((300.0, 1.2), (200.0, 1.0))
+    )
+    [line] = price_line(price_of_stops(plan, without))
+    assert line == f"cost of stops: {words} against the plan without, 200.0 J in 1.000 s"

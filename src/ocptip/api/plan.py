@@ -417,9 +417,15 @@ def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, An
     """Additional cost of a plan that may be stopped; without: the plan that need not, None: there is none."""
     if without is None:
         return {}
+    objective = plan.task.segments[0].task.objective
     costs = {"energy_J": without.energy, "duration_s": without.duration}
-    more = round(plan.energy / without.energy - 1, 6) + 0.0
-    return {"without_stops": costs, "energy_more": more}
+    pairs = {
+        "energy_more": (plan.energy, without.energy),
+        "duration_more": (plan.duration, without.duration),
+        "cost_more": tuple(objective.cost(one.energy, one.duration) for one in (plan, without)),
+    }
+    more = {name: round(own / other - 1, 6) + 0.0 for name, (own, other) in pairs.items()}
+    return {"without_stops": costs, "objective": objective.name, **more}
 
 
 def _largest(

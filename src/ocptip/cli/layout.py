@@ -21,6 +21,11 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
     from ocptip.standing.sensitivity import Sensitivity
 
 
+_PRICES = {
+    "energy": ("energy_more", "energy"),
+    "time": ("duration_more", "duration"),
+    "both": ("cost_more", "cost (energy and time)"),
+}
 _NAMED = 3  # names of files in the last lines
 _WIDEST = 7  # characters of the names of lines, at least
 _COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
@@ -100,13 +105,14 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
 
 
 def price_line(price: Mapping[str, Any]) -> list[str]:
-    """The energy of plans with stops, in words: energy and duration against the plan without them."""
+    """The cost of plans with stops, in words: that of the objective against the plan without them."""
     if not price:
         return []
-    costs, more = price["without_stops"], 100 * price["energy_more"]
+    name, word = _PRICES[price["objective"]]
+    costs, more = price["without_stops"], 100 * price[name]
     than = f"the plan without, {costs['energy_J']:.1f} J in {costs['duration_s']:.3f} s"
     luck = "; that plan is a worse local optimum" if more < -0.05 else ""
-    return [f"cost of stops: {round(more, 1) + 0.0:+.1f} % energy against {than}{luck}"]
+    return [f"cost of stops: {round(more, 1) + 0.0:+.1f} % {word} against {than}{luck}"]
 
 
 def stop_table(stops: Stops) -> list[str]:

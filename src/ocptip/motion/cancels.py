@@ -69,6 +69,7 @@ class SafeDecelerations:
         names, units: of the joints; units "rad" or "m".
         of_limits: these are the acceleration limits, which a controller would use by default.
         together: joints come to rest together, see `Cancel`.
+        planned: the motion was planned to be safe when cancelled.
         levels: by falling share.
         minimum, maximum: of the safe shares; None where no checked share is safe.
         within: the uncertainty in words; empty: nominal model only.
@@ -80,6 +81,7 @@ class SafeDecelerations:
     units: tuple[str, ...]
     of_limits: bool
     together: bool
+    planned: bool
     levels: tuple[CancelLevel, ...]
     minimum: float | None
     maximum: float | None
@@ -127,7 +129,7 @@ class SafeDecelerations:
         if self.minimum is None or self.maximum is None:
             kept = f"no deceleration from {100 * SHARES[-1]:g} to {100 * hardest.share:.3g} % of {of} is safe"
             helps = f". To plan for it, try ocptip plan with --stop-safe cancel{self._gentle}"
-            helps = "" if self.together else helps
+            helps = "" if self.together or self.planned else helps
             if any(text.startswith("clearance") for text in hardest.broken):
                 helps = ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
         else:
@@ -135,8 +137,9 @@ class SafeDecelerations:
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
             each = " by joint" if len(set(self.full)) > 1 and not self.together else ""
             kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}{each}"
-            unplanned = self.together or hardest.torque_ratio > 1  # plans know the contacts, no torques
-            remedy = "" if unplanned else ", or plan with --stop-safe cancel"
+            # plans know the contacts, no torques
+            unhelpful = self.together or self.planned or hardest.torque_ratio > 1
+            remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
             helps = "" if hardest.safe else f". Set that in the controller{remedy}"
         gentlest = self.levels[-1]
         if self.minimum is not None:  # why no gentler one is safe
@@ -226,6 +229,7 @@ def safe_decelerations(
         units=robot.units,
         of_limits=of_limits,
         together=cancel.together,
+        planned=limits.cancel is not None,
         levels=tuple(found[share] for share in sorted(found, reverse=True)),
         minimum=minimum,
         maximum=maximum,
@@ -261,8 +265,6 @@ def _levels(
         longest, torque = float(np.max(stops.rests)) + own.reaction, float(np.max(stops.drives))
         over, joint = stops.outside
         known = np.isfinite(stops.clearance)
-        if torque > 1 + _KEPT:
-            broken.append(f"a drive needs {100 * torque:.3g} % of its torque limit")
         way = []
         if longest > own.longest:
             way.append(f"a stop takes {longest:.3g} s, must be <= {own.longest:g}")
@@ -273,9 +275,8 @@ def _levels(
             least, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
             where = stops.collision_words(robot, times)
             way.append(f"clearance is {least:.3g} mm {where}, must be >= {asked:g} mm")
-        broken += way
         for footing, of_contacts in zip(robot.interfaces, cases, strict=False):
-            if broken:
+            if broken or way:
                 break  # nothing else need be evaluated
             worst = worst_of_cancels(of_contacts, motion, own, times)
             for name, at in zip(WITHIN_OF, worst, strict=True):
@@ -286,6 +287,9 @@ def _levels(
                     words = _contact_words(footing, bounds, *(value if name == n else 0.0 for n in most))
                     broken.append(f"{words} within {tolerance.title}")
                     break  # slip need not be evaluated
+        if torque > 1 + _KEPT:  # after the contacts: their loss is the worse one
+            broken.append(f"a drive needs {100 * torque:.3g} % of its torque limit")
+        broken += way
         return CancelLevel(
             share=share,
             GN=float(np.max(stops.GN)),

@@ -135,7 +135,13 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         -math.inf,
     )
     yield MotionMargin(
-        ZERO_MOMENT_POINT, edge and At(edge.value, edge.time), None, 0.0, None, True, -math.inf
+        ZERO_MOMENT_POINT,
+        edge and At(edge.value, edge.time),
+        None,
+        0.0,
+        None,
+        True,
+        math.inf if edge and edge.value < 0 and "GN" in worst and worst["GN"].violation else -math.inf,
     )
     if "torque_ratio" in worst:
         limits = worst["torque_ratio"].limit, limit(TORQUE_WITHIN)

@@ -406,6 +406,19 @@ class CancelTable(JointTable):
     def _in_check(self) -> bool:
         return self._limits.cancel is not None
 
+    def _worst_of(self, footing: Footing, times: np.ndarray, found: JointStops) -> tuple[dict[str, Any], int]:
+        """The same, and what the contacts have within the uncertainty."""
+        worst, i = super()._worst_of(footing, times, found)
+        first = footing is self._robot.interfaces[0]
+        for name in WITHIN_OF:
+            at = self._within.get(name if first else of_object(name, footing.name))
+            if at is not None:
+                bound = at.value if at.bound is None else at.bound
+                worst[f"{name}_within"] = bound
+                if name == "GN":
+                    worst["tipping_margin_within_Nm"] = moment_at(bound, footing.tip_over.reference_moment)
+        return worst, i
+
     def _more(self, i: int) -> dict[str, Any]:
         found, robot, cancel = self._found, self._robot, self._cancel
         margins = Margins.under(found.wrenches, robot.tip_over, robot.slip)

@@ -233,12 +233,18 @@ def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:
 
     Of several objects it is the critical one.
     """
-    texts = []
+    texts, within = [], worst.get("GN_within")
     if (GN := worst.get("GN")) is not None:
-        margin = quantity(worst["tipping_margin_Nm"], "N m", 3)
-        texts.append(f"{name} tips" if GN >= 1 else f"tipping margin >= {margin}")
+        margin = f"tipping margin >= {quantity(worst['tipping_margin_Nm'], 'N m', 3)}"
+        if within is not None:
+            least = f">= {quantity(worst['tipping_margin_within_Nm'], 'N m', 3)}"
+            margin += f" (worst case {f'{name} tips' if within >= 1 else least})"
+        texts.append(f"{name} tips" if GN >= 1 else margin)
     if (GT := worst.get("GT")) is not None:
-        texts.append(f"{name} slips" if GT >= 1 else f"friction used <= {percent(GT)}")
+        used = f"friction used <= {percent(GT)}"
+        if (within := worst.get("GT_within")) is not None:
+            used += f" (worst case {f'{name} slips' if within >= 1 else f'<= {percent(within)}'})"
+        texts.append(f"{name} slips" if GT >= 1 else used)
     if objects := worst.get("objects"):
         critical = max(objects, key=lambda one: max(objects[one].get("GN", 0.0), objects[one].get("GT", 0.0)))
         texts.append(f"of objects {critical} is critical: {_contact_text(objects[critical], critical)}")

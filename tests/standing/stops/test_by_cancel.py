@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import percent, quantity
 from ocptip.motion.cancels import rounded_down, safe_decelerations
 from ocptip.motion.stop_tables import CancelTable
+from ocptip.motion.stops import _contact_text
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.standing.limit_kinds.limit import Sampled
@@ -185,6 +187,45 @@ def test_safe_decelerations_end_where_a_limit_does(case):
     assert np.all((np.array(rates) <= highest) & (np.array(rates) > 0.99 * highest))
     slow = safe_decelerations(robot, motion, limits, replace(full, longest=0.6), close=1.0)
     assert slow.minimum > found.minimum
+
+
+def test_a_plan_for_cancels_is_not_advised_again(case):
+    """The contacts are named before the drives; a motion that was planned for cancels needs other advice."""
+    robot, motion, limits = case.robot, case.reference, case.limits
+    full = Cancel(tuple(robot.limits.acceleration), GN=limits.GN, GT=limits.GT)
+    arm = replace(robot.arm, limits=replace(robot.limits, torque=1e-3 * robot.limits.torque))
+    gentle = Cancel(tuple(0.3 * robot.limits.acceleration), GN=1.0, GT=1.0)
+    tilted = replace(limits, tolerance=Uncertainty(tilt=0.1))
+    for own, cancel in ((limits, full), (tilted, gentle)):
+        found = safe_decelerations(robot.varied(arm=arm), motion, own, cancel, close=1.0)
+        first, *_, last = found.hardest.broken
+        assert re.match("the (base|tipping)|.* of the friction", first), first
+        assert last.startswith("a drive needs ")
+    planned = safe_decelerations(robot, motion, replace(limits, cancel=full), full, close=1.0)
+    assert not planned.hardest.safe
+    assert "--stop-safe" not in planned.text
+
+
+def test_a_cancel_within_an_uncertainty_has_its_worst_case_in_words(case):
+    """Beside the nominal margin: the same instants as `worst_of_cancels`, M = M0 (1 / GN - 1)."""
+    robot, motion = case.robot, case.reference
+    cancel = Cancel(tuple(0.3 * robot.limits.acceleration))
+    limits = replace(case.limits, tolerance=Uncertainty(tilt=1e-3))
+    worst = CancelTable(robot, motion, limits, cancel, cancel_times(motion)[:2]).worst()
+    at, used = worst_of_cancels(worst_case_of(robot, limits.tolerance), motion, cancel, cancel_times(motion))
+    bound = at.value if at.bound is None else at.bound
+    assert worst["GN"] < bound < 1
+    least = robot.tip_over.reference_moment * (1 / bound - 1)
+    assert worst["tipping_margin_within_Nm"] == pytest.approx(least, rel=1e-12)
+    text = _contact_text(worst)
+    assert re.fullmatch(
+        r"tipping margin >= [\d.]+ N m \(worst case >= [\d.]+ N m\), "
+        r"friction used <= [\d.]+ % \(worst case <= [\d.]+ %\)",
+        text,
+    )
+    assert f"(worst case >= {quantity(least, 'N m', 3)})" in text
+    assert f"(worst case <= {percent(used.value)})" in text
+    assert "worst case the base tips" in _contact_text({**worst, "GN_within": 1.2})
 
 
 def test_more_than_all_is_checked_where_it_is_asked_for(case):
