@@ -198,9 +198,9 @@ def test_limits_are_those_of_the_task():
 
 
 def test_clamp_force_is_the_least_normal_force_of_its_contact(clamped, free):
-    assert "limit of 3: -29.33 N" in legend(panel(clamped[2]["ground"], "normal"))
-    assert "limit of 1, 2: 0 N" in legend(panel(clamped[2]["ground"], "normal"))
-    assert legend(panel(free[2]["ground"], "normal"))[-1] == "limit 0 N"
+    assert "3: lets go at -29.33 N" in legend(panel(clamped[2]["ground"], "normal"))
+    assert "1, 2: lets go at 0 N" in legend(panel(clamped[2]["ground"], "normal"))
+    assert legend(panel(free[2]["ground"], "normal"))[-1] == "lets go at 0 N"
 
 
 def test_sketches_stand_on_all_feet_and_end_at_the_gripper(clamped):

@@ -1,5 +1,6 @@
 """The base and the motion that `ocptip init` writes: those of the URDF where it has them, else examples."""
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from jsonschema import Draft202012Validator
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.task import refusals
+from ocptip.robots.resting import resting_body
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
 from ocptip.task_files import example
@@ -304,6 +306,14 @@ def test_a_single_heavy_link_is_the_foot_of_the_arm_and_no_base(tmp_path):
     template = task_template(urdf, tmp_path)
     assert template.base.source.startswith("mass, centre of mass, feet and height are invented")
     assert "has to include 6 kg of links of the URDF" in template.text
+    assert re.search(r"6 kg, centre \[.*\] m in the axes of base_link", template.text)
+    added = "".join(f"{line.removeprefix('# ')}\n" for line in template.text.splitlines())
+    (part,) = tomllib.loads(added[added.index("[[base.added]]") : added.index("Solid of base")])["base"][
+        "added"
+    ]
+    assert part["mass"] == 6.0
+    body, mounted = resting_body(urdf, template.arm), [0.0, 0.0, template.base.height]
+    np.testing.assert_allclose(part["center_of_mass"], body[1] + mounted, atol=1e-6)
 
 
 def test_drives_hold_the_example_and_the_base_stands_in_it(tmp_path):

@@ -263,12 +263,12 @@ def _foot_forces(ax: Any, curves: PlanCurves) -> None:
     for k, values in enumerate(curves.normal_forces.T):
         line_style = {**style.member(k), "label": f"contact {k + 1}", "gid": f"normal-{k + 1}"}
         ax.plot(curves.times, values, **line_style)
-    for side, word in ((0, "minimum"), (1, "maximum")):
+    for side, word, named in ((0, "minimum", "lets go at"), (1, "maximum", "limit")):
         bounds = curves.normal_range[:, side]
         for value in np.unique(bounds[np.isfinite(bounds)]):
             which = np.flatnonzero(bounds == value)
-            of = "" if len(which) == len(bounds) else f" of {', '.join(str(k + 1) for k in which)}:"
-            ax.axhline(value, **style.LIMIT, label=f"limit{of} {value:.4g} N", gid=f"{word}-normal")
+            of = "" if len(which) == len(bounds) else f"{', '.join(str(k + 1) for k in which)}: "
+            ax.axhline(value, **style.LIMIT, label=f"{of}{named} {value:.4g} N", gid=f"{word}-normal")
     contacts, title = curves.plan.check.contacts, "Normal forces"
     if contacts.alike:
         title += " of equally compliant feet"

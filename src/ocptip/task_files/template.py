@@ -173,10 +173,8 @@ def _base(foot: ExampleBase) -> Iterator[str]:
     keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else "invented"
     if foot.foot_mass > 1e-9:
         about += f"; has to include {foot.foot_mass:.3g} kg of links of the URDF"
-        links, centre = f"{foot.foot_mass:.3g}", _list(np.round(foot.foot_center, 3))
-        yield f"# Links of the URDF that do not move: {links} kg, centre {centre} m, as mounted here."
-        yield f"# For a base of m kg, centre c, without them: mass = m + {links},"
-        yield f"# center_of_mass = (m c + {links} {centre}) / (m + {links})."
+        links, centre = f"{foot.foot_mass:.3g}", _list(np.round(foot.foot_center - [0, 0, foot.height], 3))
+        yield f"# Links of the URDF that do not move: {links} kg, centre {centre} m in the axes of base_link."
     yield _line(keys, "mass", f"{foot.mass:.9g}", about, mark=not foot.of_urdf)
     where, invented = "of the URDF" if foot.of_urdf else "invented", not foot.contacts_of_urdf
     yield _line(keys, "center_of_mass", _list(np.round(foot.center_of_mass, 6)), where, mark=not foot.of_urdf)
@@ -190,6 +188,12 @@ def _base(foot: ExampleBase) -> Iterator[str]:
         where = "invented" if invented else "the lowest points of the URDF's geometry"
         yield _line(keys, "feet", f"[{feet}]", where, mark=invented)
     yield _line(keys, "friction", "0.5", holds, mark=True)
+    if foot.foot_mass > 1e-9:
+        yield "# To give mass and centre of the base without those links, let the program add them:"
+        yield "# [[base.added]]"
+        yield f"# mass = {foot.foot_mass:.6g}"
+        place = _list(np.round(foot.foot_center, 6))
+        yield f"# center_of_mass = {place}  # mount_position + {centre}: change both together"
     if not foot.contacts_of_urdf:
         yield "# Solid of base and deck: without it collisions of the arm with the base are not checked."
         yield "# [[base.shape]]"
