@@ -20,7 +20,8 @@ def test_names():
 def test_centres_of_mass_are_the_printed_ones(name):
     links = assemble_links(name)
     off = np.abs(links.centres * 1e3 - ARMS[name]["r_QS_printed"])
-    assert off.max() < 0.21  # mm; 0.2055 in one component of FSFS, the rest below 0.2
+    assert off.max() < 0.21  # mm
+    assert name != "FSFS" or off.max() == pytest.approx(0.2055, abs=5e-5)  # the others stay below 0.2
     assert np.median(off) < 0.05
 
 
