@@ -96,6 +96,26 @@ def test_stops_are_refused_while_the_base_drives(task):
         ocptip.check(task, "start", drive_profile=profile, stops="path")
 
 
+def test_limits_on_stops_are_left_out_while_the_base_drives(task):
+    stopping = task.each(lambda own: dataclasses.replace(own, limits=own.stops.asked(own.limits)))
+    found = ocptip.check(stopping, "start", drive_profile="1 m, 0.5 m/s, 0.5 m/s^2")
+    assert found.verified
+    assert not found.task.limits.stoppable
+    assert any("stops of the arm, also those that the task asks for" in text for text in found.assumed)
+
+
+def test_task_files_take_drive_profiles_in_words(tmp_path):
+    text = TASK.read_text(encoding="utf-8").replace("ur5.urdf", str(TASK.parent / "ur5.urdf"))
+    words, file = "1 m, 0.5 m/s, 0.8 m/s^2", tmp_path / "cart.toml"
+    file.write_text(text.replace("[motion]", f'[motion]\ndrive_profile = "{words}"'), encoding="utf-8")
+    robot = ocptip.load_task(file).robot
+    assert robot.acts.end == pytest.approx(1 / 0.5 + 0.5 / 0.8)
+    wrong = text.replace("[motion]", '[motion]\ndrive_profile = "1 m, fast"')
+    file.write_text(wrong, encoding="utf-8")
+    with pytest.raises(InputError, match=r"cart\.toml: motion\.drive_profile: .*expected distance, speed"):
+        ocptip.load_task(file)
+
+
 def test_a_search_without_plan_says_what_the_base_alone_breaks(task, monkeypatch):
     def none(*_):
         raise PlanningError("no start gave a plan")

@@ -41,8 +41,9 @@ from ocptip.trajectories.path_fit import path_of_motion
 from ocptip.trajectories.trajectory import Trajectory
 
 NO_STOPS = (
-    "while the base drives these are not checked: stops of the arm, torques of wheels, obstacles at rest in "
-    "the world, and sway at steps of the acceleration of base and arm at once"
+    "while the base drives these are not checked: stops of the arm, also those that the task asks for, "
+    "torques of wheels, obstacles at rest in the world, and sway at steps of the acceleration of base and "
+    "arm at once"
 )
 SAME = {"deg": 0.01, "m": 1e-4}
 """Offsets of start and goal up to this are not worth a note."""
@@ -233,6 +234,8 @@ def check(
     by_brakes = stops is not None and "brakes" in SCENARIOS[stops]
     asked = {BY_BRAKES: by_brakes, "sensitivities": sensitivities, "design": design}
     refuse_objects(task, *(name for name, wanted in asked.items() if wanted))
+    if task.robot.acts.end and stops is None:
+        task = task.each(lambda own: replace(own, limits=own.limits.without_stops))
     refuse_driving(task, *["stops"] * (stops is not None), *["sensitivities"] * sensitivities)
     if stops is not None and "path" in SCENARIOS[stops]:
         task = task.each(lambda own: replace(own, limits=own.stops.asked(own.limits)))

@@ -49,7 +49,7 @@ from ocptip.task_files.task_scene import (
     task_keys,
 )
 from ocptip.task_files.tolerance import tolerance_of
-from ocptip.trajectories.drive_profile import load_drive_profile
+from ocptip.trajectories.drive_profile import in_words, load_drive_profile
 from ocptip.trajectories.velocity_profiles import SHORTEST_RISE, checked_rise_times
 
 _KIND = schema.choice("Stops.", get_args(Kinds))
@@ -193,11 +193,10 @@ DURATION = {
     "duration": schema.number("The motion takes exactly so long.", "s", bound="> 0", otherwise="free"),
     "max_duration": schema.number("The motion takes at most so long.", "s", bound="> 0", otherwise="free"),
 }
+_PROFILE = "Drive profile: CSV of velocities (v, w) or a course (x, y, yaw), or `2 m, 0.8 m/s, 1 m/s^2`."
 DRIVE = {
-    "drive_profile": schema.file(
-        "Drive profile: CSV with velocities (v, w) or a course (x, y, yaw).",
-        default=None,
-        otherwise="the base rests",
+    "drive_profile": replace(
+        schema.text(_PROFILE, default=None, otherwise="the base rests"), words="file or text"
     )
 }
 _ONE_DURATION = [("duration", "max_duration")]
@@ -345,7 +344,9 @@ def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
     given = [own[0] for own, pose in ends if pose is None]
     robot = _with_finer_solids(robot, np.reshape(given, (-1, robot.n)), scene.limits.clearance)
     if (profile := motion["drive_profile"]) is not None:
-        robot = robot.driving(load_drive_profile(profile))
+        source = profile if in_words(profile) else motion.named_file("drive_profile")
+        with motion.at("drive_profile" if source is profile else None):
+            robot = robot.driving(load_drive_profile(source))
     pairs = posture_pairs(robot, scene.limits, starts, goals)
     task = ramp_task(name, robot, *pairs[0], scene.limits, motion)
     targets = ends[0][1], ends[1][1]

@@ -138,6 +138,11 @@ class DriveProfile:
         )
 
 
+def in_words(source: str) -> bool:
+    """Whether a text is a profile in words, not the name of a file."""
+    return _WORDS.match(source) is not None
+
+
 def load_drive_profile(
     source: str | os.PathLike[str],
     *,
@@ -168,7 +173,7 @@ def load_drive_profile(
     """
     if isinstance(source, str) and (words := _TRAPEZOID.fullmatch(source)):
         return DriveProfile.of_course(_trapezoid(words))
-    if isinstance(source, str) and _WORDS.match(source):
+    if isinstance(source, str) and in_words(source):
         raise InputError(
             "drive profile: expected distance, speed and acceleration with units, such as "
             f"'2 m, 0.8 m/s, 1 m/s^2', got {source!r}"
