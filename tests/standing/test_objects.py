@@ -9,6 +9,7 @@ import pytest
 
 import ocptip
 from ocptip.basics.errors import InputError
+from ocptip.cli.motion_summary import notes
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.cancels import safe_decelerations
@@ -28,6 +29,7 @@ from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import Robot
+from ocptip.standing.contact_margins import Margin
 from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
 from ocptip.standing.objects import Object, carrier_expressions, carrier_motions, cup
@@ -218,6 +220,13 @@ def test_a_motion_that_is_too_fast_for_an_object_breaks_its_limits_and_names_it(
         assert checked.verified == checked.stands == (not broken)
         assert checked.objects["box"].moment.value == pytest.approx(2.0 * (G * 0.05 - a * 0.15), rel=1e-6)
         glass = checked.objects["glass"]
+        pulls = any("equally compliant contact of glass lifts" in note for note in notes(checked))
+        assert pulls == (glass.alike.value < 0)
+        lifting = dataclasses.replace(glass, alike=Margin(-0.156, 0.181, (2,)))
+        found = notes(dataclasses.replace(checked, objects={"glass": lifting}))
+        assert any(
+            note.startswith("an equally compliant contact of glass lifts (contact 2") for note in found
+        )
         moment = 0.4 * (G * 0.035 - a * 0.07) * np.cos(np.pi / 8)  # about an edge of the polygon in its foot
         assert glass.moment.value == pytest.approx(moment, rel=1e-6)
         assert glass.friction.value == pytest.approx(a / (0.6 * G), rel=1e-5)

@@ -40,6 +40,12 @@ def notes(checked: MotionCheck) -> list[str]:
             f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base. "
             "Declare `stiffness` of the contacts to plan with their springs"
         )
+    for name, own in checked.objects.items():
+        if own.alike and own.alike.value < 0:
+            found.append(
+                f"an equally compliant contact of {name} lifts {own.alike}; its tipping margin says whether "
+                "the others hold it"
+            )
     if contacts.equal_friction and contacts.equal_friction.value >= 1:
         # The share of a foot with hardly any load is a number without use.
         share = percent(contacts.equal_friction.value) if contacts.equal_friction.value < 10 else "far more"
