@@ -5,6 +5,8 @@ from __future__ import annotations
 import signal
 import time
 from contextlib import suppress
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +17,10 @@ from ocptip.api.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.cli.plan_report import PlanReport
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
+from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.task_files.motion import load_task
 from tests.motion.among_boxes import WALL, task_among, task_file
+from tests.places import EXAMPLES
 
 pytest.importorskip("ompl")
 BESIDE = WALL.replace("0.75, 0.0", "0.75, -0.9")
@@ -121,6 +125,19 @@ def test_where_the_time_is_limited_a_path_follows_the_direct_search(tmp_path):
     assert plan.verified
     assert plan.options["method"] == "path"
     assert said == ["direct method: no verified motion in the given time", "searching and timing a path ..."]
+
+
+@pytest.mark.parametrize(("rise_times", "compared"), [(None, True), ((0.02,), False)])
+def test_a_plan_for_cancels_is_compared_with_the_straight_line(monkeypatch, rise_times, compared):
+    """Not with S-curves, which a timing has not, nor without cancels."""
+    task, said = load_task(EXAMPLES / "tasks" / "ur5_cart.toml"), []
+    safe = replace(task, limits=replace(task.limits, cancel=Cancel((2.0,) * task.robot.n)))
+    plan = SimpleNamespace(motion=SimpleNamespace(rise_times=rise_times))
+    monkeypatch.setattr("ocptip.retiming.among.no_worse_than_line", lambda found: (found, "compared"))
+    known = (None, TimeBudget(None), lambda: plan, 0, said.append)
+    assert searched(task, *known) is plan
+    assert searched(safe, *known) == ((plan, "compared") if compared else plan)
+    assert bool(said) is compared
 
 
 def test_a_failed_solver_of_one_method_leaves_the_other(tmp_path, monkeypatch):

@@ -61,8 +61,8 @@ def searched(
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
-    """The plan of the first method that gives a verified motion; with objects at least as good as the timed
-    straight line.
+    """The plan of the first method that gives a verified motion; with objects, or safe when cancelled, at
+    least as good as the timed straight line.
 
     Args:
         task: of a motion or a cycle.
@@ -84,10 +84,14 @@ def searched(
         methods = methods_for(task, budget.given) if method is None else (method,)
     try:
         found = _first_of(methods, task, budget, direct, seed, say)
-        carries = not task.is_cycle and len(task.robot.interfaces) > 1
-        if method is not None or budget.given or not carries:
+        if method is not None or budget.given or task.is_cycle:
             return found
-        say("timing the straight line, which keeps objects as level as start and goal ...")
+        carries = len(task.robot.interfaces) > 1
+        cancelled = task.segments[0].task.limits.cancel is not None and not found.motion.rise_times
+        if not carries and not cancelled:  # timings know no other stops
+            return found
+        why = ", which keeps objects as level as start and goal" if carries else ", to compare"
+        say(f"timing the straight line{why} ...")
         return among.no_worse_than_line(found)
     except ToleranceError:
         raise

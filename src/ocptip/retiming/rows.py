@@ -290,7 +290,7 @@ class TimingLimits:
             if not mask.any():
                 continue
             rows = limit.chosen(at).rows(slopes, mask)
-            lower, upper = (bound[rows.places] for bound in limit.bounds())
+            lower, upper = limit.bounds_of(rows)
             on = limit.jacobian(rows)
             here = rows.values - on[:, 0] * u[rows.nodes] - on[:, 1] * x[rows.nodes]
             for sign, bound in ((1.0, upper), (-1.0, -lower)):

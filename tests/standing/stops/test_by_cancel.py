@@ -11,10 +11,12 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity
 from ocptip.motion.cancels import rounded_down, safe_decelerations
+from ocptip.motion.objective import TIME
 from ocptip.motion.stop_tables import CancelTable
 from ocptip.motion.stops import _contact_text
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
+from ocptip.retiming.retime import least_cost
 from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.limit_kinds.worst_cancels import WorstCancelLimit
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion, stop_states
@@ -22,6 +24,7 @@ from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.cancelled import worst_of_cancels
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.path_fit import rounded_lines
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 from tests.places import EXAMPLES
@@ -400,3 +403,22 @@ def test_the_smallest_clearance_names_its_bodies_and_when():
     [text] = [text for text in table.violations() if text.startswith("clearance")]
     assert f"between {robot.collision.labels[found.nearest[i]]} " in text
     assert f" s after a stop begun at {times[i]:.4f} s, must be >= 5000.0 mm" in text
+
+
+def test_a_path_from_and_to_end_stops_can_be_timed_for_cancels():
+    """The joint that moves starts at one end of its range and stops at the other."""
+    task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    robot = task.robot
+    ends = np.stack([task.start, task.start])
+    ends[1, 0] += 0.4
+    known = robot.arm.limits
+    low, high = known.angle_min.copy(), known.angle_max.copy()
+    low[0], high[0] = ends[:, 0]
+    arm = replace(robot.arm, limits=replace(known, angle_min=low, angle_max=high))
+    cancel = Cancel(tuple(np.full(robot.n, 2.0)))
+    limits = replace(task.limits, cancel=cancel, tolerance=Uncertainty())
+    path = rounded_lines(ends, ()).path
+    free = least_cost(robot, path, limits, TIME, 40)
+    # It speeds up as without end stops, at 4 way / free^2, and brakes no harder than when cancelled.
+    wanted = np.sqrt(2 * 0.4 * (free**2 / (4 * 0.4) + 1 / 2.0))
+    assert least_cost(robot.varied(arm=arm), path, limits, TIME, 40) == pytest.approx(wanted, rel=0.03)

@@ -259,6 +259,13 @@ class CancelAngleLimit(StateLimit, AngleLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low + RESTS_INSIDE, self._high - RESTS_INSIDE
 
+    def bounds_of(self, rows: NodeRows) -> tuple[np.ndarray, np.ndarray]:
+        # A joint that starts or ends at an end stop rests there: half of its distance is enough.
+        q, k = rows.at.motion_states[0][rows.nodes, rows.places], rows.places
+        low, high = self._low[k], self._high[k]
+        below, above = (np.clip(own / 2, 0.0, RESTS_INSIDE) for own in (q - low, high - q))
+        return low + below, high - above
+
     def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         n, count = self.robot.n, np.arange(len(i))

@@ -197,6 +197,11 @@ class Limit:
         """Lower and upper bounds of the rows of a node, (width,) each."""
         return np.empty(0), np.empty(0)
 
+    def bounds_of(self, rows: NodeRows) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of rows at nodes of a path, each (R,)."""
+        low, high = self.bounds()
+        return low[rows.places], high[rows.places]
+
     def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         """The rows that take part: where mask (N, width) is True, node by node."""
         raise NotImplementedError(f"{self.name}: no rows")
