@@ -3,10 +3,13 @@
 Compared with a beam of finite elements, which bends everywhere.
 """
 
+import re
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.robots.gears import Gears
@@ -16,8 +19,10 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.drives import on_its_drives
 from ocptip.standing.elastic.springs import Ride, Simulation
+from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
+from tests.places import ROOT
 
 LENGTH, EI, RATIO, G = 1.0, 400.0, 0.05, 9.81  # m, N m^2, damping, m/s^2: 8 mm sag under 3 kg
 ELEMENTS = 12
@@ -106,6 +111,21 @@ def test_a_joint_at_the_root_is_the_first_bending_mode(mass, load, within):
     sway, sag = sorted(mode.least for mode in found.modes)[:2]
     assert sway == pytest.approx(first, rel=within)
     assert sag == pytest.approx(first, rel=within)
+
+
+def test_the_file_of_the_docs_has_the_frequency_of_a_pendulum(tmp_path):
+    page = (ROOT / "docs/how-to/elastic-joints.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"## Links that bend\n.*?```toml\n(.*?)```", page, flags=re.DOTALL)
+    path = tmp_path / "task.toml"
+    path.write_text(text, encoding="utf-8")
+    (mode,) = on_its_drives(load_task(path).robot, MOTION).modes
+    about_joint = 0.06 + 3.0 * 0.25**2 + 2.0 * 0.5**2  # kg m^2: the link and its load
+    assert mode.least == pytest.approx(np.sqrt(2e4 / about_joint) / (2 * np.pi), rel=1e-6)
+    light, parts = re.subn(r"mass = 0\.01 .*\ninertia = .*\n", "", text)
+    assert parts == 1
+    path.write_text(light.replace("[arm]", '[arm]\naccept_inertia = ["shoulder"]'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"motors: .* has no mass"):
+        load_task(path)
 
 
 @pytest.mark.parametrize(("mass", "load", "within"), [(0.01, 3.0, 0.005), (1.0, 3.0, 0.05)])
