@@ -128,3 +128,20 @@ def test_what_half_spaces_prove_need_not_be_solved(corners, monkeypatch):
     for some, every in zip(quick[1:], all_of_them[1:], strict=True):
         np.testing.assert_allclose(some, every, rtol=1e-9)
     assert {case.stands for case in quick[0]} == {True, False}
+
+
+@pytest.mark.parametrize("friction", [0.35, 0.8])
+def test_no_direction_of_a_push_is_worse_than_the_reported_one(friction):
+    """A wheel that carries little slips first under pushes between the horizontal and 45 degrees."""
+    feet = [replace(c, friction=friction) for c in ROBOT.support.contacts]
+    robot = ROBOT.varied(support=ROBOT.support.varied(feet))
+    push, rng = 3.0, np.random.default_rng(3)
+    (case,) = load_cases(robot, LoadCaseGrid({"start": POSE}, (0.0,), (0.0,), (push,)))
+    anywhere = rng.normal(size=(2000, 3))
+    anywhere /= np.linalg.norm(anywhere, axis=1)[:, None]
+    loads = RestLoads(robot, POSE[None])
+    resting = loads.wrenches(robot.support.gravity)
+    states = robot.contact_states(resting + np.vstack([loads.at_tool(push * d) for d in anywhere]))
+    used = robot.slip.evaluate(states, derivatives=False).GT
+    assert used.max() * (1 - 1e-3) <= case.GT
+    assert robot.tip_over.evaluate(states).GN.max() * (1 - 1e-3) <= case.GN

@@ -8,6 +8,7 @@ import pytest
 from ocptip.cli.layout import tolerated_lines
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
+from ocptip.motion.load_cases import contact_test
 from ocptip.motion.summary import robustness_lines
 from ocptip.motion.tolerated import Tolerated, _beyond, robustness, tolerated
 from ocptip.numerics.bisection import bisected
@@ -121,6 +122,20 @@ def test_the_friction_is_the_brink(task, found):
 
     assert stands(rougher(1.005 * found["friction"].value), task.reference)
     assert not stands(rougher(0.995 * found["friction"].value), task.reference)
+
+
+def test_no_direction_loses_a_contact_below_the_reported_push(task):
+    robot, rest = task.robot, at_rest(task.start)
+    weight = robot.samples(rest, [0.0]).wrenches[0]
+    at = gripper_pose(robot.arm, task.start)[0] - robot.support.center_of_mass
+    rng = np.random.default_rng(5)
+    sides = rng.normal(size=(1000, 3))
+    sides /= np.linalg.norm(sides, axis=1)[:, None]
+    per_newton = np.hstack([sides, np.cross(at, sides)])
+    push = values(robot, rest)["push"].value
+    keeps = contact_test(robot)
+    assert keeps(weight + 0.995 * push * per_newton).all()
+    assert not keeps(weight + 1.05 * push * per_newton).all()
 
 
 def test_a_push_at_rest_against_the_moment_about_an_edge(task):

@@ -1,7 +1,8 @@
 """Load cases at rest: poses of an arm, each with more payload, on tilted floors, pushed at the gripper.
 
-No load case moves; the loads of a motion (`MotionLoads`) serve its robustness. Every direction of tilt and
-push is checked in steps of 15 and about 45 degrees, all in combination.
+No load case moves; the loads of a motion (`MotionLoads`) serve its robustness. Directions of tilt and push
+are checked all around, in combination, and then ever closer about those where most friction is used and
+where the least moment is left.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
-from ocptip.standing.slope import MOST_TILT, around, tilted
+from ocptip.standing.slope import MOST_TILT, around, beside, tilted
 from ocptip.trajectories.trajectory import Trajectory
 
 HALVINGS = 20
+CLOSER = np.radians([15.0, 7.5, 4.0, 2.0])  # rad: from the worst direction so far to its neighbours
 AT_ONCE = 16  # states of which slip is solved before half spaces are made anew
 
 
@@ -237,20 +239,40 @@ def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = No
 
 def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float, push: float) -> LoadCase:
     gravity, nowhere = robot.support.gravity, np.zeros((1, 3))
-    downhill, towards = around(gravity) if tilt else nowhere, everywhere(gravity) if push else nowhere
-    gravities = tilted(gravity, downhill, np.full(len(downhill), tilt))
-    pairs = list(product(range(len(downhill)), range(len(towards))))
-    wrenches = np.vstack([loads.wrenches(gravities[i], payload, push * towards[k]) for i, k in pairs])
-    states = robot.contact_states(wrenches)
-    tip = robot.tip_over.evaluate(states)
-    GN, GT = tip.GN, _slips(robot, states)
-    margin = None if robot.tip_over.reference_moment is None else float(np.min(tip.margins))
-    use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
-    i, k = pairs[int(np.argmax(use)) // len(loads.process)]
+
+    def judged(sides: np.ndarray) -> np.ndarray:
+        """Of directions downhill and of the push (P, 6): GN, GT, minus the least force and margin (P, 4)."""
+        gravities = tilted(gravity, sides[:, :3], np.full(len(sides), tilt))
+        pushes = push * sides[:, 3:]
+        each = [loads.wrenches(g, payload, p) for g, p in zip(gravities, pushes, strict=True)]
+        states = robot.contact_states(np.vstack(each))
+        tip, least = robot.tip_over.evaluate(states), np.min(reported_normal_forces(states), axis=1)
+        margin = np.min(tip.margins, axis=1, initial=np.inf)
+        found = np.column_stack([tip.GN, _slips(robot, states), -least, -margin])
+        return np.max(found.reshape(len(sides), -1, 4), axis=1)
+
+    def near(side: np.ndarray, angle: float) -> np.ndarray:
+        """(P, 6) this pair of directions, and others at an angle from one or both of them."""
+        slopes = np.vstack([side[:3], beside(gravity, side[:3], angle)]) if tilt else nowhere
+        pushes = np.vstack([side[3:], about(side[3:], angle)]) if push else nowhere
+        return np.array([np.r_[pair] for pair in product(slopes, pushes)])
+
+    pairs = product(around(gravity) if tilt else nowhere, everywhere(gravity) if push else nowhere)
+    sides = np.array([np.r_[pair] for pair in pairs])
+    found = judged(sides)
+    for what in (0, 1) if tilt or push else ():
+        k = int(np.argmax(found[:, what]))
+        for angle in CLOSER:
+            others = near(sides[k], angle)
+            sides, found = np.vstack([sides, others]), np.vstack([found, judged(others)])
+            k = int(np.argmax(found[:, what]))
+    GN, GT, force, margin = np.max(found, axis=0)
+    use = np.fmax(*np.nan_to_num(found[:, :2], nan=np.inf).T)
+    worst = sides[int(np.argmax(use))].tolist()
+    tips = robot.tip_over.reference_moment is not None
     return LoadCase(
-        name, float(payload), float(tilt), float(push), float(np.max(GN)), float(np.max(GT)),
-        float(np.min(reported_normal_forces(states))), bool(np.all(use < 1)),
-        tuple(downhill[i].tolist()), tuple(towards[k].tolist()), margin,
+        name, float(payload), float(tilt), float(push), float(GN), float(GT), float(-force),
+        bool(np.all(use < 1)), tuple(worst[:3]), tuple(worst[3:]), float(-margin) if tips else None,
     )  # fmt: skip
 
 
@@ -318,4 +340,14 @@ def largest_levels(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray)
 def everywhere(gravity: np.ndarray) -> np.ndarray:
     """(k, 3) directions of a push: horizontal ones, down, up, and between."""
     down, sides = gravity / max(np.linalg.norm(gravity), 1e-300), around(gravity)
-    return np.vstack([sides, 0.5**0.5 * (sides[::3] + down), 0.5**0.5 * (sides[::3] - down), down, -down])
+    between = [
+        np.cos(dip) * sides[::step] + sign * np.sin(dip) * down
+        for dip, step in zip(np.radians([22.5, 45, 67.5]), (2, 3, 6), strict=True)
+        for sign in (1, -1)
+    ]
+    return np.vstack([sides, *between, down, -down])
+
+
+def about(direction: np.ndarray, angle: float) -> np.ndarray:
+    """(8, 3) the directions at an angle, rad, from one (3,)."""
+    return np.cos(angle) * direction + np.sin(angle) * around(direction, 8)

@@ -19,7 +19,7 @@ import numpy as np
 from ocptip.contact.bindings.binding import DAMPING_RATIO
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.load_cases import MotionLoads, everywhere
+from ocptip.motion.load_cases import CLOSER, MotionLoads, about, everywhere
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip, known
@@ -27,7 +27,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.footing import Footing
-from ocptip.standing.slope import around, tilted
+from ocptip.standing.slope import around, beside, tilted
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SPACING = 0.01  # s: between instants, at most
@@ -135,11 +135,12 @@ def _stiffness_text(value: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """One way to deviate: wrenches by level, at these times, and what to call it."""
+    """One way to deviate: wrenches by level, at these times, what to call it, and its direction, if any."""
 
     loads: Loads
     times: np.ndarray
     how: str
+    side: np.ndarray | None = None
 
 
 @one_thread
@@ -176,10 +177,16 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
         per_newton = parts.at_tool(side)
         return lambda force: nominal + force * per_newton
 
+    def slopes(sides: np.ndarray) -> list[_Case]:
+        return _named(parts, downhill, sides, "downhill")
+
+    def pushes(sides: np.ndarray) -> list[_Case]:
+        return _named(parts, pushed, sides, "")
+
+    tilts = slopes(around(free)), lambda side, angle: slopes(beside(free, side, angle))
+    forces = pushes(everywhere(free)), lambda side, angle: pushes(about(side, angle))
     found = [
-        solver.largest(
-            "tilt", "deg", np.degrees(1.0), TILT, _named(parts, downhill, around(free), "downhill")
-        ),
+        solver.largest("tilt", "deg", np.degrees(1.0), TILT, *tilts),
         replace(
             solver.largest(
                 "extra_mass",
@@ -190,14 +197,10 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
             ),
             drives=parts.held_by_drives(robot, motion),
         ),
-        solver.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, everywhere(free), "")),
+        solver.largest("push", "N", 1.0, size * robot.mass, *forces),
         _least_friction(robot, solver, parts.times, nominal),
         solver.largest(
-            "faster",
-            "%",
-            100.0,
-            SPEED,
-            [_Case(lambda e: parts.total(speed=1 + e), parts.times, "")],
+            "faster", "%", 100.0, SPEED, [_Case(lambda e: parts.total(speed=1 + e), parts.times, "")]
         ),
         solver.largest("delay", "ms", 1e3, DELAY, _late(robot, motion)),
         _stiffness(robot, motion),
@@ -300,24 +303,41 @@ class _Solver:
         return likely
 
     def largest(
-        self, quantity: str, unit: str, scale: float, most: float, cases: Iterable[_Case]
+        self,
+        quantity: str,
+        unit: str,
+        scale: float,
+        most: float,
+        cases: Iterable[_Case],
+        near_by: Callable[[np.ndarray, float], Iterable[_Case]] | None = None,
     ) -> Tolerated:
-        """The largest level, the minimum over all cases; to a relative precision of `CLOSE`."""
-        best, time, how = most, np.nan, ""
+        """The largest level, the minimum over all cases; to a relative precision of `CLOSE`.
+
+        `near_by` has the cases at an angle from a direction, for those next to the worst of the given ones.
+        """
+        best, time, how, worst = most, np.nan, "", None
 
         def near(low: float, high: float) -> bool:
             return high - low <= CLOSE * high or high <= 1e-6 * most
 
-        for case in cases:
-            fails = self.lost(case.loads(best))
-            if fails is None:
-                continue
+        def narrow(cases: Iterable[_Case]) -> None:
+            nonlocal best, time, how, worst
+            for case in cases:
+                fails = self.lost(case.loads(best))
+                if fails is None:
+                    continue
 
-            def lost(level: float, loads: Loads = case.loads) -> tuple[int, str] | None:
-                return self.lost(loads(level))
+                def lost(level: float, loads: Loads = case.loads) -> tuple[int, str] | None:
+                    return self.lost(loads(level))
 
-            best, fails = bisected(lost, 0.0, best, fails, near, self._prediction(case.loads, best))
-            time, how = float(case.times[fails[0]]), ", ".join(part for part in (case.how, fails[1]) if part)
+                best, fails = bisected(lost, 0.0, best, fails, near, self._prediction(case.loads, best))
+                time, worst = float(case.times[fails[0]]), case
+                how = ", ".join(part for part in (case.how, fails[1]) if part)
+
+        narrow(cases)
+        if near_by is not None:
+            for angle in CLOSER if worst is not None else ():
+                narrow(near_by(worst.side, angle))
         return Tolerated(quantity, float(scale * best), unit, not how, time, how)
 
 
@@ -380,7 +400,7 @@ def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
 def _named(
     parts: MotionLoads, loads: Callable[[np.ndarray], Loads], sides: Iterable[np.ndarray], word: str
 ) -> list[_Case]:
-    return [_Case(loads(side), parts.times, f"{word} {_direction(side)}".lstrip()) for side in sides]
+    return [_Case(loads(side), parts.times, f"{word} {_direction(side)}".lstrip(), side) for side in sides]
 
 
 def _direction(side: np.ndarray) -> str:

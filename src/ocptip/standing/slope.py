@@ -186,6 +186,12 @@ def around(gravity: np.ndarray, count: int = AROUND) -> np.ndarray:
     return np.cos(turns)[:, None] * level[0] + np.sin(turns)[:, None] * level[1]
 
 
+def beside(gravity: np.ndarray, downhill: np.ndarray, angle: float) -> np.ndarray:
+    """(2, 3) the directions at an angle, rad, on both sides of a horizontal one (3,)."""
+    across = np.cross(gravity, downhill) / max(np.linalg.norm(gravity), _EPSILON)
+    return np.cos(angle) * downhill + np.sin(angle) * np.array([across, -across])
+
+
 def tilted(gravity: np.ndarray, downhill: np.ndarray, tilt: float | np.ndarray) -> np.ndarray:
     """(..., 3) gravity on a floor tilted by (...), rad, downhill towards (..., 3)."""
     size = np.linalg.norm(gravity)
