@@ -280,7 +280,7 @@ def _levels(
                 break  # nothing else need be evaluated
             worst = worst_of_cancels(of_contacts, motion, own, times)
             for name, at in zip(WITHIN_OF, worst, strict=True):
-                value = 0.0 if at is None else at.value if at.bound is None else at.bound
+                value = 0.0 if at is None else at.most
                 if value > getattr(limits, WITHIN_OF[name]):
                     most = {"GN": limits.GN_worst_case, "GT": limits.GT_worst_case}
                     bounds = replace(own, **most)

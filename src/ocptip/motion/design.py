@@ -77,7 +77,7 @@ class _OnBase:
         use = float(tip_over.ratio(least)) / limits.GN
         if limits.tolerance.given and use < 1:
             worst = worst_tip_of(*_worst_states(robot, motion, limits))
-            use = max(use, (worst.value if worst.bound is None else worst.bound) / limits.GN_worst_case)
+            use = max(use, worst.most / limits.GN_worst_case)
         return use
 
     @staticmethod

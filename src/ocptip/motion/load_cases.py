@@ -1,8 +1,8 @@
 """Load cases at rest: poses of an arm, each with more payload, on tilted floors, pushed at the gripper.
 
 No load case moves; the loads of a motion (`MotionLoads`) serve its robustness. Directions of tilt and push
-are checked all around, in combination, and then ever closer about those where most friction is used and
-where the least moment is left.
+are checked all around, in combination, and then ever closer about those with the maximum friction used and
+with the minimum tipping margin.
 """
 
 from __future__ import annotations
@@ -240,8 +240,8 @@ def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = No
 def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float, push: float) -> LoadCase:
     gravity, nowhere = robot.support.gravity, np.zeros((1, 3))
 
-    def judged(sides: np.ndarray) -> np.ndarray:
-        """Of directions downhill and of the push (P, 6): GN, GT, minus the least force and margin (P, 4)."""
+    def measured(sides: np.ndarray) -> np.ndarray:
+        """Of directions downhill and of the push (P, 6): GN, GT, minus minimum force and margin (P, 4)."""
         gravities = tilted(gravity, sides[:, :3], np.full(len(sides), tilt))
         pushes = push * sides[:, 3:]
         each = [loads.wrenches(g, payload, p) for g, p in zip(gravities, pushes, strict=True)]
@@ -259,12 +259,12 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
 
     pairs = product(around(gravity) if tilt else nowhere, everywhere(gravity) if push else nowhere)
     sides = np.array([np.r_[pair] for pair in pairs])
-    found = judged(sides)
+    found = measured(sides)
     for what in (0, 1) if tilt or push else ():
         k = int(np.argmax(found[:, what]))
         for angle in CLOSER:
             others = near(sides[k], angle)
-            sides, found = np.vstack([sides, others]), np.vstack([found, judged(others)])
+            sides, found = np.vstack([sides, others]), np.vstack([found, measured(others)])
             k = int(np.argmax(found[:, what]))
     GN, GT, force, margin = np.max(found, axis=0)
     use = np.fmax(*np.nan_to_num(found[:, :2], nan=np.inf).T)

@@ -341,12 +341,7 @@ class BrakeTable(JointTable):
     words = "stop by brakes"
 
     def __init__(
-        self,
-        robot: Robot,
-        motion: Trajectory,
-        limits: Limits,
-        brakes: Brakes,
-        times: np.ndarray,
+        self, robot: Robot, motion: Trajectory, limits: Limits, brakes: Brakes, times: np.ndarray
     ) -> None:
         found = stops_of_motion(robot, motion, brakes)
         super().__init__(robot, motion, limits, brakes, [found], [BrakeCheck(robot, brakes)], times)
@@ -411,12 +406,11 @@ class CancelTable(JointTable):
         worst, i = super()._worst_of(footing, times, found)
         first = footing is self._robot.interfaces[0]
         for name in WITHIN_OF:
-            at = self._within.get(name if first else of_object(name, footing.name))
-            if at is not None:
-                bound = at.value if at.bound is None else at.bound
-                worst[f"{name}_within"] = bound
+            if at := self._within.get(name if first else of_object(name, footing.name)):
+                worst[f"{name}_within"] = at.most
                 if name == "GN":
-                    worst["tipping_margin_within_Nm"] = moment_at(bound, footing.tip_over.reference_moment)
+                    reference = footing.tip_over.reference_moment
+                    worst["tipping_margin_within_Nm"] = moment_at(at.most, reference)
         return worst, i
 
     def _more(self, i: int) -> dict[str, Any]:
@@ -435,13 +429,9 @@ class CancelTable(JointTable):
     def _own_violations(self) -> list[str]:
         texts, cancel, found = [], self._cancel, self._found
         for name, at in {} if self._in_check else self._within.items():
-            value, limit = (
-                at.value if at.bound is None else at.bound,
-                getattr(self._limits, WITHIN_OF[name[:2]]),
-            )
-            if value > limit:
+            if at.most > (limit := getattr(self._limits, WITHIN_OF[name[:2]])):
                 texts.append(
-                    f"{name} is {value:.4g} in a cancel begun at {at.time:.4f} s within the uncertainty "
+                    f"{name} is {at.most:.4g} in a cancel begun at {at.time:.4f} s within the uncertainty "
                     f"({at.how}), must be <= {limit:.4g}"
                 )
         i = int(np.argmax(found.drives))

@@ -56,7 +56,7 @@ class WorstCancelLimit(WorstCaseLimit):
         worst = at.memo[key][self.quantity.symbol]
         if worst is None:
             return []
-        return [self.found(worst.value if worst.bound is None else worst.bound, worst.time, worst.how)]
+        return [self.found(worst.most, worst.time, worst.how)]
 
     def refusals(self, at: Instants) -> list[str]:
         return []  # at rest nothing is cancelled

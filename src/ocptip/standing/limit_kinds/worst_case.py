@@ -91,7 +91,7 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
         worst = of_contacts[self.quantity.in_results]
         if worst is None:
             return []
-        value, how = worst.value if worst.bound is None else worst.bound, worst.how
+        value, how = worst.most, worst.how
         return [self.found(value, worst.time, f"{how}: {worst.left}" if value > 1 else how)]
 
     def kept(self, at: Instants) -> bool:

@@ -60,6 +60,11 @@ class WorstInstant:
     bound: float | None
     factor: float = np.nan
 
+    @property
+    def most(self) -> float:
+        """The bound, or the value where there is none."""
+        return self.value if self.bound is None else self.bound
+
     def __str__(self) -> str:
         return f"{self.how}, at {self.time:.3f} s: {self.left}"
 
