@@ -140,6 +140,18 @@ def test_a_plan_for_cancels_is_compared_with_the_straight_line(monkeypatch, rise
     assert bool(said) is compared
 
 
+def test_an_interrupt_while_the_straight_line_is_timed_keeps_the_plan(monkeypatch):
+    def interrupted(plan):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ocptip.retiming.among.no_worse_than_line", interrupted)
+    task, said = load_task(EXAMPLES / "tasks" / "ur5_cart.toml"), []
+    safe = replace(task, limits=replace(task.limits, cancel=Cancel((2.0,) * task.robot.n)))
+    plan = SimpleNamespace(motion=SimpleNamespace(rise_times=None))
+    assert searched(safe, None, TimeBudget(None), lambda: plan, 0, said.append) is plan
+    assert said[-1] == "interrupted; the plan that was found is kept"
+
+
 def test_a_failed_solver_of_one_method_leaves_the_other(tmp_path, monkeypatch):
     def fails(*_, **__):
         raise SolverError("timing: status X")

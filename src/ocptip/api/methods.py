@@ -92,7 +92,11 @@ def searched(
             return found
         why = ", which keeps objects as level as start and goal" if carries else ", to compare"
         say(f"timing the straight line{why} ...")
-        return among.no_worse_than_line(found)
+        try:
+            return among.no_worse_than_line(found)
+        except KeyboardInterrupt:
+            say("interrupted; the plan that was found is kept")
+            return found
     except ToleranceError:
         raise
     except PlanningError as error:
