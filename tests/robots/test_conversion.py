@@ -106,7 +106,7 @@ def test_init_reads_wheels_and_masses_of_a_mujoco_model(model_file, monkeypatch,
         np.abs([contact.position for contact in support.contacts]), np.tile([0.3, 0.25, 0], (4, 1)), atol=1e-4
     )
     assert main(["init", "cart.xml", "--out", "u.toml"]) == 2
-    assert "cart.urdf: exists; move it away" in capsys.readouterr().err
+    assert "cart.urdf: exists; give another place by --out, or --overwrite" in capsys.readouterr().err
 
 
 def test_rotors_come_along_and_what_is_left_out_is_named(model_file, monkeypatch, capsys):

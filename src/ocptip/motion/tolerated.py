@@ -315,7 +315,8 @@ class _Solver:
 
         `near_by` has the cases at an angle from a direction, for those next to the worst of the given ones.
         """
-        best, time, how, worst = most, np.nan, "", None
+        best, time, how = most, np.nan, ""
+        worst: np.ndarray | None = None
 
         def near(low: float, high: float) -> bool:
             return high - low <= CLOSE * high or high <= 1e-6 * most
@@ -331,13 +332,13 @@ class _Solver:
                     return self.lost(loads(level))
 
                 best, fails = bisected(lost, 0.0, best, fails, near, self._prediction(case.loads, best))
-                time, worst = float(case.times[fails[0]]), case
+                time, worst = float(case.times[fails[0]]), case.side
                 how = ", ".join(part for part in (case.how, fails[1]) if part)
 
         narrow(cases)
-        if near_by is not None:
-            for angle in CLOSER if worst is not None else ():
-                narrow(near_by(worst.side, angle))
+        for angle in () if near_by is None else CLOSER:
+            if worst is not None:
+                narrow(near_by(worst, angle))
         return Tolerated(quantity, float(scale * best), unit, not how, time, how)
 
 

@@ -171,9 +171,10 @@ def _base(foot: ExampleBase) -> Iterator[str]:
     yield f"[base]  # {ROBOT_BASE.meaning}"
     yield f"# {foot.source}."
     keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else "invented"
+    centre = _list(np.round(foot.foot_center - [0, 0, foot.height], 3))
     if foot.foot_mass > 1e-9:
         about += f"; has to include {foot.foot_mass:.3g} kg of links of the URDF"
-        links, centre = f"{foot.foot_mass:.3g}", _list(np.round(foot.foot_center - [0, 0, foot.height], 3))
+        links = f"{foot.foot_mass:.3g}"
         yield f"# Links of the URDF that do not move: {links} kg, centre {centre} m in the axes of base_link."
     yield _line(keys, "mass", f"{foot.mass:.9g}", about, mark=not foot.of_urdf)
     where, invented = "of the URDF" if foot.of_urdf else "invented", not foot.contacts_of_urdf
