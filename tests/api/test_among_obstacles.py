@@ -149,7 +149,7 @@ def test_an_interrupt_while_the_straight_line_is_timed_keeps_the_plan(monkeypatc
     safe = replace(task, limits=replace(task.limits, cancel=Cancel((2.0,) * task.robot.n)))
     plan = SimpleNamespace(motion=SimpleNamespace(rise_times=None))
     assert searched(safe, None, TimeBudget(None), lambda: plan, 0, said.append) is plan
-    assert said[-1] == "interrupted; the plan that was found is kept"
+    assert said[-1] == "interrupted; the plan without the line is kept"
 
 
 def test_a_failed_solver_of_one_method_leaves_the_other(tmp_path, monkeypatch):

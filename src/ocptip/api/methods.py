@@ -95,7 +95,7 @@ def searched(
         try:
             return among.no_worse_than_line(found)
         except KeyboardInterrupt:
-            say("interrupted; the plan that was found is kept")
+            say("interrupted; the plan without the line is kept")
             return found
     except ToleranceError:
         raise
