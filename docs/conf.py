@@ -55,7 +55,7 @@ def _copy_tables(app: Sphinx) -> None:
     target = Path(app.srcdir) / "results"
     shutil.rmtree(target, ignore_errors=True)
     for path in (ROOT / RESULTS).rglob("*"):
-        if path.suffix in (".md", ".png"):
+        if path.suffix in (".md", ".png", ".gif"):
             copy = target / path.relative_to(ROOT / RESULTS)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(path, copy)
