@@ -210,12 +210,8 @@ def _require_fit(robot: StandingMechanism, path: JointPath, base: BaseLimits | N
     """Raise InputError if the path is not one of the robot, or rests."""
     joints = robot.n + (len(POSE) if base else 0)
     if path.joints != joints:
-        with_base = " and x, y, yaw of its base" if base else ""
-        raise InputError(
-            f"path: has {path.joints} columns, the {robot.kind} has {robot.n} joints{with_base}"
-            if base
-            else f"path: has {path.joints} joints, the {robot.kind} has {robot.n}"
-        )
+        columns, more = ("columns", " joints and x, y, yaw of its base") if base else ("joints", "")
+        raise InputError(f"path: has {path.joints} {columns}, the {robot.kind} has {robot.n}{more}")
     path.require_motion()
     if base and (robot.acts.size or not isinstance(robot, Robot)):
         raise InputError("path of base and arm: for arms, without a drive profile and a process that varies")

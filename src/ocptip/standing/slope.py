@@ -131,13 +131,10 @@ def largest_slope(
     for side in [*sides, *around(gravity)]:
         if (found := below(side, angle)) < angle:
             angle, worst = found, side
-    across = np.cross(gravity, worst) / np.linalg.norm(gravity)
     for k in range(1, _ROUNDS + 1):
-        turn = np.pi / AROUND / 2 ** (k - 1)
-        for side in [np.cos(turn) * worst + sign * np.sin(turn) * across for sign in (1.0, -1.0)]:
+        for side in beside(gravity, worst, np.pi / AROUND / 2 ** (k - 1)):
             if worst.any() and (found := below(side, angle)) < angle:
                 angle, worst = found, side
-                across = np.cross(gravity, worst) / np.linalg.norm(gravity)
     if not worst.any():
         return FloorSlope(angle, worst, "")
     loss, contacts = _loss(footing, wrench(tilted(gravity, worst, angle + 2 * _CLOSE)))

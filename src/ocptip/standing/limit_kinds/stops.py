@@ -13,6 +13,7 @@ for the curvature of GT over the wrench.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -242,6 +243,12 @@ class CancelRows(NodeRows):
     chosen: tuple[np.ndarray, ...] = ()
     weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
+    def curvature(self, hessian: Callable[..., np.ndarray], on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows whose multiplier (rows,) counts, and their second derivatives times it."""
+        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
+        chosen = (part[some] for part in self.chosen)
+        return some, hessian(self.at.s[self.nodes[some]], *chosen, on[some, None] * self.weights[some])
+
 
 class _Stopped(Loaded):
     """States of the stops that begin at N nodes, with the wrenches on an interface."""
@@ -360,7 +367,4 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, CancelRows)
-        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
-        chosen = tuple(part[some] for part in rows.chosen)
-        weights = on[some, None] * rows.weights[some]
-        return some, self._slopes.hessian(rows.at.s[rows.nodes[some]], *chosen, weights)
+        return rows.curvature(self._slopes.hessian, on)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import ORDINARY, Sampled, Worst
-from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
+from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 from ocptip.standing.limit_kinds.stops import CancelLimit, CancelRows, cancel_of
 from ocptip.standing.limit_kinds.worst_case import WorstCaseLimit
 from ocptip.standing.limits import WITHIN_OF, Limits
@@ -165,7 +165,4 @@ class WorstCancelLimit(WorstCaseLimit):
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, CancelRows)
-        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
-        chosen = (part[some] for part in rows.chosen)
-        weights = on[some, None] * rows.weights[some]
-        return some, self._slopes.hessian(rows.at.s[rows.nodes[some]], *chosen, weights)
+        return rows.curvature(self._slopes.hessian, on)
