@@ -42,7 +42,7 @@ from ocptip.placement.problem import (
 from ocptip.placement.terrain import plane
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.task_files.placement import PlacementTask, load_placement
-from ocptip.task_files.tolerance import load_tolerance
+from ocptip.task_files.tables.tolerance import load_tolerance
 from studies.common import (
     EXAMPLES,
     PLACING,

@@ -42,7 +42,7 @@ COMMANDS = {
     "python": "pass",
     "numpy, casadi, numba": "import numpy, casadi, numba",
     "planner": "import ocptip.motion.plan",
-    "command line, plan": "import ocptip.cli.plan",
+    "command line, plan": "import ocptip.cli.plan.plan",
     "a worker that is ready": "from studies.plan_cases.profile import ready; ready()",
 }
 HEAD = (
@@ -55,7 +55,7 @@ HEAD = (
     "nodes, rows of the last",
 )
 WHOLE = {  # parts of a command: the functions that do them
-    "task": "ocptip.cli.plan._asked",
+    "task": "ocptip.cli.plan.plan._asked",
     "search": "ocptip.api.plan.plan_motion",
     "controller": "ocptip.motion.execution.execute",
     "tolerated": "ocptip.api.plan.robustness",

@@ -15,7 +15,7 @@ import ocptip
 from ocptip.api.methods import methods_for, of_segments, searched
 from ocptip.api.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
-from ocptip.cli.plan_report import PlanReport
+from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.task_files.motion import load_task

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ocptip.api.given import given_motion, task_of_motion
+from ocptip.api.inputs.given import given_motion, task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import DEFAULT, NONE, SITE, WORKSHOP, Uncertainty

@@ -11,8 +11,8 @@ import pytest
 
 import ocptip
 from ocptip.api.chart import halton_postures
-from ocptip.cli.drive import DriveReport
 from ocptip.cli.main import main
+from ocptip.cli.verify.drive import DriveReport
 from ocptip.contact.verdict import equilibrium
 from ocptip.standing.limits import Limits
 from ocptip.standing.stow_pose import StowSearch

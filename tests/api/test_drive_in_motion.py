@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.api.given import driving
+from ocptip.api.inputs.given import driving
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.cli.main import main
 from ocptip.standing.drive_envelope import Manoeuvres, largest_manoeuvres, worst_states

@@ -11,7 +11,7 @@ import ocptip
 from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
-from tests.cli.test_cli_compare import write
+from tests.cli.machine.test_compare import write
 from tests.measured.machines import predictor, recorded
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES, ROOT

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.api.requirements import UNITS, read_requirements
+from ocptip.api.inputs.requirements import UNITS, read_requirements
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from tests.places import EXAMPLES

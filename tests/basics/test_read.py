@@ -37,7 +37,7 @@ OPENERS = {
 ELSEWHERE = {
     "basics/write.py": {"open"},  # writes
     "cli/command.py": {"open"},  # /dev/null
-    "cli/examples.py": {"read_bytes"},  # of the package
+    "cli/start/examples.py": {"read_bytes"},  # of the package
     "cli/many.py": {"loads"},  # what this process made
     "motion/planner/jobs.py": {"loads"},  # likewise
     "numerics/jit/compiled.py": {"read_bytes", "open"},  # the kernels' source, also to lock it

@@ -11,8 +11,9 @@ import shutil
 import pytest
 
 from ocptip.api import plan
-from ocptip.cli import parallel, place
 from ocptip.cli.main import main
+from ocptip.cli.place.place import place
+from ocptip.cli.poses_and_closed_chains import parallel
 from tests.places import EXAMPLES
 
 FLOOR = 'kind = "floor"\nheight = 0.75'

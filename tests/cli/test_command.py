@@ -42,7 +42,8 @@ ARGUMENTS = {
     "completion": ["bash"],
     "schema": [],
 }
-NAMES = [command.name for command in COMMANDS]
+MODULES = {command.name: command.module for command in COMMANDS}
+NAMES = list(MODULES)
 
 
 @dataclass
@@ -70,7 +71,7 @@ def answered(monkeypatch, name, answer, *more):
             raise answer
         return answer
 
-    monkeypatch.setitem(sys.modules, f"ocptip.cli.{name}", SimpleNamespace(run=run))
+    monkeypatch.setitem(sys.modules, MODULES[name], SimpleNamespace(run=run))
     return main([name, *ARGUMENTS[name], *more])
 
 
@@ -151,7 +152,7 @@ def test_suspicions_are_a_line_on_stderr_and_in_the_data(monkeypatch, capsys, na
         doubt("a.toml: start_deg: are they radians?")
         return Answer()
 
-    monkeypatch.setitem(sys.modules, f"ocptip.cli.{name}", SimpleNamespace(run=run))
+    monkeypatch.setitem(sys.modules, MODULES[name], SimpleNamespace(run=run))
     assert main([name, *ARGUMENTS[name], "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["warnings"] == ["a.toml: start_deg: are they radians?"] * 2
@@ -163,7 +164,7 @@ def test_other_warnings_go_their_way(monkeypatch):
         warnings.warn("old", DeprecationWarning, stacklevel=1)
         return Answer()
 
-    monkeypatch.setitem(sys.modules, "ocptip.cli.stand", SimpleNamespace(run=run))
+    monkeypatch.setitem(sys.modules, "ocptip.cli.verify.stand", SimpleNamespace(run=run))
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         assert main(["stand", "a.toml"]) == 0

@@ -24,7 +24,7 @@ from ocptip.robots.payload import Payload
 from ocptip.robots.process import AXES, ProcessWrench
 from ocptip.standing.arm import Robot
 from ocptip.standing.sensor import WrenchSensor
-from ocptip.task_files.arm import arm_of_file
+from ocptip.task_files.tables.arm import arm_of_file
 from tests.measured.machines import changed, predictor, recorded, values_of
 from tests.places import ROOT
 from tests.quick import THOROUGH, some

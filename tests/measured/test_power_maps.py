@@ -9,7 +9,7 @@ from ocptip.cli.main import main
 from ocptip.measured.power_maps import fit_power_map, motors_of, samples_by_joint
 from ocptip.published.arms import load_arm, modular_motors
 from ocptip.task_files.motion import TASK
-from ocptip.task_files.motors import power_maps
+from ocptip.task_files.tables.motors import power_maps
 
 
 def samples(seed, joint, count=200, noise=2.0):

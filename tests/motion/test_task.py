@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from ocptip.api.postures import resting_posture
+from ocptip.api.inputs.postures import resting_posture
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.objective import TIME, priced

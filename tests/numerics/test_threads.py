@@ -7,8 +7,8 @@ import sys
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from ocptip.cli import stand
 from ocptip.cli.main import main
+from ocptip.cli.verify import stand
 from ocptip.motion.tolerated import tolerated
 from ocptip.numerics.threads import one_thread
 from ocptip.published.tasks import experiment_task

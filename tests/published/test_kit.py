@@ -8,7 +8,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import union
 from ocptip.published.arms import arm_by_name, arm_names, codes, described, load_arm, published_data
-from ocptip.task_files.arm import arm_of_file
+from ocptip.task_files.tables.arm import arm_of_file
 from tests.robots.pinocchio_twin import twin
 from tests.robots.test_dynamics import TOLERANCE, worst_difference
 

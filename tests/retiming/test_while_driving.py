@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.api.given import driving
+from ocptip.api.inputs.given import driving
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion

@@ -10,8 +10,8 @@ from ocptip.basics.toml import Table
 from ocptip.robots.dh import DHRow, arm_from_dh
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
-from ocptip.task_files.arm import arm_of_file, read_arm
 from ocptip.task_files.motion import TASK
+from ocptip.task_files.tables.arm import arm_of_file, read_arm
 
 STEP = 1e-4
 

@@ -19,7 +19,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.torques import maximum_torques
-from ocptip.task_files.arm import arm_of_file
+from ocptip.task_files.tables.arm import arm_of_file
 from tests.robots.pinocchio_twin import twin
 from tests.robots.sample_arms import random_arm
 

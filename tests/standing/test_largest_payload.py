@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ocptip
-from ocptip.api.postures import RestingPosture, rests_of
+from ocptip.api.inputs.postures import RestingPosture, rests_of
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Slip
 from ocptip.robots.collision.gaps import random_postures

@@ -8,7 +8,7 @@ import pytest
 
 import ocptip
 from ocptip.basics.errors import InputError
-from ocptip.cli.stand import StandReport
+from ocptip.cli.verify.stand import StandReport
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand

@@ -8,7 +8,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import toml_text
 from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
-from ocptip.task_files.tolerance import load_tolerance
+from ocptip.task_files.tables.tolerance import load_tolerance
 
 
 def read(folder, text):

@@ -1,1 +1,1 @@
-"""The functions that commands and users call: one module per verb. `ocptip` exports all of them."""
+"""The functions that commands and users call, one module per verb; `ocptip` exports them."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ocptip.api.given import MotionLike, given_motion
+from ocptip.api.inputs.given import MotionLike, given_motion
 from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.read import parse_json, read_text

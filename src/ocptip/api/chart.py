@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from ocptip.api.postures import rests_of
+from ocptip.api.inputs.postures import rests_of
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, finite_array, positive_number, whole_number
 from ocptip.basics.outputs import SavedFolder

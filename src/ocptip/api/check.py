@@ -11,10 +11,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.api.given import MotionLike, ProfileLike, given_motion
-from ocptip.api.motion_requirements import motion_outcomes
+from ocptip.api.inputs.given import MotionLike, ProfileLike, given_motion
+from ocptip.api.inputs.motion_requirements import motion_outcomes
+from ocptip.api.inputs.requirements import Outcome
 from ocptip.api.plan import sensitivities_of, silent
-from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.write import versions
@@ -102,7 +102,8 @@ class Check(CheckedMotion):
         Margins are those of the worst case where the limits have an uncertainty.
 
         Args:
-            text: requirements with commas between them, of the quantities in `ocptip.api.requirements.UNITS`.
+            text: requirements with commas between them; `ocptip.api.inputs.requirements.UNITS` names the
+                quantities.
 
         Raises:
             InputError: one of them cannot be understood, or is not of a motion.

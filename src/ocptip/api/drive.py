@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.api.chart import halton_postures
-from ocptip.api.drive_result import DriveArguments, DriveEnvelope
-from ocptip.api.given import MotionLike, given_motion
-from ocptip.api.postures import RestingPosture, resting_posture
+from ocptip.api.inputs.given import MotionLike, given_motion
+from ocptip.api.inputs.postures import RestingPosture, resting_posture
+from ocptip.api.results.drive import DriveArguments, DriveEnvelope
 from ocptip.api.tasks import TaskLike
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.motion.cycles.task import Task
@@ -22,7 +22,7 @@ from ocptip.standing.stow_pose import StowSearch
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.plan_folder import is_plan_folder
-from ocptip.task_files.tolerance import load_tolerance
+from ocptip.task_files.tables.tolerance import load_tolerance
 
 DIRECTIONS, SPEED, TURNING, SLOPE, SAMPLES = 36, 1.0, 0.5, np.radians(5.0), 4000
 STOW = "stow"

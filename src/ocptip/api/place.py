@@ -18,7 +18,7 @@ from ocptip.placement.within import placement_within, searched
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.rest import WithinAtRest
 from ocptip.task_files.placement import PlacementTask, load_placement
-from ocptip.task_files.tolerance import load_tolerance
+from ocptip.task_files.tables.tolerance import load_tolerance
 
 
 def place(

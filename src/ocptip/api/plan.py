@@ -13,6 +13,8 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
+from ocptip.api.inputs.motion_requirements import motion_outcomes
+from ocptip.api.inputs.requirements import Outcome
 from ocptip.api.methods import (
     ALONG_PATH,
     Ask,
@@ -25,8 +27,6 @@ from ocptip.api.methods import (
     prepared,
     searched,
 )
-from ocptip.api.motion_requirements import motion_outcomes
-from ocptip.api.requirements import Outcome
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.outputs import remove_figures

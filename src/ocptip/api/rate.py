@@ -45,9 +45,9 @@ from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import Robot
-from ocptip.task_files.arm import arm_of_file
 from ocptip.task_files.parallel import read_robot
 from ocptip.task_files.platform_points import read_platform
+from ocptip.task_files.tables.arm import arm_of_file
 from ocptip.trajectories.read_csv import csv_table
 
 Kind = Literal["arm", "platform", "parallel"]

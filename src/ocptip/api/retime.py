@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
-from ocptip.api.given import MotionLike, ProfileLike, driven, driving, task_of_motion
+from ocptip.api.inputs.given import MotionLike, ProfileLike, driven, driving, task_of_motion
 from ocptip.api.plan import Plan, base_alone, silent
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number

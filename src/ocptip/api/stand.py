@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from ocptip.api.standing import Standing, worst_of_scene
+from ocptip.api.results.stand import Standing, worst_of_scene
 from ocptip.basics.errors import InputError, naming
 from ocptip.contact.verdict import stability, standing_state
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.scene import Scene, read_scene
-from ocptip.task_files.tolerance import load_tolerance
+from ocptip.task_files.tables.tolerance import load_tolerance
 
 if TYPE_CHECKING:
-    from ocptip.api.postures import RestingPosture
+    from ocptip.api.inputs.postures import RestingPosture
     from ocptip.motion.cycles.task import CycleTask
     from ocptip.motion.task import MotionTask
     from ocptip.robots.base_motion import BaseMotion
@@ -62,7 +62,7 @@ def stand(
             raise InputError(f"{name}: belongs to a robot; a scene has none")
         scene = what
     else:
-        from ocptip.api.postures import resting_posture  # loads for 0.3 s what scenes do not need
+        from ocptip.api.inputs.postures import resting_posture  # loads for 0.3 s what scenes do not need
 
         if reference_moment is not None:
             raise InputError(

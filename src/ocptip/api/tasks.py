@@ -18,7 +18,7 @@ from ocptip.robots.kinematics import TCP
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.task_files.cycle import read_task
-from ocptip.task_files.tolerance import load_tolerance
+from ocptip.task_files.tables.tolerance import load_tolerance
 
 Base = Literal["printed", "effective"]
 """Data of the base of a case."""

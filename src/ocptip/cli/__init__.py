@@ -1,1 +1,1 @@
-"""The `ocptip` command: one file per command."""
+"""The `ocptip` command: a folder per group of the help, one file per command."""

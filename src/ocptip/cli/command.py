@@ -35,7 +35,9 @@ START, PLAN, VERIFY, PLACE, MACHINE, CLOSED = GROUPS = (
     "machine",
     "poses and closed chains",
 )
-"""Groups of commands, in the order of the help."""
+"""Groups of commands, in the order of the help; each has a folder of its name."""
+FOR_PLANS = ("ocptip.motion.plan", "ocptip.certificate.checks", "ocptip.motion.planner.kernels")
+"""Modules that are loaded by processes which plan."""
 stops: list[int] = []
 """Signals that asked this process to stop."""
 FURTHER_CODES = f"{BAD_INPUT} bad input, {INTERNAL_ERROR} internal error, {INTERRUPTED} interrupted"
@@ -167,7 +169,7 @@ class Answer(Report):
 
 @dataclass(frozen=True)
 class Command:
-    """A command; the function `run` of the module `cli/<name>.py` turns its options into a report.
+    """A command; the function `run` of the module `cli/<group>/<name>.py` turns its options into a report.
 
     Attributes:
         name: as it is typed.
@@ -188,6 +190,11 @@ class Command:
     arguments: Sequence[Argument]
     preload: Sequence[str] = ()
     files: Sequence[str] = ()
+
+    @property
+    def module(self) -> str:
+        """The module whose function `run` answers."""
+        return f"ocptip.cli.{self.group.replace(' ', '_')}.{self.name}"
 
     def prepare(self, options: argparse.Namespace) -> None:
         """Let the processes of the command start while the command itself loads what it needs."""
@@ -232,7 +239,7 @@ class Command:
             if own_process:
                 self.prepare(options)
             latest.quiet = options.quiet
-            module = import_module(f"ocptip.cli.{self.name}")
+            module = import_module(self.module)
             from ocptip.numerics.threads import one_thread  # of the libraries that are loaded by now
 
             lines = lines_while(sys.stderr, f"ocptip {self.name}") if own_process else nullcontext()

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
-from ocptip.api.requirements import Outcome, junit, outcomes_to_dict, read_requirements
+from ocptip.api.inputs.requirements import Outcome, junit, outcomes_to_dict, read_requirements
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.outputs import require_replaceable
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
-from ocptip.task_files.tolerance import load_tolerance
+from ocptip.task_files.tables.tolerance import load_tolerance
 
 if TYPE_CHECKING:
     from ocptip.motion.cycles.task import Task

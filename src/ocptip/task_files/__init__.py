@@ -1,1 +1,1 @@
-"""Readers of users' TOML files, one file per kind of table."""
+"""Readers of users' TOML files, one module per kind of file; `tables` has what several kinds share."""

@@ -32,12 +32,12 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.cycle import CYCLE, cycle_keys, read_cycle
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
-from ocptip.task_files.joints import POSE, given_angles, read_target
 from ocptip.task_files.placement import OF_PLACES, PLACE_LIMITS, PLACEMENT, read_problem
-from ocptip.task_files.shapes import OBSTACLE
 from ocptip.task_files.source import task_source
+from ocptip.task_files.tables.joints import POSE, given_angles, read_target
+from ocptip.task_files.tables.shapes import OBSTACLE
+from ocptip.task_files.tables.terrain import TERRAIN
 from ocptip.task_files.task_scene import COMMON_LIMITS
-from ocptip.task_files.terrain import TERRAIN
 
 CELL = cycle_keys(
     "cell",

@@ -21,7 +21,6 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
-from ocptip.task_files.joints import LOCKED, LOCKED_KEYS, end_keys, read_end
 from ocptip.task_files.motion import (
     AIM,
     COURSE,
@@ -34,8 +33,9 @@ from ocptip.task_files.motion import (
     ramp_task,
     with_stops,
 )
-from ocptip.task_files.payload import OF_SEGMENT
 from ocptip.task_files.source import task_source
+from ocptip.task_files.tables.joints import LOCKED, LOCKED_KEYS, end_keys, read_end
+from ocptip.task_files.tables.payload import OF_SEGMENT
 from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limit_numbers, task_keys
 
 _SHARED = (*COURSE, *AIM)  # of [motion], unless a segment has its own

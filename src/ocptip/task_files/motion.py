@@ -33,12 +33,13 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_cancel import LONGEST
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_kind
-from ocptip.task_files.joints import end_keys, joint_values, read_end
-from ocptip.task_files.motors import GEARS, read_gears
-from ocptip.task_files.objects import OBJECT, with_objects
-from ocptip.task_files.payload import PROCESS, SENSOR, read_process, read_sensor
 from ocptip.task_files.scene import SCENE
 from ocptip.task_files.source import task_source
+from ocptip.task_files.tables.joints import end_keys, joint_values, read_end
+from ocptip.task_files.tables.motors import GEARS, read_gears
+from ocptip.task_files.tables.objects import OBJECT, with_objects
+from ocptip.task_files.tables.payload import PROCESS, SENSOR, read_process, read_sensor
+from ocptip.task_files.tables.tolerance import tolerance_of
 from ocptip.task_files.task_scene import (
     COMMON_LIMITS,
     SEGMENT_LIMITS,
@@ -48,7 +49,6 @@ from ocptip.task_files.task_scene import (
     speed_limits,
     task_keys,
 )
-from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.drive_profile import in_words, load_drive_profile
 from ocptip.trajectories.velocity_profiles import SHORTEST_RISE, checked_rise_times
 

@@ -14,7 +14,7 @@ from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.load_cases import LoadCaseGrid
 from ocptip.robots.model import ArmModel
-from ocptip.task_files.joints import joint_values
+from ocptip.task_files.tables.joints import joint_values
 
 _POSE = Keys(
     "posture of a report",

@@ -22,7 +22,7 @@ from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
 from ocptip.task_files.doubts import require_kind
-from ocptip.task_files.joints import end_keys, read_end
+from ocptip.task_files.tables.joints import end_keys, read_end
 from ocptip.trajectories.drive_profile import POSE, UNITS
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.read import load_motions

@@ -34,21 +34,21 @@ from ocptip.placement.within import searched
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
-from ocptip.task_files.arm import ARM, require_base_mass
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
-from ocptip.task_files.motors import MOTORS, arm_and_motors
-from ocptip.task_files.payload import PAYLOAD
 from ocptip.task_files.scene import SCENE, read_support
-from ocptip.task_files.shapes import (
+from ocptip.task_files.tables.arm import ARM, require_base_mass
+from ocptip.task_files.tables.motors import MOTORS, arm_and_motors
+from ocptip.task_files.tables.payload import PAYLOAD
+from ocptip.task_files.tables.shapes import (
     OBSTACLE,
     read_base_shapes,
     read_obstacles,
     require_geometry,
     stands_on_floor,
 )
+from ocptip.task_files.tables.terrain import TERRAIN, read_terrain
+from ocptip.task_files.tables.tolerance import tolerance_of
 from ocptip.task_files.task_scene import ROBOT_BASE
-from ocptip.task_files.terrain import TERRAIN, read_terrain
-from ocptip.task_files.tolerance import tolerance_of
 
 _MOST_DIRECTIONS = 10_000
 

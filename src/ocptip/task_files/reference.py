@@ -9,7 +9,6 @@ from typing import Any
 from ocptip.basics import schema
 from ocptip.basics.schema import REQUIRED, Key, Keys
 from ocptip.basics.toml import toml_value
-from ocptip.task_files.arm import ARM
 from ocptip.task_files.cell import CELL
 from ocptip.task_files.cycle import CYCLE
 from ocptip.task_files.motion import CASE, MOTION
@@ -19,7 +18,8 @@ from ocptip.task_files.path import PATH
 from ocptip.task_files.placement import PLACEMENT
 from ocptip.task_files.platform_points import PLATFORM
 from ocptip.task_files.scene import SCENE
-from ocptip.task_files.tolerance import TOLERANCE
+from ocptip.task_files.tables.arm import ARM
+from ocptip.task_files.tables.tolerance import TOLERANCE
 
 FILES = (
     SCENE,

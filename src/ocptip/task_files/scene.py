@@ -25,7 +25,7 @@ from ocptip.contact.support import Load, Support, refuse_impossible_inertia
 from ocptip.numerics.inertia import ROUNDED, symmetric_matrix, union, why_impossible
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_units, require_kind
-from ocptip.task_files.tolerance import TOLERANCE, tolerance_of
+from ocptip.task_files.tables.tolerance import TOLERANCE, tolerance_of
 
 _DAMPING = ("damping_ratio", "damping")
 _COMMON = ("friction", "stiffness", "tangential_stiffness", *_DAMPING)  # of all contacts without their own

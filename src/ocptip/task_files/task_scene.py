@@ -19,10 +19,17 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
-from ocptip.task_files.arm import ARM, MOUNT, read_arm, require_base_mass
-from ocptip.task_files.joints import LOCKED
-from ocptip.task_files.motors import MOTORS, PLATFORM_MOTORS, arm_and_motors, dc_motors, gear_damping_ratio
-from ocptip.task_files.payload import (
+from ocptip.task_files.scene import BASE, SCENE, read_support
+from ocptip.task_files.tables.arm import ARM, MOUNT, read_arm, require_base_mass
+from ocptip.task_files.tables.joints import LOCKED
+from ocptip.task_files.tables.motors import (
+    MOTORS,
+    PLATFORM_MOTORS,
+    arm_and_motors,
+    dc_motors,
+    gear_damping_ratio,
+)
+from ocptip.task_files.tables.payload import (
     PAYLOAD,
     PROCESS,
     SENSOR,
@@ -31,8 +38,7 @@ from ocptip.task_files.payload import (
     read_process,
     read_sensor,
 )
-from ocptip.task_files.scene import BASE, SCENE, read_support
-from ocptip.task_files.shapes import (
+from ocptip.task_files.tables.shapes import (
     OBSTACLE,
     read_base_shapes,
     read_obstacles,
@@ -40,7 +46,7 @@ from ocptip.task_files.shapes import (
     shape_key,
     stands_on_floor,
 )
-from ocptip.task_files.tolerance import tolerance_of
+from ocptip.task_files.tables.tolerance import tolerance_of
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot

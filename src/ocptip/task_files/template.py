@@ -21,10 +21,10 @@ from ocptip.robots.model import FULL_SPEED, ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, like_tools, read_urdf
-from ocptip.task_files.arm import ARM, ARM_LIMITS
 from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
-from ocptip.task_files.joints import end_keys
-from ocptip.task_files.motors import MOTORS
+from ocptip.task_files.tables.arm import ARM, ARM_LIMITS
+from ocptip.task_files.tables.joints import end_keys
+from ocptip.task_files.tables.motors import MOTORS
 from ocptip.task_files.task_scene import ROBOT_BASE, SEGMENT_LIMITS
 
 SCHEMA = "task.schema.json"

@@ -14,8 +14,8 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import file_target
-from ocptip.cli import parallel as command
 from ocptip.cli.main import main
+from ocptip.cli.poses_and_closed_chains import parallel as command
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import delta, prrr4, rpr3, rrr3, ups6

@@ -1,0 +1,1 @@
+"""What several functions take: given motions, postures, requirements."""

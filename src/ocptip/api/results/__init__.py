@@ -1,0 +1,1 @@
+"""The results of `ocptip.stand` and `ocptip.drive`."""

@@ -1,0 +1,126 @@
+"""`ocptip plan`: plans the motion of minimum energy, reports it, writes files and figures."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from concurrent.futures import Executor
+
+from ocptip.api.plan import NoPlanError
+from ocptip.api.plan import plan as plan_task
+from ocptip.api.tasks import load_task
+from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.cli.command import Answer, Report
+from ocptip.cli.layout import masses, summary
+from ocptip.cli.many import Asked, answer_many, cluster, digest_of
+from ocptip.cli.options import (
+    gate_of,
+    given_limits,
+    naming_options,
+    output_directory,
+    read_gate,
+    require_least,
+    step_of,
+    typed,
+    with_cancel,
+)
+from ocptip.cli.plan.plan_report import PlanReport
+from ocptip.cli.terminal import Progress, say_if_compiling
+from ocptip.motion.cycles.task import Task
+from ocptip.trajectories.bags import require_new
+
+
+def run(options: Namespace) -> Report:
+    """Plan; where there is no plan, the report says why."""
+    require_least(options, starts=1, seed=0, jobs=1)
+    for factor in options.time_scale:
+        positive_number("--time-scale", factor)
+    if options.seconds is not None:
+        positive_number("--seconds", options.seconds)
+    step_of(options)
+    read_gate(options)
+    if options.bag:
+        with naming("--bag"):
+            require_new(options.bag)
+    if len(options.task) > 1:
+        for name in typed(options, "require", "junit", "bag"):
+            raise InputError(f"--{name}: is for one task, got {len(options.task)}")
+        return answer_many(options, _asked, planned)
+    one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
+    say_if_compiling()
+    with cluster(options) as executor:
+        return planned(one, options, executor)
+
+
+def _asked(options: Namespace) -> Asked:
+    """A task, with what the options change."""
+    with naming_options(*typed(options, "base", "duration", "max_duration")):
+        task = load_task(
+            options.task,
+            base=options.base,
+            objective=options.objective,
+            price_per_second=options.price_per_second,
+            duration=options.duration,
+            max_duration=options.max_duration,
+            **given_limits(options),
+        )
+        task = with_cancel(task, options)
+    directory = output_directory(options, task.name, task.source)
+    return Asked(task, task.name, directory, digest_of(task.source, options))
+
+
+def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report:
+    """Plan one task; where there is no plan, the report says why."""
+    try:
+        with naming_options("rise_time", "sensitivities"), progress_bar(one.task) as progress:
+            plan = plan_task(
+                one.task,
+                starts=options.starts,
+                seed=options.seed,
+                jobs=options.jobs,
+                executor=executor,
+                controller=options.controller,
+                rate=options.rate,
+                rise_time=options.rise_time,
+                time_scale=options.time_scale,
+                stops=options.stop_safe,
+                sensitivities=options.sensitivities,
+                largest_uncertainty=options.largest_tolerance,
+                method=options.method,
+                seconds=options.seconds,
+                progress=progress,
+                stage=progress.stage,
+            )
+    except NoPlanError as error:
+        return _no_plan(one.task, error)
+    gate = gate_of(options, plan)
+    if options.bag:
+        plan.save_bag(options.bag)
+    how = not options.no_figures, options.effort, one.digest, options.bag
+    return PlanReport(plan, one.directory, *how, **gate)
+
+
+def _no_plan(task: Task, error: NoPlanError) -> Answer:
+    """Why, how much of the tolerance a motion can have if asked for, what is wrong without stops."""
+    tolerance, lines = task.limits.tolerance, []
+    if error.largest is not None:
+        lines.append(("largest", f"{error.largest}"))
+    if (plan := error.without_stops) is not None:
+        plain = f"the plan without stops, {plan.energy:.1f} J in {plan.duration:.3f} s"
+        lines.append(("stops", f"{plain}: {'; '.join(error.broken)}"))
+    if not task.is_cycle:
+        tolerance = tolerance.of(task.robot.payload)
+    if tolerance.given:
+        lines.append(("within", f"{tolerance}; --tolerance none plans for the nominal model"))
+    if not task.is_cycle:
+        lines.append(("masses", masses(task.robot)))
+    return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), error.to_dict())
+
+
+def progress_bar(task: Task) -> Progress:
+    """Bar that shows the minimum cost so far."""
+    unit = task.objective.unit
+    best = f"best{' of this segment' * task.is_cycle} {{:.{3 if unit == 's' else 1}f}} {unit}"
+    first = "comparing postures ..." if task.is_cycle else "building the optimisation problem ..."
+    what = "starts" if task.is_cycle else "steps"
+    return Progress(sys.stderr, first, "no verified plan yet", best, what)

@@ -1,0 +1,145 @@
+"""`ocptip retime`: retimes a given path, reports the result, writes files and figures."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from typing import cast
+
+import numpy as np
+
+from ocptip.api.inputs.given import task_of_motion
+from ocptip.api.retime import RetimedPlan, Timing, retime
+from ocptip.api.tasks import load_task
+from ocptip.basics.text import quantity, wrapped
+from ocptip.cli.command import Report
+from ocptip.cli.options import gate_of, given_limits, naming_options, output_directory, read_gate, typed
+from ocptip.cli.plan.plan_report import PlanReport
+from ocptip.cli.terminal import Progress, say_if_compiling
+from ocptip.motion.violations import broken_words
+from ocptip.task_files.option_files import read_columns
+from ocptip.task_files.path import refuse_early
+
+_WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
+_ROUNDING = 1e-9  # rad or m: a path that is no farther off passes through its points
+
+
+def run(options: Namespace) -> Report:
+    """Time the path; one that cannot be timed is bad input, and the message says where and why."""
+    read_gate(options)
+    refuse_early(options.motion)  # the task may have to be compiled first
+    with naming_options(
+        *typed(options, "base", "drive_profile", "base_limits", "controller", "rate", "jerk", "max_duration")
+    ):
+        asked = options.case or options.task
+        task, path = task_of_motion(options.motion, asked, options.base)
+        task = load_task(task, **given_limits(options))
+        directory = output_directory(options, task.name, task.source)
+        say_if_compiling()
+        with Progress(sys.stderr, "reading the path ...") as progress:
+            plan = retime(
+                task,
+                path,
+                drive_profile=options.drive_profile,
+                base_limits=options.base_limits,
+                objective=options.objective,
+                price_per_second=options.price_per_second,
+                max_duration=options.max_duration,
+                jerk=options.jerk,
+                path_tolerance=options.path_tolerance,
+                controller=options.controller,
+                rate=options.rate,
+                unit=options.unit,
+                columns=read_columns(options.columns),
+                topic=options.topic,
+                stage=progress.stage,
+            )
+    digest = "" if task.is_cycle else None
+    gate = gate_of(options, plan)
+    return RetimeReport(plan, directory, not options.no_figures, options.effort, digest, **gate)
+
+
+class RetimeReport(PlanReport):
+    """A path with its timing, or those of a cycle."""
+
+    @property
+    def timings(self) -> tuple[Timing, ...]:
+        """Those of the segments."""
+        return cast(RetimedPlan, self.plan).timings
+
+    def head(self) -> list[str]:
+        """Name and verdict; duration beside that of the given motion, energy."""
+        timings, checked = self.timings, self.plan.check
+        before = [own.before.duration for own in timings if own.before]
+        given = f", as given {sum(before):.3f} s" if len(before) == len(timings) else ""
+        kind = _WORDS[timings[0].task.objective.name]
+        motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
+        paths = wrapped("Path", [text for title, text in self.found() if title == "path"])
+        return [self.headline, motion, *paths]
+
+    def found(self) -> list[tuple[str, str]]:
+        """The path of each segment, what it was, and what decides its timing."""
+        pairs = zip(self.plan.task.segments, self.timings, strict=True)
+        of = {s.name: f" (segment {s.name})" if self.plan.task.is_cycle else "" for s, _ in pairs}
+        pairs = zip(of.values(), self.timings, strict=True)
+        return [(title, f"{text}{name}") for name, own in pairs for title, text in _rows(own)]
+
+
+def _rows(timing: Timing) -> list[tuple[str, str]]:
+    """The path, what it was, and what decides its timing."""
+    found = [("path", _path_text(timing)), ("timing", _timing_text(timing))]
+    if timing.before is not None:
+        verdict = (
+            f"; {'; '.join(broken_words(timing.task.robot, timing.before.violations))}"
+            if timing.before.violations
+            else ""
+        )
+        found.append(("as given", f"{timing.before.duration:.3f} s, {timing.before.headline}{verdict}"))
+    if timing.task.reference is not None:
+        found += [("assumed", text) for text in timing.task.reference.assumed]
+    if timing.timed.later:
+        found.append(("only checked", f"{', '.join(timing.timed.later)}: the timing does not know them"))
+    return found
+
+
+def _path_text(timing: Timing) -> str:
+    """What the path is, how far from its samples, and a spline from the lines between its points."""
+    fit, text = timing.fit, timing.fit.how
+    units = np.array(timing.task.robot.units)
+    if off := _off(units, fit.distance, timing.tool_distance):
+        text += f", at most {off} off"
+    if fit.keeps_to_lines and (off := _off(units, *timing.beside_lines)):
+        keeps = f"({fit.keeps_to_lines} keeps to them)"
+        text += f"; between them at most {off} off the straight lines {keeps}"
+    corners = len(fit.path.corners)
+    return f"{text}; stops at {corners} corner{'s' * (corners > 1)}" if corners else text
+
+
+def _off(units: np.ndarray, joints: np.ndarray, tool: np.ndarray) -> str:
+    """Distances in words, rounded up to 0.01 deg and 0.1 mm; empty: none but rounding."""
+    if max(joints.max(), tool.max(initial=0.0)) <= _ROUNDING:
+        return ""
+    groups = (
+        (joints[units == "rad"], 180 / np.pi, 0.01, "deg"),
+        (joints[units == "m"], 1e3, 0.1, "mm"),
+        (tool, 1e3, 0.1, "mm of the gripper"),
+    )
+    values = [(max(scale * own.max(), least), unit) for own, scale, least, unit in groups if own.size]
+    return ", ".join(f"{value:{'.2g' if value < 99 else '.0f'}} {unit}" for value, unit in values)
+
+
+def _timing_text(timing: Timing) -> str:
+    timed = timing.timed
+    if timed.cheapest is not None:
+        own = timed.cheapest
+        unit = timing.task.objective.unit
+        seconds = f"{timed.seconds:.2f} s to solve and check"
+        if timing.task.objective.name == "time":
+            words = f"at least {own.lower_bound:.4g} s on these nodes"
+            return f"{words}, {timed.fastest:.4g} s if no joint were delayed; {seconds}"
+        words = f"cost {own.cost:.4g} {unit}, at least {own.lower_bound:.4g} {unit} on these nodes"
+        return f"{words}; the fastest takes {timed.fastest:.3f} s; {seconds}"
+    counts = {name: timed.active.count(name) for name in dict.fromkeys(timed.active) if name}
+    shares = sorted(counts.items(), key=lambda item: -item[1])
+    text = ", ".join(f"{name} ({100 * n / len(timed.active):.0f} %)" for name, n in shares)
+    return f"decided by {text} of {len(timed.active)} intervals; {timed.seconds:.2f} s to solve and check"

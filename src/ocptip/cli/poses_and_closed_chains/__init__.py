@@ -1,0 +1,1 @@
+"""Commands about indices of poses and parallel robots."""

@@ -1,0 +1,1 @@
+"""Commands that check a base, a robot or a motion."""

@@ -1,0 +1,139 @@
+"""`ocptip certify`: a proof that a motion keeps all limits at every instant, or the check of one."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from ocptip.api.certify import Certified, certify, read_certificate
+from ocptip.api.inputs.given import task_of_motion
+from ocptip.api.tasks import load_task
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import table, wrapped
+from ocptip.basics.write import versions
+from ocptip.certificate.describe import tolerance_words
+from ocptip.certificate.result import Certificate, claim_rows
+from ocptip.certificate.trusted.checker import Verdict, check_certificate
+from ocptip.cli.command import Report, ResultReport
+from ocptip.cli.layout import files_lines
+from ocptip.cli.motion_summary import notes
+from ocptip.cli.options import given_limits, naming_options
+from ocptip.cli.terminal import say_if_compiling
+from ocptip.motion.summary import margin_table, motion_line
+from ocptip.motion.violations import broken_words
+from ocptip.task_files.option_files import read_columns
+
+_MOST = 8  # undecided intervals that are listed
+
+
+def run(options: Namespace) -> Report:
+    """Find a certificate, or check one."""
+    if (data := read_certificate(options.motion)) is not None:
+        if options.out is not None:
+            raise InputError("--out: a certificate is checked, not written")
+        verdict = check_certificate(data)
+        planes = [one for one in data["model"]["bodies"] if "normal" in one] if verdict.holds else []
+        return VerdictReport(Path(options.motion).name, verdict, len(planes))
+    with naming_options("base", "rate", "rise_time"):
+        task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
+        if task.is_cycle and options.out is not None:
+            raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
+        task = load_task(task, **given_limits(options))
+        say_if_compiling()
+        reading = {
+            "unit": options.unit,
+            "rate": options.rate,
+            "columns": read_columns(options.columns),
+            "topic": options.topic,
+        }
+        found = certify(task, options.motion, rise_time=options.rise_time, **reading)
+    return CertifyReport(found, options.out)
+
+
+@dataclass
+class VerdictReport(Report):
+    """The report on the bounds that a certificate proves.
+
+    Attributes:
+        name: of the file.
+        verdict: on its data.
+        planes: half spaces among what may collide in it, such as floors.
+    """
+
+    name: str
+    verdict: Verdict
+    planes: int
+
+    @property
+    def good(self) -> bool:
+        """Whether it holds."""
+        return self.verdict.holds
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict."""
+        return {
+            "certificate": self.name,
+            **vars(self.verdict),
+            "planes": self.planes,
+            "versions": versions(),
+        }
+
+    def to_text(self) -> str:
+        """The verdict."""
+        if not self.verdict.holds:
+            return "\n".join(
+                [f"{self.name}   PROOF DOES NOT HOLD", *(f"  {text}" for text in self.verdict.problems)]
+            )
+        tolerance = self.verdict.tolerance
+        scope = "the nominal model only (no uncertainty)" if tolerance is None else "the uncertainty below"
+        rows = [["", "nominal", "worst case"], *map(list, claim_rows(self.verdict))]
+        if tolerance is None:
+            rows = [row[:2] for row in rows]
+        lines = [f"{self.name}   PROVED for {scope}", "", *table(rows, left=(0, 1, 2))]
+        proof = f"at every instant, rest before and after included ({self.verdict.intervals} intervals)"
+        lines += ["", *wrapped("Proof", [proof])]
+        if tolerance is not None:
+            lines += wrapped("Within", [tolerance_words(tolerance)])
+        if "clearance" in self.verdict.bounds:
+            none = "no floor or wall: what reaches below the contacts is not excluded"
+            lines += wrapped("Planes", [f"{self.planes} (floors and walls)" if self.planes else none])
+        return "\n".join(lines)
+
+
+@dataclass
+class CertifyReport(ResultReport):
+    """The report on the bounds that were proved for a motion."""
+
+    found: Certified
+
+    @property
+    def good(self) -> bool:
+        """Whether all limits are proved to be kept."""
+        return self.found.certified
+
+    def to_text(self) -> str:
+        """The verdict, margins, what is proved, and where something is missing."""
+        found, checked, proof = self.found, self.found.check, cast(Certificate | None, self.found.certificate)
+        stops = "; stops CHECKED at samples" if checked.proved_while_moving and not found.certified else ""
+        head = [f"{found.name} on {found.task.name}   {checked.headline}{stops}", motion_line(checked)]
+        missing = filter(None, [checked.unproved])
+        lines = [
+            *head,
+            *wrapped("Missing", missing),
+            *wrapped("Broken", broken_words(found.task.robot, checked.violations)),
+            "",
+        ]
+        lines += margin_table(found.task.robot, checked)
+        if proof is not None:
+            parts = zip(found.checked.names, found.checked.segments, strict=True)
+            segments = [f"{name}: {part.certificate}" for name, part in parts if name]
+            undecided = [f"{one}" for one in proof.undecided[:_MOST]]
+            if len(proof.undecided) > _MOST:
+                undecided.append(f"and {len(proof.undecided) - _MOST} more")
+            lines += ["", *wrapped("Proof", [f"{proof}", *segments, f"took {proof.seconds:.2f} s"])]
+            lines += wrapped("Not proved", undecided, 12)
+        lines += wrapped("Note", notes(checked))
+        lines += wrapped("Assumed", found.assumed)
+        return "\n".join([*lines, *files_lines(self.written)])

@@ -1,0 +1,158 @@
+"""`ocptip drive`: how hard a mobile base may accelerate, brake and turn, as text, files and a figure."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ocptip.api.drive import STOW, drive
+from ocptip.api.results.drive import ASSUMED, DriveEnvelope
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import joint_words, quantity, table, wrapped
+from ocptip.cli.command import FolderReport
+from ocptip.cli.layout import files_lines, fitted, masses, under
+from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
+from ocptip.cli.terminal import say_if_compiling
+from ocptip.cli.verify.stand_posture import posture_of
+from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
+from ocptip.task_files.plan_folder import is_plan_folder
+
+_NOISE, _NOT = 1e-9, "not limited"
+
+
+def run(options: Namespace) -> DriveReport:
+    """Compute the envelope of one posture."""
+    stow, plan = options.posture == STOW, is_plan_folder(options.task)
+    posture = (
+        options.task if plan else posture_of(options.task, "start" if stow else options.posture or "start")
+    )
+    if plan and options.posture:
+        raise InputError("not with the folder of a plan, whose motion counts", "--posture")
+    folder = output_directory(options, Path(options.task).name if plan else posture.scene.name)
+    say_if_compiling()
+    require_least(options, samples=1, seed=0)
+    names = ("directions", "speed", "turning", "deceleration", "payload", "slope")
+    with naming_options(*names):
+        given = {name: getattr(options, name) for name in names}
+        given["slope"] = np.radians(given["slope"])
+        given |= {"holonomic": options.holonomic, "samples": options.samples, "seed": options.seed}
+        found = drive(posture, STOW if stow else None, uncertainty=given_tolerance(options), **given)
+        _ = found.worst  # refusals name options
+    return DriveReport(found, folder, not options.no_figures)
+
+
+@dataclass
+class DriveReport(FolderReport):
+    """The report of `ocptip drive`."""
+
+    found: DriveEnvelope
+
+    @property
+    def good(self) -> bool:
+        """True if the base may accelerate in every direction."""
+        return self.found.worst_direction[0] > 0
+
+    def to_text(self) -> str:
+        """The manoeuvres with what limits them, and parameters for navigation."""
+        found = self.found
+        value, held = found.worst_direction[0], found.robot.payload
+        head = f"{found.name}   DRIVE ENVELOPE, {found.scope}."
+        within = ["worst case", "limits the worst case"] if found.within else ["limited by"]
+        heads = ["", "", "nominal", *within, *(["objects"] if found.objects else [])]
+        rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
+        lines = [
+            self._arm(),
+            *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
+            ("worst direction", f"{_down(value)} m/s^2 {found.worst_direction_words}"),
+            *self._lifts(),
+            ("locked wheels", self._locked()),
+            *under("turns", found.stops),
+            *([("steps", f"{found.steps}: counted in the worst case")] if found.steps else []),
+            *under("together", [*self._together(), found.reverse, found.ground]),
+            ("assumed", ASSUMED),
+            *([("robot", masses(found.robot))] if self.verbose else []),
+            *under("uncertainty", found.tolerance.lines() if self.verbose else []),
+            ("not covered", ", ".join(found.not_covered)),
+        ]
+        text = [
+            *wrapped("", [head], 0),
+            "",
+            *table(rows, left=(0, 1, *range(3 + len(within) - 1, len(heads)))),
+            "",
+            *fitted(lines),
+        ]
+        return "\n".join([*text, *files_lines(self.written)])
+
+    def _arm(self) -> tuple[str, str]:
+        """The posture, or the motion with the instant of the worst direction."""
+        found = self.found
+        if found.motion is None or found.worst.times is None:
+            return "posture", joint_words(found.robot.names, found.robot.units, found.q)
+        k = int(np.argmin(found.worst.largest[: len(found.angles)]))
+        return "motion", f"{found.motion.end:.4g} s; worst direction at {found.worst.times[k]:.3f} s"
+
+    def _row(self, k: int, one: Manoeuvre) -> list[str]:
+        found, at = self.found, len(self.found.angles) + k
+        cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
+        return [one.text, one.unit, *cells, _what(found.worst, at, one), *self._objects(at, one)]
+
+    def _objects(self, at: int, one: Manoeuvre) -> list[str]:
+        """The limit of the critical object, and its name; nothing without objects."""
+        if not (objects := self.found.objects):
+            return []
+        name = min(objects, key=lambda own: float(objects[own].worst.largest[at]))
+        worst = objects[name].worst
+        by = "slides" if worst.slip[at] < worst.tip[at] else "tips"
+        value = _limit(worst, at, one)
+        return [value if value == _NOT else f"{value} ({name} {by})"]
+
+    def _lifts(self) -> list[tuple[str, str]]:
+        """When the first contact lifts, which may be long before the base tips."""
+        found = self.found
+        around = found.worst.lift[: len(found.angles)]
+        k = int(np.argmin(around))
+        if not around[k] < found.worst.tip[k] * (1 - _NOISE):  # where it tips, or not known
+            return []
+        text = f"lifts at {_down(around[k])} m/s^2 at {np.degrees(found.angles[k]):.0f} deg"
+        return [("first contact", f"{text} if contacts are equally compliant; the base does not tip there")]
+
+    def _locked(self) -> str:
+        found = self.found
+        when = "in some direction" if found.given.holonomic else "when it brakes straight"
+        if found.locked_wheels_tip:
+            return f"tip the base {when} on level ground, before they slide"
+        when = "in any direction" if found.given.holonomic else when
+        return f"slide before the base tips {when} on level ground, with the given friction"
+
+    def _together(self) -> list[str]:
+        names = {"max_velocity": ("m/s", "rad/s"), "max_accel": ("m/s^2", "rad/s^2")}
+        names["max_decel"] = names["max_accel"]
+        found = []
+        for name, (straight, turning) in names.items():
+            x, y, w = self.found.navigation[name]
+            side = f", {_down(y)} {straight} sideways" if y else ""
+            found.append(f"{name} {_down(x)} {straight}{side}, {_down(w)} {turning}")
+        return found
+
+
+def _down(value: float) -> str:
+    """A limit rounded towards zero: an envelope must not promise more than there is."""
+    return f"{np.trunc(1e3 * value + _NOISE) / 1e3 + 0.0:.4g}"
+
+
+def _limit(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
+    value = one.value(float(own.largest[k]))
+    return _NOT if value is None else _down(value)
+
+
+def _what(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
+    tips = one.value(float(own.tip[k]))
+    when = "" if own.times is None else f" @{own.times[k]:.3f}s"
+    if own.slip[k] < own.tip[k]:
+        return f"friction{when}" if when or tips is None else f"friction (tips at {_down(tips)})"
+    if not own.contacts[k].any():
+        return ""
+    return f"tips about contacts {own.contacts[k][0]}, {own.contacts[k][1]}{when}"

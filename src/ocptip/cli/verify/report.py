@@ -1,0 +1,418 @@
+"""`ocptip report`: what a plan or a cycle was checked for, as one document for the safety file."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from base64 import b64encode
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.api.report import Stability, Stage, report
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.outputs import SUMS, read_sums, require_replaceable_file
+from ocptip.basics.read import only_inside, read_bytes
+from ocptip.basics.text import percent, quantity, ratio
+from ocptip.basics.write import MARK, file_target, versions, write_bytes
+from ocptip.cli.command import Report
+from ocptip.cli.layout import (
+    files_lines,
+    masses,
+    segment_rows,
+    tolerated_lines,
+    within_rows,
+)
+from ocptip.cli.motion_summary import notes
+from ocptip.cli.terminal import say_if_compiling
+from ocptip.cli.verify.check import worst_rows
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.load_cases import MOST_TILT, LoadCase
+from ocptip.motion.summary import margin_rows, margin_table, motion_line
+from ocptip.motion.violations import broken_words
+from ocptip.pictures.load_chart import payload_figure, tilt_figure
+from ocptip.reserves.equal_compliance import equal_normal_map
+
+ENDINGS = (".html", ".pdf")
+_OVERVIEWS = {
+    "motion.png": "What the robot does, as planned.",
+    "ground.png": "What the ground feels.",
+    "drives.png": "What the drives do.",
+}
+_TITLES = (
+    "pose", "payload", "tilt", "push", "stable", "tipping margin", "friction used", "min foot force",
+    "worst direction", "GN", "GT",
+)  # fmt: skip
+_FORCE = _TITLES.index("min foot force")
+_NOT = (
+    "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
+    "and no test of the real machine is replaced by it."
+)
+_TESTS = (
+    (
+        "tilt table (how far may the floor be tilted)",
+        "Tilt by direction; Load cases; Robustness, one at a time",
+    ),
+    ("push or pull test at the gripper", "Load cases; Robustness, one at a time"),
+    ("overload test", "Load cases; Largest payload; Robustness, one at a time"),
+    ("stop test (controlled stop at any instant)", "Stops"),
+    ("test run at higher speed", "Robustness, one at a time"),
+    ("slope and friction of the floor", "Tilt by direction; Robustness, one at a time"),
+)
+
+
+def run(options: Namespace) -> DocumentReport:
+    """Compute everything again, from the folder or the task alone."""
+    path = Path(options.plan)
+    with naming("--out"):
+        out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
+        require_replaceable_file(out, overwrite=options.overwrite)
+    say_if_compiling()
+    return DocumentReport(Document(report(path, cases=options.cases), options.cases), out)
+
+
+def _with_names(stage: Stage, lines: Iterable[str]) -> list[str]:
+    """Lines, with the segment's name before them."""
+    return [f"{stage.name}: {line}" if stage.name else line for line in lines]
+
+
+class Document:
+    """The pages about the stability of a plan.
+
+    Args:
+        about: what was computed.
+        cases_file: that was named for the load cases.
+    """
+
+    def __init__(self, about: Stability, cases_file: str | None) -> None:
+        self.about, self.cases_file = about, cases_file
+
+    def parts(self) -> Iterator[str]:
+        """All sections."""
+        yield heading(f"Stability of {self.about.task.name}", 1)
+        yield paragraph(f"{self.about.headline}.")
+        if self.about.checked is not None:
+            yield from self._margins(self.about.checked)
+        yield paragraph(_NOT)
+        yield from self._machine()
+        yield from self._assumed()
+        if self.about.checked is not None:
+            yield from self._motion(self.about.checked)
+        yield from self._rest()
+        yield from self._tests()
+        yield from self._again()
+
+    def _margins(self, checked: MotionCheck) -> Iterator[str]:
+        """The summary that commands print first: duration and energy, margins, notes."""
+        yield paragraph(f"{motion_line(checked)}.")
+        titles, *rows = margin_rows(self.about.task.robot, checked)
+        yield grid(titles, rows)
+        yield items([*broken_words(self.about.task.robot, checked.violations), *notes(checked)])
+
+    def _machine(self) -> Iterator[str]:
+        robot, support = self.about.task.robot, self.about.task.robot.support
+        yield heading("Machine")
+        held = [
+            (f"masses, {s.name}" if s.name else "masses", masses(s.task.robot)) for s in self.about.stages
+        ]
+        rows = [
+            *held,
+            ("centre of mass of the base", f"{_vector(support.center_of_mass)} m"),
+            ("joints", ", ".join(robot.names)),
+        ]
+        yield grid(("", ""), rows)
+        feet = [
+            (k, c.kind, _vector(c.position), _vector(c.normal), f"{getattr(c, 'friction', '-')}",
+             getattr(c, "stiffness", None) or "rigid")
+            for k, c in enumerate(support.contacts, 1)
+        ]  # fmt: skip
+        titles = ("contact", "kind", "position [m]", "normal", "friction", "stiffness [N/m]")
+        yield grid(titles, feet)
+
+    def _assumed(self) -> Iterator[str]:
+        yield heading("Assumed, and not checked")
+        texts = [
+            "Base and links are rigid; contacts obey Coulomb's law with the friction given above.",
+            "The ground bears every foot; it is level unless a tilt is named.",
+            "Contacts hold as given: wheels only while drives or brakes hold them.",
+            "Masses and centres of mass are those of task and robot description; weigh the base.",
+            *dict.fromkeys(note for stage in self.about.stages for note in stage.task.robot.notes),
+        ]
+        if self.about.checked is not None:
+            texts += [f"Collision: {self.about.checked.collision_text}."]
+            texts += [*self.about.checked.feet_lines, *self.about.checked.drive_lines]
+            texts += dict.fromkeys(text for s in self.about.stages if s.stops for text in s.stops.assumed)
+        yield items(texts)
+
+    def _motion(self, checked: MotionCheck) -> Iterator[str]:
+        yield heading("Motion")
+        if self.about.segments is not None and self.about.task.is_cycle:
+            titles, *rows = segment_rows(self.about.task, self.about.segments)
+            yield grid(titles, rows)
+        yield items([f"Proof {checked.certificate}"] if checked.certificate else [])
+        for stage in self.about.stages:
+            yield items(_with_names(stage, map(_labelled, within_rows(stage.checked or checked))))
+        yield items(checked.contacts.lines())
+        yield paragraph("All limits, with the published indices GN of tip-over and GT of friction:")
+        titles, *rows = worst_rows(checked)
+        yield grid(titles, rows)
+        folder = self.about.folder
+        for name, caption in _OVERVIEWS.items() if folder is not None else ():
+            if folder is not None and (path := folder.path / name).is_file():
+                with only_inside(folder.path):
+                    yield image(read_bytes(path), caption)
+        yield heading("Robustness, one at a time")
+        yield paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")
+        yield items(tolerated_lines(self.about.tolerated))
+        if any(stage.stops for stage in self.about.stages):
+            yield heading("Stops")
+            yield paragraph("In the nominal model, without uncertainty.")
+            if self.about.task.is_cycle:
+                yield paragraph("Times are those of the segment.")
+            for stage in self.about.stages:
+                if stops := stage.stops:
+                    yield items(_with_names(stage, stops.found))
+
+    def _rest(self) -> Iterator[str]:
+        yield heading("Load cases")
+        yield paragraph(
+            "In the nominal model, at rest in each pose, with more payload at the gripper, the floor tilted "
+            "and the gripper pushed in the worst directions together. Directions in degrees from the base's "
+            "x axis towards y. GN, "
+            "GT: published indices; 1: a contact is lost."
+        )
+        support = self.about.task.robot.support
+        equal = equal_normal_map(support) is not None
+        if equal:
+            yield paragraph(
+                "Minimum forces are those of equally compliant feet: rigid ground leaves open how these "
+                "contacts share a load. GN and GT do not depend on it."
+            )
+        shared = self.about.task.robot.slip.redistribution == "full" and not equal
+        if shared:
+            yield paragraph(
+                "Minimum forces are left out: rigid ground leaves open how these contacts share a load. GN "
+                "and GT do not depend on it."
+            )
+        rows = [_TITLES, *map(_case_row, self.about.cases)]
+        titles, *rows = ([*row[:_FORCE], *row[_FORCE + 1 :]] for row in rows) if shared else rows
+        yield grid(titles, rows)
+        yield heading("Tilt by direction")
+        for stage in self.about.stages:
+            least = ", ".join(f"{name} {_tilt(tilts)}" for name, (_, tilts) in stage.tilts.items())
+            yield paragraph(f"At rest, all else nominal; minimum: {least}.")
+            caption = "Largest tilt of the floor by direction, seen from above."
+            yield picture(tilt_figure(stage.tilts), caption)
+        if payloads := [stage.payloads for stage in self.about.stages if stage.payloads is not None]:
+            times, held = map(np.concatenate, zip(*payloads, strict=True))
+            yield heading("Largest payload")
+            least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
+            drives = [one.drives for one in self.about.tolerated if one.drives is not None]
+            moved = "Drives not checked"
+            if drives:
+                moved = f"The drives move {quantity(min(drives), 'kg', 3)} more"
+            yield paragraph(
+                "Contacts alone, in the nominal model, at rest in the postures of the motion, up to the mass "
+                f"of the robot; minimum: {least}. {moved}."
+            )
+            yield picture(payload_figure(times, held), "What the gripper may hold, at rest.")
+
+    def _tests(self) -> Iterator[str]:
+        yield heading("Which table answers which test")
+        yield grid(("common test", "see"), _TESTS)
+
+    def _again(self) -> Iterator[str]:
+        yield heading("To compute this again")
+        name, cases = self.about.name, f" --cases {self.cases_file}" if self.cases_file else ""
+        yield paragraph(f"In the folder that holds {name}: `ocptip report {name}{cases}` (all of it)")
+        if self.about.folder is not None:
+            seed = f"planned with seed {self.about.folder.data.get('seed')}"
+            yield paragraph(f"`ocptip check {self.about.name}` (the motion; {seed})")
+            alone = " --tolerance none" if self.about.task.limits.tolerance.given else ""
+            yield paragraph(f"`ocptip check {self.about.name} --stops path{alone}` (stops)")
+            sums = read_sums(self.about.folder.path)
+            yield grid((f"file ({SUMS})", "SHA-256"), sums.items())
+        yield grid(("program", "version"), versions().items())
+
+
+@dataclass
+class DocumentReport(Report):
+    """The document, and where it goes."""
+
+    document: Document
+    out: Path
+
+    @property
+    def good(self) -> bool:
+        """Whether it stands."""
+        return self.document.about.stands
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document as data."""
+        return {**self.document.about.to_dict(), "written": [str(path) for path in self.written]}
+
+    def to_text(self) -> str:
+        """The headline, the load cases that do not stand, and the file."""
+        cases = self.document.about.cases
+        fallen = [case for case in cases if not case.stands]
+        count = f"{len(cases) - len(fallen)} of {len(cases)}"
+        lines = [f"{self.document.about.headline}. {count} load cases are stable."]
+        if self.document.about.checked is not None:
+            robot = self.document.about.task.robot
+            lines += ["", *margin_table(robot, self.document.about.checked), ""]
+        lines += [f"  not stable: {' '.join(_case_row(case)[:4])}" for case in fallen]
+        lines += files_lines(self.written)
+        return "\n".join(lines)
+
+    def write(self) -> Iterator[Path]:
+        """The page."""
+        make = pdf if self.out.suffix == ".pdf" else page
+        write_bytes(self.out, make(self.document.about.headline, self.document.parts()))
+        yield self.out
+
+
+def _labelled(row: tuple[str, str]) -> str:
+    """A row of a command's output as a sentence."""
+    label, text = row
+    return f"{label} {text}" if label else text
+
+
+def _case_row(case: LoadCase) -> tuple[str, ...]:
+    named = (("downhill", case.downhill), ("push", case.towards))
+    words = [f"{word} {_direction(np.array(side))}" for word, side in named if any(side)]
+    return (
+        case.pose, f"+{case.payload:g} kg", f"{np.degrees(case.tilt):g} deg", f"{case.push:g} N",
+        "yes" if case.stands else "NO", _margin(case), percent(case.GT) if case.GT < 1 else "slips",
+        f"{case.least_force:.1f} N", ", ".join(words) or "-", ratio(case.GN), ratio(case.GT),
+    )  # fmt: skip
+
+
+def _margin(case: LoadCase) -> str:
+    if case.tipping_margin is None:
+        return "cannot tip"
+    return quantity(case.tipping_margin, "N m", 3) if case.GN < 1 else "tips"
+
+
+def _vector(values: Any) -> str:
+    return "({})".format(", ".join(f"{x:.3g}" for x in np.round(np.asarray(values), 3) + 0.0))
+
+
+def _direction(side: np.ndarray) -> str:
+    """In degrees from the base's x axis towards y, and above or below the horizontal."""
+    level = float(np.hypot(*side[:2]))
+    rise = int(np.degrees(np.arctan2(side[2], level)).round())
+    height = f"{abs(rise)}° {'up' if rise > 0 else 'down'}" if rise else ""
+    turn = f"at {round(np.degrees(np.arctan2(side[1], side[0])) % 360) % 360}°" if level > 1e-9 else ""
+    return ", ".join(part for part in (turn, height) if part)
+
+
+def _tilt(tilts: np.ndarray) -> str:
+    more = " and more" if tilts.min() >= MOST_TILT else ""
+    return f"{np.degrees(tilts.min()):.2f} deg{more}"
+
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
+h1, h2 { line-height: 1.2 } h2 { margin-top: 2em; border-bottom: 1px solid #d0d0d0 }
+table { border-collapse: collapse; font-size: 13px; margin: 1em 0 }
+td, th { padding: 2px 10px; text-align: left; vertical-align: top }
+th { border-bottom: 1px solid #808080 } tr:nth-child(even) td { background: #f5f5f5 }
+img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
+@media print { h2 { break-after: avoid } table, img { break-inside: avoid } }
+"""
+
+
+_SHARE = "data-width"
+_LONG = 60  # characters: texts that are longer are broken
+
+
+def page(title: str, parts: Iterable[str]) -> bytes:
+    """A whole page of parts made by the functions below."""
+    about = f"<meta charset='utf-8'><meta name='generator' content='{MARK}'><title>{escape(title)}</title>"
+    head = f"<!doctype html><html lang='en'><head>{about}"
+    return f"{head}<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n".encode()
+
+
+def heading(text: str, level: int = 2) -> str:
+    """A heading."""
+    return f"<h{level}>{escape(text)}</h{level}>"
+
+
+def paragraph(text: str) -> str:
+    """A paragraph; `words` in backquotes are code."""
+    pieces = escape(text).split("`")
+    pieces[1::2] = [f"<code>{piece}</code>" for piece in pieces[1::2]]
+    return f"<p>{''.join(pieces)}</p>"
+
+
+def items(texts: Iterable[object]) -> str:
+    """A list."""
+    return f"<ul>{''.join(f'<li>{escape(str(text))}</li>' for text in texts)}</ul>"
+
+
+def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table with a line of titles, unless these are empty."""
+    texts = [[str(cell) for cell in row] for row in rows]
+    widths = _widths([titles, *texts])
+    names = "".join(f"<th{wide}>{escape(title)}</th>" for wide, title in zip(widths, titles, strict=True))
+    head = f"<thead><tr>{names}</tr></thead>" if any(titles) else ""
+    lines = []
+    for number, row in enumerate(texts):
+        first = widths if not head and not number else ("",) * len(row)
+        cells = "".join(f"<td{wide}>{_cell(cell)}</td>" for wide, cell in zip(first, row, strict=True))
+        lines.append(f"<tr>{cells}</tr>")
+    return f"<table>{head}<tbody>{''.join(lines)}</tbody></table>"
+
+
+def _widths(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """The attribute of each column for a PDF: its share of the width, by its longest text."""
+    longest = [min(max(len(text) for text in column) + 2, _LONG) for column in zip(*rows, strict=True)]
+    return tuple(f" {_SHARE}='{100 * length / sum(longest):.1f}%'" for length in longest)
+
+
+def _cell(value: str) -> str:
+    """Numbers stay on a line with their units."""
+    text = escape(value)
+    return text.replace(" ", "&nbsp;") if len(text) < 24 else text
+
+
+def picture(figure: Any, caption: str) -> str:
+    """A matplotlib figure inside the page."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return image(stream.getvalue(), caption)
+
+
+def image(content: bytes, caption: str) -> str:
+    """A PNG inside the page."""
+    data = b64encode(content).decode("ascii")
+    return f"<p><img src='data:image/png;base64,{data}' alt='{escape(caption)}'></p><p>{escape(caption)}</p>"
+
+
+def pdf(title: str, parts: Iterable[str]) -> bytes:
+    """A document with this title and these parts, as PDF.
+
+    Raises:
+        InputError: fpdf2, which makes it, is not there.
+    """
+    try:
+        from fpdf import FPDF, TextStyle
+    except ImportError:
+        raise InputError("--out: a .pdf needs fpdf2 (pip install 'ocptip[report]'); .html does not") from None
+    document = FPDF(format="A4")
+    document.set_title(title)
+    document.set_keywords(MARK)
+    document.add_page()
+    document.set_font("helvetica", size=9)
+    text = "".join(parts).replace("&nbsp;", " ")
+    for tag, wanted in (("<img ", "<img width='380' "), ("<td", "<td align='left'"), (_SHARE, "width")):
+        text = text.replace(tag, wanted)
+    styles = {f"h{k}": TextStyle(font_size_pt=size, t_margin=6, b_margin=2) for k, size in ((1, 18), (2, 13))}
+    document.write_html(
+        text.encode("latin-1", "replace").decode("latin-1"), table_line_separators=True, tag_styles=styles
+    )
+    return bytes(document.output())

@@ -1,0 +1,343 @@
+"""`ocptip stand`: everything about one scene."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ocptip.api.results.stand import Standing
+from ocptip.api.stand import stand
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import (
+    NOISE,
+    margin_text,
+    percent,
+    quantity,
+    ratio,
+    some,
+    table,
+    towards,
+    without_noise,
+)
+from ocptip.cli.layout import changes_table, fitted, under
+from ocptip.cli.options import GatedReport, gate_of, given_tolerance, read_gate
+from ocptip.cli.terminal import say_if_compiling
+from ocptip.contact.elastic import Shared
+from ocptip.contact.resting import what_moves
+from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
+from ocptip.numerics.jit.compiled import interpreted
+from ocptip.standing.slope import FloorSlope
+from ocptip.task_files.scene import read_scene
+
+if TYPE_CHECKING:
+    from ocptip.standing.within.design import Design
+
+PLOT_FORMATS = (".png", ".pdf", ".svg")
+FEW = 8  # contacts: one state is solved sooner than machine code is loaded
+
+
+def run(options: Namespace) -> StandReport:
+    """Solve the scene; evaluate its margins and its stability."""
+    if options.plot is not None:
+        check_plot_target(options.plot)
+    read_gate(options)
+    if options.posture is None:
+        for name in ("base_acceleration", "base_turning"):
+            if getattr(options, name) is not None:
+                raise InputError(f"--{name.replace('_', '-')}: needs --posture; a scene has no robot")
+        what = read_scene(options.scene)
+        support, tolerance = what.support, what.tolerance
+    else:
+        from ocptip.cli.verify.stand_posture import read_posture  # loads for 0.3 s what scenes do not need
+
+        what = read_posture(options)
+        support, tolerance = what.robot.support, what.scene.tolerance
+    tolerance = given_tolerance(options) or tolerance
+    slow = tolerance.given or options.sensitivities or len(support.contacts) > FEW
+    if slow:
+        say_if_compiling()
+    with nullcontext() if slow else interpreted():
+        try:
+            found = stand(
+                what,
+                uncertainty=tolerance,
+                reference_moment=options.gn_reference,
+                sensitivities=options.sensitivities,
+            )
+        except InputError as error:
+            if error.path != "reference_moment":
+                raise
+            raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
+        _ = found.largest_slope  # of few contacts without machine code, too
+        design = found.smallest_design if options.design else None
+    return StandReport(found, options.plot, design, **gate_of(options, found))
+
+
+@dataclass
+class StandReport(GatedReport):
+    """The report of `ocptip stand` on a scene.
+
+    Attributes:
+        found: what is known.
+        plot: the file of its picture, None for none.
+        design: the smallest base, if it is asked for.
+    """
+
+    found: Standing
+    plot: str | None = None
+    design: Design | None = None
+
+    @property
+    def kept(self) -> bool:
+        """True if the base is stable and the arm can rest in its posture."""
+        return self.found.stable and not self.broken
+
+    @property
+    def broken(self) -> Sequence[str]:
+        """Why the arm cannot rest in its posture: torques, angles, clearance."""
+        return self.found.posture.refusals if self.found.posture else ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything; contacts in the order of the file."""
+        design = {"design": self.design.to_dict()} if self.design else {}
+        return {**self.found.to_dict(), **design, **self.gate_to_dict()}
+
+    def write(self) -> Iterator[Path]:
+        """Draw the picture and write the report for pipelines, if they are wanted."""
+        if self.plot is not None:
+            yield self.found.save(self.plot)
+        yield from super().write()
+
+    def to_text(self) -> str:
+        """Verdict, margins, contacts; with -v the indices and the evidence."""
+        rows = fitted([*self._margins(), *under("Required", self.outcomes)])
+        objects = self._object_table() if self.found.objects else []
+        changes = changes_table(self.found.sensitivities, "What if")
+        parts = [[self.headline, *rows], objects, self._contact_table(), changes, fitted(self._summary())]
+        return "\n\n".join("\n".join(part) for part in parts if part)
+
+    @property
+    def headline(self) -> str:
+        """Name of the scene and verdict."""
+        found = self.found
+        lost = found.nominally_stable and not found.stable_itself
+        about = f" WITHIN {found.within.scope.upper()}" if found.within and found.stable else ""
+        if about and not all(own.within for own in found.objects):
+            about += ", OBJECTS IN THE NOMINAL MODEL ONLY"
+        verdict, _, remark = self._answer().partition(".")
+        verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
+        lacking = [o for o in found.objects if not (o.nominally_stable if lost else o.stable_itself)]
+        if found.nominally_stable and (names := [own.scene.name for own in lacking]):
+            join, be = "AND" if lost else "BUT", "IS" if len(names) == 1 else "ARE"
+            verdict += f", {join} {some(names, 3)} {be} NOT STABLE{' AT ALL' if lost else ''}"
+        if self.broken:
+            verdict += ", BUT THE ARM CANNOT REST THERE"
+        return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
+
+    def _answer(self) -> str:
+        found = self.found
+        state = found.state
+        if not state.solved and state.status != STATUS[BEYOND_RESOLUTION]:
+            return f"NO ANSWER. {state.status}"
+        if found.without_reserve:
+            what = {"tips": "any push tips it", "slips": "any push makes it slip"}
+            return f"IN BALANCE WITHOUT ANY MARGIN. {what[found.without_reserve].capitalize()}."
+        remark = f" Note: {found.equal_remark}." if found.equal_remark else ""
+        if found.verdict.strong:
+            return f"STABLE.{remark}"
+        if found.on_springs:
+            return "STABLE on its compliant feet. Rigid ones might move, see stability."
+        if found.nominally_stable:
+            return "STABLE in this solution. Others are possible, see stability."
+        if found.verdict.weak and found.equal and not remark:
+            return "NOT SURE. Equally compliant feet are stable, rigid ones may move, see stability."
+        if found.verdict.weak:
+            return (
+                f"NOT SURE. One solution of the contact laws is stable, others move, see stability.{remark}"
+            )
+        if not state.solved:
+            return f"NOT STABLE. {state.status}."
+        if state.persistent:
+            return "NOT STABLE. See stability."
+        moves = what_moves(found.scene.support, state.modes)
+        return f"NOT STABLE. {moves[:1].upper()}{moves[1:]}."
+
+    def _margins(self) -> list[tuple[str, str]]:
+        """What the arm cannot hold, and the margins against tipping and sliding."""
+        found = self.found
+        rows = [*under("Broken", self.broken), ("Tipping margin", _axis_text(found))]
+        if np.isfinite(found.slip.GT[0]):
+            full = found.redistribution == "full"
+            used = _share_text(found.slip.GT[0])
+            if found.slip.slide_acceleration[0] > 0 and (demand := found.friction_demand):
+                used = demand.used
+            rows.append(("Friction used", used + (", shared optimally" if full else "")))
+        if found.equal:
+            used = _share_text(found.equal.GT[0])
+            text = f"{used} with equally compliant feet, as in the table; `stiffness` declares other springs"
+            rows.append(("", text))
+        forces = without_noise(found.normal_reserves)
+        if np.isfinite(forces).any():
+            k = int(np.nanargmin(np.where(np.isfinite(forces), forces, np.nan)))
+            rows.append(("Min foot force", f"{quantity(max(forces[k], 0.0), 'N')} (contact {k + 1})"))
+        if found.largest_slope:
+            rows.append(("Max slope", _slope_text(found.largest_slope)))
+        if largest := found.largest_payload:
+            scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
+            rows.append(("Max payload", f"in total at the gripper, {scope}: {largest}"))
+        if found.posture and (share := found.possible_process) is not None:
+            scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
+            kept = "all of it keeps" if share == 1 else f"{np.floor(100 * share):.0f} % of it keep"
+            rows.append(("Process", f"{found.posture.process}: {kept} all contacts, {scope}"))
+        return rows
+
+    def _object_table(self) -> list[str]:
+        """Margins of the base and of each object, nominal and in the worst case, the critical one marked."""
+        found, critical = self.found, self.found.critical
+        within = any(own.within for own in found.objects)
+        titles = ["tipping margin", "friction used"]
+        rows = [["", *titles, "min normal force", *(f"{t}, worst case" for t in titles if within), ""]]
+        for own in (found, *found.objects):
+            axis, reference, worst = own.nearest_axis, own.tip.tip_over.reference_moment, own.within
+            row = ["base" if own is found else own.scene.name]
+            row.append(quantity(axis["moment_reserve"], "N m", 3) if axis else "-")
+            row.append(_share_text(own.slip.GT[0]))
+            row.append(quantity(float(np.min(own.normal_forces)), "N", 3))
+            if within and worst:
+                row += [quantity(worst.tipping_margin(reference), "N m", 3) if reference else "-"]
+                row += [quantity(100 * worst.GT, "%", 3) if worst.GT <= 1 else worst.demand.used]
+            elif within:
+                row += ["-", "-"]
+            mark = "" if own.stable_itself else "NOT STABLE"
+            mark += ", worst case" if mark and own.nominally_stable else ""
+            rows.append([*row, f"{mark} <- critical".lstrip() if own is critical else mark])
+        return table(rows, left=(0, len(rows[0]) - 1))
+
+    def _contact_table(self) -> list[str]:
+        found = self.found
+        state, support = found.state, found.scene.support
+        forces, reserves = without_noise(found.normal_forces), without_noise(found.normal_reserves)
+        position = "position x, y [m]" if found.scene.planar else "position x, y, z [m]"
+        rows = [["contact", "kind", position, "mode", "normal", "friction", "margin"]]
+        for k, contact in enumerate(support.contacts):
+            where = ", ".join(f"{x:.3f}" for x in np.asarray(contact.position) + 0.0)
+            force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
+            used = percent(found.friction_used[k])
+            mode = "lifted" if found.feet and not found.feet.pressing[0, k] else state.modes[k]
+            rows.append([str(k + 1), contact.kind, where, mode, force, used, reserve])
+        return table(rows, left=(1, 3))
+
+    def _summary(self) -> list[tuple[str, str]]:
+        found = self.found
+        state, solver = found.state, found.verdict.state
+        lines = self._indices() if self.verbose else []
+        if found.remark:
+            lines.append(("note", found.remark))
+        if found.feet:
+            lines.append(("feet", _feet_text(found.feet)))
+        if found.posture:
+            from ocptip.cli.verify.stand_posture import posture_rows
+
+            lines += posture_rows(found.posture)
+        if found.within:
+            lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
+        if self.design:
+            lines += under("design", self.design.lines(found.scene.support))
+        elif not found.stable and state.solved and not found.scene.planar:
+            also = "" if found.sensitivities else "; --sensitivities: what helps"
+            lines.append(("next", f"--design: how wide or heavy the base must be{also}"))
+        only = " Under exactly this load; there is no margin." if found.without_reserve else ""
+        if self.verbose or only or not found.verdict.strong:
+            lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))
+            lines += under("", filter(None, [found.unsure_cause]))
+        if solver.solved and not solver.persistent and not found.nominally_stable:
+            values = ", ".join(f"{a:.3g}" for a in without_noise(solver.acceleration))
+            which = " in the solution that moves" if found.verdict.weak else ""
+            lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2{which}"))
+        if self.verbose:
+            lines.append(("solver", f"{solver.pivots} pivots, residual {solver.residual:.1g} (relative)"))
+        if state.solved and not found.slip.solved[0]:
+            lines.append(("note", f"friction used: {found.slip.status[0]}"))
+        return lines
+
+    def _indices(self) -> list[tuple[str, str]]:
+        """Tip-over index and friction utilisation as published."""
+        found = self.found
+        rest = "" if found.reference_given else "; 0.09: the best at rest without load"
+        beyond = "of it {} are the acceleration of what {}, m/s^2"  # beyond 1, where no ratio goes on
+        lines = [("tip-over GN", f"{ratio(found.tip.GN[0])} (1: a contact lifts{rest})")]
+        if found.tip.lift_acceleration[0] > 0:
+            lines.append(("", beyond.format(ratio(found.tip.lift_acceleration[0]), "lifts")))
+        lines.append(("slip GT", f"{ratio(found.slip.GT[0])} (1: the friction is used up)"))
+        if found.slip.slide_acceleration[0] > 0:
+            lines.append(("", beyond.format(ratio(found.slip.slide_acceleration[0]), "slides")))
+        if (other := found.classical) is not None:
+            angle, point = float(np.degrees(other.static_angle)), 1e3 * float(other.zero_moment_point)
+            along = " and ".join(f"{100 * share:.0f} %" for share in other.load_transfer)
+            lines.append(("classical", f"zero-moment point {quantity(point, 'mm', 3)} from the edge"))
+            lines.append(("", f"static angle {quantity(angle, 'deg', 3)}"))
+            lines.append(("", f"force-angle measure {quantity(float(other.force_angle), 'rad N m', 3)}"))
+            unit = "kg^2 m^4/s^2" if other.moment_height > 0 else "1/s^2"
+            lines.append(("", f"moment-height measure {quantity(float(other.moment_height), unit, 3)}"))
+            lines.append(("", f"load transfer {along} along x and y"))
+        return lines
+
+
+def check_plot_target(target: str) -> None:
+    """Raise InputError for a file that could not be written, before anything is computed."""
+    path = Path(target)
+    if path.suffix.lower() not in PLOT_FORMATS:
+        raise InputError(f"--plot: expected a file name ending in {', '.join(PLOT_FORMATS)}, got {target!r}")
+    if path.is_dir():
+        raise InputError(f"--plot: {target} is a directory")
+    if not path.parent.is_dir():
+        raise InputError(f"--plot: no such directory: {path.parent}")
+
+
+def _share_text(share: float) -> str:
+    """A share of the friction; rounding noise is zero."""
+    if share > 1:
+        return "more than all of it"
+    return quantity(100 * share if share > NOISE else 0.0, "%", 3)
+
+
+def _slope_text(slope: FloorSlope) -> str:
+    """The largest slope of the floor, and what happens beyond it."""
+    angle = quantity(float(np.degrees(slope.angle)), "deg", 3)
+    if not slope.loss:
+        return f">= {angle} of the floor in any direction, nominal"
+    about = f" about contacts {' and '.join(map(str, slope.contacts))}" if slope.contacts else ""
+    downhill = f"downhill {towards(slope.downhill)}"
+    also = ""
+    if slope.loss != "tips" and slope.tips is not None:
+        tips = quantity(float(np.degrees(slope.tips)), "deg", 3)
+        also = f", if friction held it would tip at {tips} in its worst direction"
+    return f"{angle} of the floor, nominal, {downhill}; beyond it the base {slope.loss}{about}{also}"
+
+
+def _feet_text(feet: Shared) -> str:
+    """How far they are pressed in."""
+    depths = np.maximum(-1e3 * feet.deflections[0, :, 0], 0.0)
+    least, most = (quantity(depth, "mm", 3) for depth in (depths.min(), depths.max()))
+    return f"compressed by {least} to {most}; forces are those of their springs on level ground"
+
+
+def _axis_text(found: Standing) -> str:
+    axis = found.nearest_axis
+    if axis is None:
+        free = found.tip.tip_over.free_rotation
+        return "none: nothing resists a rotation" if free else "unlimited: no tipping axis"
+    through = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
+    noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
+    # Friction and inertia of a base that slides change its normal forces.
+    slides = found.slip.slide_acceleration[0] > 0 and axis["moment_reserve"] >= 0
+    moves = ", of the base as it slides" if slides else ""
+    about = f"(axis through {noun} {through}{moves})"
+    margin, _, missing = margin_text(axis["moment_reserve"], "N m", 4).partition(": ")
+    return f"{margin} {about}{missing and f': {missing}'}"

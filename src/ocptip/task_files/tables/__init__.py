@@ -1,0 +1,1 @@
+"""Readers of tables that several kinds of files share."""
