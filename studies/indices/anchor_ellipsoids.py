@@ -41,7 +41,7 @@ from scipy.optimize import brentq, least_squares
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.indices.metric import OperationEllipsoid, point_metric
+from ocptip.indices.metric import OperationEllipsoid, velocity_map
 from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.numerics.vectors import skew
@@ -104,7 +104,8 @@ def equal_legs(count: int, rng: np.random.Generator) -> dict[str, float]:
         base, direction = rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         pose = PlatformPose(base, base + rng.uniform(0.3, 3.0) * direction)
-        kappa = eigh(point_metric(anchors(pose)), pose.N, eigvals_only=True)
+        speeds = velocity_map(anchors(pose))
+        kappa = eigh(speeds.T @ speeds, pose.N, eigvals_only=True)
         value = control_number(pose).value
         worst = max(worst, abs(value - math.sqrt((kappa[0] - 2.0) / (kappa[-1] - 2.0))))
         least = min(least, platform_conditioning(pose, own_ellipsoid(pose).W()).value - value)

@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformFile, PlatformPose, StewartPlatform
-from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
+from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.indices.workspace_maps import index_maps
 from studies.common import ended, software, table
 from studies.indices.designs.flight_simulator import FlightSimulator
@@ -60,6 +60,7 @@ from studies.indices.designs.optimal_search import search_optimal
 
 FIRST, SECOND, BODY, GROUND = "#0b6e99", "#d1603d", "#2e8b57", "#555555"
 LARGEST_ANGLE = math.radians(20.0)
+PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)
 
 
 def drawn_members() -> dict[str, tuple[PlatformPose, str]]:
@@ -156,9 +157,24 @@ def workspaces(poses: int, rng: np.random.Generator) -> dict[str, dict[str, Any]
     for name, pose in designs().items():
         centre = pose.platform.mean(axis=0)
         moving = StewartPlatform(pose.base, pose.platform - centre, name)
-        statistics = workspace_statistics(moving, shifts + centre, Rotation.from_rotvec(turns).as_matrix())
-        results[name] = {"best_pose": control_number(pose).value, **statistics.to_dict()}
+        values = control_numbers(moving, shifts + centre, Rotation.from_rotvec(turns).as_matrix())
+        results[name] = {"best_pose": control_number(pose).value, **statistics(values)}
     return results
+
+
+def statistics(values: np.ndarray) -> dict[str, Any]:
+    """Of the control numbers (k,) of a sample; NaN where a leg has length zero."""
+    known = values[~np.isnan(values)]
+    return {
+        "poses": len(values),
+        "undefined": len(values) - len(known),
+        "minimum": float(known.min()),
+        "mean": float(known.mean()),
+        "maximum": float(known.max()),
+        "percentiles": {str(q): float(np.percentile(known, q)) for q in PERCENTILES},
+        "worst": int(np.nanargmin(values)),
+        "best": int(np.nanargmax(values)),
+    }
 
 
 def draw(path: Path) -> None:

@@ -9,6 +9,7 @@ from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.distance import singularity_distance
 from ocptip.indices.lines import spear
 from ocptip.indices.metric import OperationEllipsoid
+from ocptip.numerics.vectors import skew
 from ocptip.published.arms import irb_2000
 
 
@@ -25,6 +26,23 @@ def random_pose(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def random_ellipsoid(rng: np.random.Generator) -> OperationEllipsoid:
     axes, center = random_pose(rng)
     return OperationEllipsoid(center, axes, rng.uniform(0.1, 1.0, 3))
+
+
+def distance_to_point(line: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Distance of a point (3,) from spears (..., 6), m."""
+    return np.linalg.norm(line[..., 3:] - np.cross(point, line[..., :3]), axis=-1)
+
+
+def klein_form(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a·b̂ + â·b along the last axis; zero if two lines meet, or a line belongs to a complex."""
+    return np.sum(a[..., :3] * b[..., 3:] + a[..., 3:] * b[..., :3], axis=-1)
+
+
+def point_metric(points: np.ndarray) -> np.ndarray:
+    """(6, 6): q' W q is the sum of the squared velocities of N points (N, 3), m, under a screw q."""
+    total = skew(points.sum(axis=0))
+    moments = (points**2).sum() * np.eye(3) - points.T @ points
+    return np.block([[moments, total], [-total, len(points) * np.eye(3)]])
 
 
 def published_motion(t: float) -> np.ndarray:

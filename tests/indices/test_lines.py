@@ -9,17 +9,15 @@ from ocptip.indices.lines import (
     PENCIL_TYPES,
     adjoint,
     bundle_type,
-    distance_to_point,
     dual_cross,
     foot_point,
-    klein_form,
     pencil_type,
     point_velocity,
     screw_decompose,
     spear,
 )
 from ocptip.numerics.vectors import cross, skew
-from tests.indices.sample_axes import random_pose
+from tests.indices.sample_axes import distance_to_point, klein_form, random_pose
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 

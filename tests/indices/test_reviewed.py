@@ -8,18 +8,14 @@ from ocptip.indices.arms.operation import operation_indices
 from ocptip.indices.lines import adjoint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import (
-    PLATONIC_SOLIDS,
     inv_cdn,
     inv_cdn_cl,
     inv_cdn_points,
     manipulability,
-    platonic_points,
 )
 from tests.indices.sample_axes import random_axes, random_ellipsoid, random_pose
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
-EDGES = {"tetrahedron": 3, "octahedron": 4, "cube": 3, "icosahedron": 5, "dodecahedron": 3}
-VERTICES = {"tetrahedron": 4, "octahedron": 6, "cube": 8, "icosahedron": 12, "dodecahedron": 20}
 
 
 @given(seeds)
@@ -52,19 +48,6 @@ def test_point_condition_is_the_index_of_the_ellipsoid_if_the_points_are_its_ver
     three = ellipsoid.vertices(*pose)[:3]
     moved = adjoint(*pose) @ J
     assert inv_cdn_points(moved, three @ pose[0].T + pose[1]) == pytest.approx(inv_cdn_points(J, three))
-
-
-@pytest.mark.parametrize("solid", PLATONIC_SOLIDS)
-def test_platonic_solids(solid):
-    points = platonic_points(solid, 0.3, [1, 2, 3])
-    assert len(points) == VERTICES[solid]
-    assert np.linalg.norm(points - [1, 2, 3], axis=1) == pytest.approx(0.3)
-    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    edge = distances[distances > 1e-9].min()
-    assert (np.isclose(distances, edge).sum(axis=1) == EDGES[solid]).all()
-    J = random_axes(np.random.default_rng(0))
-    sphere = OperationEllipsoid.sphere(0.3, [1, 2, 3])
-    assert inv_cdn_points(J, points) == pytest.approx(operation_indices(J, sphere).inv_cdn_oe)
 
 
 @given(seeds)
@@ -110,8 +93,6 @@ def test_bad_input_is_refused():
         inv_cdn_points(J, [[0, 0, 0], [1, 1, 1], [2, 2, 2]])
     with pytest.raises(InputError, match="k >= 3"):
         inv_cdn_points(J, [[0, 0, 0], [1, 1, 1]])
-    with pytest.raises(InputError, match="no solid 'pyramid'"):
-        platonic_points("pyramid", 1.0)
 
 
 @given(seeds)

@@ -55,11 +55,6 @@ def foot_point(line: np.ndarray) -> np.ndarray:
     return cross(line[..., :3], line[..., 3:])
 
 
-def distance_to_point(line: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Distance of a point (3,) from spears (..., 6), m."""
-    return np.linalg.norm(line[..., 3:] - cross(point, line[..., :3]), axis=-1)
-
-
 def adjoint(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """Ad(R, t): (6, 6) matrix that moves lines and screws as x' = R x + t moves points."""
     matrix = np.zeros((6, 6))
@@ -72,11 +67,6 @@ def dual_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a ⊗ b of dual vectors (..., 6); also the rate of change of b when a body turns about a (1.21)."""
     mixed = cross(a[..., 3:], b[..., :3]) + cross(a[..., :3], b[..., 3:])
     return np.concatenate([cross(a[..., :3], b[..., :3]), mixed], axis=-1)
-
-
-def klein_form(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Ω(a, b) = a·b̂ + â·b along the last axis; zero if two lines meet, or a line belongs to a complex."""
-    return np.sum(a * b[..., _SWAP], axis=-1)
 
 
 def point_velocity(screw: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -76,20 +76,10 @@ class OperationEllipsoid(Record):
         axes[:, 0] *= np.sign(np.linalg.det(axes))
         return cls(center, axes, np.sqrt(3.0 * moments / len(cloud)))
 
-    @classmethod
-    def from_solid(cls, half_axes: object, center: object = (0.0, 0.0, 0.0)) -> OperationEllipsoid:
-        """The ellipsoid with the metric of a homogeneous solid ellipsoid of the given half-axes, m."""
-        return cls(np.asarray(center), np.eye(3), np.sqrt(0.6) * finite_array("half_axes", half_axes, (3,)))
-
     @property
     def characteristic_length(self) -> float:
         """R sqrt(2/3), m, of the sphere with the same sum of squared half-axes (3.24)."""
         return float(np.sqrt(2.0 / 9.0 * (self.half_axes @ self.half_axes)))
-
-    @cached_property
-    def scatter(self) -> np.ndarray:
-        """D: (3, 3), m^2, second moments of the vertices about the centre, end-effector axes."""
-        return 2.0 * (self.axes * self.half_axes**2) @ self.axes.T
 
     @cached_property
     def principal_speeds(self) -> np.ndarray:
@@ -128,22 +118,6 @@ class OperationEllipsoid(Record):
         """
         factor = self.factor(rotation, translation)
         return np.swapaxes(factor, -1, -2) @ factor
-
-
-def point_metric(points: object) -> np.ndarray:
-    """(6, 6): q' W q is the sum of the squared velocities of N points (N, 3), m, under a screw q.
-
-    Raises:
-        InputError: no such array.
-    """
-    cloud = finite_array("points", points, (None, 3))
-    total, count = cloud.sum(axis=0), len(cloud)
-    matrix = np.zeros((6, 6))
-    matrix[:3, :3] = (cloud**2).sum() * np.eye(3) - cloud.T @ cloud
-    matrix[:3, 3:] = skew(total)
-    matrix[3:, :3] = -skew(total)
-    matrix[3:, 3:] = count * np.eye(3)
-    return matrix
 
 
 def velocity_map(points: np.ndarray) -> np.ndarray:

@@ -7,8 +7,6 @@ Jacobians (..., 6, n) whose columns are the spears of the axes, base frame, mome
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
@@ -91,45 +89,6 @@ def inv_cdn_points(jacobian: np.ndarray, points: object) -> np.ndarray:
     if not (spread[..., 1] > 1e-14 * spread[..., 2]).all():
         raise InputError("points: need three that are not on a line")
     return inverse_condition(velocity_map(cloud) @ matrix)
-
-
-PLATONIC_SOLIDS = ("tetrahedron", "octahedron", "cube", "icosahedron", "dodecahedron")
-
-
-def platonic_points(solid: str, radius: float, center: object = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """Vertices (k, 3), m, of a Platonic solid: points for :func:`inv_cdn_points` (Angeles and Lopez-Cajun).
-
-    The value of the index is that of an operation sphere of the same radius.
-
-    Args:
-        solid: one of `PLATONIC_SOLIDS`.
-        radius: of the circumscribed sphere, m.
-        center: (3,), m.
-
-    Raises:
-        InputError: unknown solid, radius not positive.
-    """
-    golden = (1.0 + np.sqrt(5.0)) / 2.0
-    cube = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
-    shapes = {
-        "tetrahedron": cube[cube.prod(axis=1) > 0],
-        "octahedron": np.concatenate([np.eye(3), -np.eye(3)]),
-        "cube": cube,
-        "icosahedron": _cyclic([(0.0, s, t * golden) for s in (1, -1) for t in (1, -1)]),
-        "dodecahedron": np.concatenate(
-            [cube, _cyclic([(0.0, s / golden, t * golden) for s in (1, -1) for t in (1, -1)])]
-        ),
-    }
-    if solid not in shapes:
-        raise InputError(f"solid: no solid {solid!r}; there are {', '.join(PLATONIC_SOLIDS)}")
-    vertices = shapes[solid]
-    size = positive_number("radius", radius) / np.linalg.norm(vertices[0])
-    return finite_array("center", center, (3,)) + size * vertices
-
-
-def _cyclic(points: list[tuple[float, ...]]) -> np.ndarray:
-    """All cyclic exchanges of coordinates."""
-    return np.concatenate([np.roll(points, shift, axis=1) for shift in range(3)])
 
 
 def manipulability(jacobian: np.ndarray) -> np.ndarray:

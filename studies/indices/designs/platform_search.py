@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number, whole_number
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
 from ocptip.indices.platforms.reviewed import manipulability
-from ocptip.indices.platforms.workspace import index_at
 from ocptip.numerics.threads import one_thread
 
 
@@ -105,7 +104,7 @@ def best_pose(
     def cost(x: np.ndarray) -> float:
         nonlocal evaluations
         evaluations += 1
-        value = index_at(index, *anchors(placed(x)))
+        value = _value(index, *anchors(placed(x)))
         outside = float(np.sum(np.maximum(np.abs(x) - 1.0, 0.0)))
         return np.inf if np.isnan(value) else -value + outside * (1.0 + abs(value))
 
@@ -162,6 +161,14 @@ def quality_index(
     if largest == 0.0:
         raise SolverError("quality_index: every pose found is singular")
     return QualityIndex(own / largest, own, largest, None if own >= best.value else best)
+
+
+def _value(index: Callable[[PlatformPose], float], base: np.ndarray, platform: np.ndarray) -> float:
+    """The index of a pose given by its anchors; NaN where a leg has length zero."""
+    try:
+        return float(index(PlatformPose(base, platform)))
+    except InputError:
+        return np.nan
 
 
 def _climb(cost: Callable[[np.ndarray], float], x: np.ndarray) -> tuple[float, np.ndarray]:

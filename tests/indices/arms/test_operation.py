@@ -8,10 +8,16 @@ from ocptip.basics.errors import InputError
 from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.operation import operation_indices
 from ocptip.indices.arms.values import index_values
-from ocptip.indices.lines import adjoint, distance_to_point, spear
+from ocptip.indices.lines import adjoint, spear
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import irb_2000
-from tests.indices.sample_axes import published_motion, random_axes, random_ellipsoid, random_pose
+from tests.indices.sample_axes import (
+    distance_to_point,
+    published_motion,
+    random_axes,
+    random_ellipsoid,
+    random_pose,
+)
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 

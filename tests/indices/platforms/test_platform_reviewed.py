@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.metric import OperationEllipsoid, point_metric
+from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.indices.platforms.reviewed import (
@@ -18,6 +18,7 @@ from ocptip.indices.platforms.reviewed import (
     manipulability,
     rigidity_rate,
 )
+from tests.indices.sample_axes import point_metric
 from tests.indices.sample_platforms import LEGS, SEEDS, flat_pose, moved, random_motion, random_pose
 from tests.quick import examples
 

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import InputError
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.platform import StewartPlatform
-from ocptip.indices.platforms.reviewed import manipulability
-from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
+from ocptip.indices.platforms.workspace import control_numbers
 from studies.indices.designs.flight_simulator import OPTIMAL_CTN, FlightSimulator
 from tests.indices.sample_platforms import LEGS, SEEDS
 from tests.quick import examples
@@ -44,25 +43,6 @@ def test_singular_and_impossible_poses_in_a_batch():
     assert values[1] == 0.0
 
 
-def test_statistics_over_a_slice():
-    design = FlightSimulator.optimal()
-    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 11), np.linspace(-0.5, 0.5, 11))
-    positions = np.column_stack([x.ravel(), y.ravel(), np.full(121, design.height)])
-    result = workspace_statistics(design.platform, positions)
-    assert result.maximum == pytest.approx(OPTIMAL_CTN, abs=1e-12)
-    np.testing.assert_allclose(positions[result.best][:2], 0, atol=1e-12)
-    assert np.abs(positions[result.worst][:2]).tolist() == [0.5, 0.5]
-    assert result.minimum < result.percentiles[5.0] < result.percentiles[50.0] < result.maximum
-    assert result.mean == pytest.approx(result.values.mean())
-    other = workspace_statistics(design.platform, positions, index=ctn)
-    np.testing.assert_allclose(other.values, result.values, rtol=1e-9)
-    volumes = workspace_statistics(design.platform, positions, index=manipulability)
-    assert volumes.maximum == pytest.approx(manipulability(design.platform.at(positions[volumes.best])))
-    data = result.to_dict()
-    assert data["poses"] == 121
-    assert data["undefined"] == 0
-
-
 def test_bad_arguments_are_refused():
     design = FlightSimulator.optimal()
     with pytest.raises(InputError, match="rotations: expected 2 as positions, got 3"):
@@ -70,7 +50,4 @@ def test_bad_arguments_are_refused():
     with pytest.raises(InputError, match="rotations: no rotation matrices"):
         control_numbers(design.platform, np.ones((2, 3)), 2 * np.eye(3))
     with pytest.raises(InputError, match="positions: expected shape"):
-        workspace_statistics(design.platform, np.ones((2, 2)))
-    base = np.random.default_rng(0).normal(size=(6, 3))
-    with pytest.raises(InputError, match="exists in no pose"):
-        workspace_statistics(StewartPlatform(base, base), [[0.0, 0.0, 0.0]])
+        control_numbers(design.platform, np.ones((2, 2)), np.eye(3))

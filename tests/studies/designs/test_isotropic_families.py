@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.lines import klein_form
 from ocptip.indices.platforms.controllability import platform_conditioning
 from studies.indices.designs.isotropic_families import IsotropicFamily, LineGroup, isotropic_u1, isotropic_u2
+from tests.indices.sample_axes import klein_form
 from tests.quick import examples
 
 SIGNS = st.tuples(*[st.sampled_from([1, -1])] * 3)

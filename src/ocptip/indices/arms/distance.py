@@ -80,23 +80,6 @@ class SingularityDistance(Record):
         direction = self.gradient / np.where(norm > 0, norm, 1.0)
         return -np.sign(self.determinant)[..., None] * direction * self._finite(self.dm_2)[..., None]
 
-    @property
-    def energy_step_inf(self) -> np.ndarray | None:
-        """(N, 4) rad/s: rates of equal energy in each joint to the singularity in unit time (4.18)."""
-        if self.inertias is None:
-            return None
-        return -self._signs() * np.sqrt(2.0 / self.inertias * self._finite(self.energy_inf)[..., None])
-
-    @property
-    def energy_step_2(self) -> np.ndarray | None:
-        """(N, 4) rad/s: rates of smallest total energy to the singularity in unit time (4.14)."""
-        if self.inertias is None:
-            return None
-        pull = self.gradient / self.inertias
-        total = np.sum(pull * self.gradient, axis=-1)
-        det = np.where(self.singular, 0.0, self.determinant)
-        return -pull * (det / np.where(total > 0, total, np.inf))[..., None]
-
     @cached_property
     def status(self) -> np.ndarray | str:
         """(N,) "regular", "singular", "singular of higher order" or "stationary"."""

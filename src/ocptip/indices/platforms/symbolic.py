@@ -8,14 +8,13 @@ platform frame, so that all entries are near one; the indices do not change by t
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as cs
 import numpy as np
 
-from ocptip.basics.errors import InputError, number_from, positive_number
+from ocptip.basics.errors import InputError, positive_number
 from ocptip.indices.encodings import (
     ConstraintBlock,
     Method,
@@ -134,41 +133,6 @@ class SymbolicPlatform:
         """sigma_S >= bound; `guess(G)` with G = N[3:, 3:]."""
         floor = positive_number("bound", bound) ** 2
         return psd_constraint(self.N[3:, 3:], floor=floor, method=method, p=p, name="sigma_s")
-
-    def rigidity(self, bound: float) -> ConstraintBlock:
-        """Rigidity rate >= bound, rad, six legs; the self-motion (7,) of unit length are the variables.
-
-        s^2 >= tan^2(bound) q.q is written cos^2 s^2 >= sin^2 q.q. Holds where the self-motion is unique.
-        `guess(J7)` takes the numeric (6, 7) matrix of :attr:`scaling_rows`.
-
-        Raises:
-            InputError: more than six legs, or a bound outside of 0 < bound < pi/2.
-        """
-        if self.platform.n_legs != MINIMUM_LEGS:
-            raise InputError(
-                f"platform: the rigidity rate is defined for six legs, got {self.platform.n_legs}"
-            )
-        bound = number_from("bound", bound)
-        if not 0.0 < bound < math.pi / 2.0:
-            raise InputError(f"bound: expected 0 < bound < pi/2 rad, got {bound}")
-        motion = type(self.position).sym("scaling_motion", 7)
-        q, s = motion[:3], motion[6]
-        rate = math.cos(bound) ** 2 * s**2 - math.sin(bound) ** 2 * cs.sumsqr(q)
-        return ConstraintBlock(
-            cs.vertcat(self.scaling_rows @ motion, cs.sumsqr(motion) - 1.0, rate),
-            np.zeros(8),
-            np.concatenate([np.zeros(7), [np.inf]]),
-            motion,
-            lambda rows: np.linalg.svd(np.asarray(rows, dtype=float))[2][-1],
-        )
-
-    @cached_property
-    def scaling_rows(self) -> Symbolic:
-        """(6, 7) leg rates per motion with scaling (q, q_hat, s), see `rigidity_rate`."""
-        column = []
-        for i, p in enumerate(self.platform.platform):
-            column.append(self.J[i, 3:] @ (self.rotation @ cs.DM(p) / self.extent))
-        return cs.horzcat(self.J, cs.vertcat(*column))
 
 
 def leg_forms(base: list[Symbolic | cs.DM], platform: list[Symbolic]) -> tuple[Symbolic, Symbolic, Symbolic]:

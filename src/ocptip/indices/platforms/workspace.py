@@ -6,52 +6,13 @@ percentile).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.indices.platforms.platform import LEG_TOLERANCE, PlatformPose, StewartPlatform
+from ocptip.indices.platforms.platform import LEG_TOLERANCE, StewartPlatform
 from ocptip.indices.reviewed import RANK_TOLERANCE
 from ocptip.numerics.vectors import skew
-
-PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)
-
-
-@dataclass(frozen=True, eq=False)
-class WorkspaceStatistics:
-    """An index over a sample of poses.
-
-    Attributes:
-        values: (k,) the index of each pose; NaN where a leg has length zero.
-        minimum, mean, maximum: over the poses where it exists.
-        percentiles: percentage -> value.
-        worst, best: numbers of the poses with the smallest and the largest value.
-    """
-
-    values: np.ndarray
-    minimum: float
-    mean: float
-    maximum: float
-    percentiles: dict[float, float]
-    worst: int
-    best: int
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data without the single values."""
-        return {
-            "poses": len(self.values),
-            "undefined": int(np.isnan(self.values).sum()),
-            "minimum": self.minimum,
-            "mean": self.mean,
-            "maximum": self.maximum,
-            "percentiles": {str(key): value for key, value in self.percentiles.items()},
-            "worst": self.worst,
-            "best": self.best,
-        }
 
 
 def control_numbers(platform: StewartPlatform, positions: ArrayLike, rotations: ArrayLike) -> np.ndarray:
@@ -95,54 +56,6 @@ def control_numbers(platform: StewartPlatform, positions: ArrayLike, rotations: 
     ratios[regular] = singular_values[:, -1] / singular_values[:, 0]
     values[exists] = ratios
     return values
-
-
-def workspace_statistics(
-    platform: StewartPlatform,
-    positions: ArrayLike,
-    rotations: ArrayLike | None = None,
-    *,
-    index: Callable[[PlatformPose], float] | None = None,
-) -> WorkspaceStatistics:
-    """Minimum, mean, maximum and percentiles of an index over poses of a platform.
-
-    Args:
-        platform: anchors.
-        positions: (k, 3), m.
-        rotations: (k, 3, 3) or (3, 3); default: no rotation.
-        index: of a pose; default the control number.
-
-    Raises:
-        InputError: shapes that do not fit, or no pose in which every leg has a length.
-    """
-    rotations = np.eye(3) if rotations is None else rotations
-    if index is None:
-        values = control_numbers(platform, positions, rotations)
-    else:
-        values = np.array(
-            [index_at(index, b, p) for b, p in zip(*_anchors(platform, positions, rotations), strict=True)]
-        )
-    if np.isnan(values).all():
-        raise InputError("positions: the index exists in no pose")
-    known = values[~np.isnan(values)]
-    return WorkspaceStatistics(
-        values,
-        float(known.min()),
-        float(known.mean()),
-        float(known.max()),
-        {q: float(np.percentile(known, q)) for q in PERCENTILES},
-        int(np.nanargmin(values)),
-        int(np.nanargmax(values)),
-    )
-
-
-def index_at(index: Callable[[PlatformPose], float], base: np.ndarray, platform: np.ndarray) -> float:
-    """The index of a pose given by its anchors; NaN where a leg has length zero."""
-    try:
-        pose = PlatformPose(base, platform)
-    except InputError:
-        return np.nan
-    return float(index(pose))
 
 
 def _anchors(
