@@ -15,7 +15,7 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from ocptip.motion import tolerated
-from ocptip.motion.load_cases import tilt_by_direction
+from ocptip.standing.at_rest.load_cases import tilt_by_direction
 from tests import places
 from tests.quick import examples
 

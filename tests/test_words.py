@@ -66,7 +66,7 @@ def test_messages_of_troubleshooting_are_those_of_the_code():
 
 
 def test_all_fields_of_a_plan_are_on_their_page():
-    code = (ROOT / "src" / "ocptip" / "motion" / "output.py").read_text(encoding="utf-8")
+    code = (ROOT / "src" / "ocptip" / "motion" / "files" / "output.py").read_text(encoding="utf-8")
     code = code[code.index('"case": plan.task.name') - 9 : code.index("return plain(data)")]
     fields = re.findall(r'^        (?:\*\*\(\{)?"(\w+)": ', code, flags=re.MULTILINE)
     assert {"energy_J", "verified", "contacts", "units"} <= set(fields)

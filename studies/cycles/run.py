@@ -28,10 +28,10 @@ from ocptip.basics.toml import toml_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
-from ocptip.motion.execution import execute
+from ocptip.motion.files.execution import execute
+from ocptip.motion.files.plan_files import run_by, write_plan
+from ocptip.motion.files.source import TASK
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.plan_files import run_by, write_plan
-from ocptip.motion.source import TASK
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.read import load_motion
 from studies.common import PLANNING, ended, json_text, machine, number, source_state, table

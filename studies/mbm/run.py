@@ -24,8 +24,8 @@ import pinocchio as pin
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.checks import certified
-from ocptip.motion.execution import execute
-from ocptip.motion.path_search import search_path
+from ocptip.motion.files.execution import execute
+from ocptip.motion.paths.search import search_path
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
 from ocptip.retiming.among import NODES

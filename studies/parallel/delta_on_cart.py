@@ -26,9 +26,9 @@ from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
-from ocptip.motion.output import sample_motion
+from ocptip.motion.files.output import sample_motion
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.plan_files import write_plan
 from ocptip.motion.task import MotionTask
 from ocptip.standing.samples import MotionSamples
 from ocptip.task_files.motion import load_task

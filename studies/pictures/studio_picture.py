@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import ocptip
-from ocptip.pictures.studio import Actions, studio_page
+from ocptip.pictures.browser.studio import Actions, studio_page
 from studies.pictures.browser import browser_page
 
 TASK = Path(__file__).parents[2] / "src/ocptip/examples/tasks/ur5_cart.toml"

@@ -57,7 +57,7 @@ HEAD = (
 WHOLE = {  # parts of a command: the functions that do them
     "task": "ocptip.cli.plan.plan._asked",
     "search": "ocptip.api.plan.plan_motion",
-    "controller": "ocptip.motion.execution.execute",
+    "controller": "ocptip.motion.files.execution.execute",
     "tolerated": "ocptip.api.plan.robustness",
     "figures": "ocptip.pictures.frame.png",
 }

@@ -29,8 +29,8 @@ import numpy as np
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import plain, versions, write_text
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.plan_files import write_plan
 from ocptip.numerics.fork_server import cores
 from ocptip.published.cases import motion_cases
 from studies.common import json_text, machine, say

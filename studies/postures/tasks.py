@@ -16,8 +16,8 @@ from ocptip.published.tasks import experiment_robot
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.refusals import posture_refusals
 from ocptip.standing.limits import Limits
-from ocptip.standing.rest import posture_refusals
 from ocptip.task_files.motion import load_task
 from studies.common import EXAMPLES
 

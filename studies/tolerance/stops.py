@@ -25,8 +25,8 @@ from ocptip.basics.write import versions, write_text
 from ocptip.motion.check import check_motion
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.stop_rules import StopRules
-from ocptip.motion.stops import check_stops
+from ocptip.motion.stops.check import check_stops
+from ocptip.motion.stops.rules import StopRules
 from ocptip.motion.task import MotionTask
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import Robot

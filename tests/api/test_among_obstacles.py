@@ -19,7 +19,7 @@ from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.task_files.motion import load_task
-from tests.motion.among_boxes import WALL, task_among, task_file
+from tests.motion.paths.among_boxes import WALL, task_among, task_file
 from tests.places import EXAMPLES
 
 pytest.importorskip("ompl")

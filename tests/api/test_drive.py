@@ -14,8 +14,8 @@ from ocptip.api.chart import halton_postures
 from ocptip.cli.main import main
 from ocptip.cli.verify.drive import DriveReport
 from ocptip.contact.verdict import equilibrium
+from ocptip.standing.at_rest.stow_pose import StowSearch
 from ocptip.standing.limits import Limits
-from ocptip.standing.stow_pose import StowSearch
 from tests.places import EXAMPLES
 
 G = 9.81

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from tests.cli.machine.test_compare import write

@@ -7,7 +7,7 @@ import pytest
 import ocptip
 from ocptip.api.identify import motion_for_identification
 from ocptip.measured.bodies import PAYLOAD, identify_bodies
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.task_files.plan_folder import read_plan_folder

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.plan_folder import read_plan_folder
 from tests.pictures.plan_stand_in import plan_of

@@ -12,7 +12,7 @@ from ocptip.indices.workspace_maps import index_maps
 from ocptip.parallel import ParallelRobot, delta
 from ocptip.parallel.description.ready_made import ups6
 from ocptip.published.arms import arm_by_name
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES, UR5
 

@@ -45,10 +45,10 @@ ELSEWHERE = {
     "numerics/jit/private.py": {"open", "fdopen"},  # machine code, with rules of its own
     "parallel/code/codegen.py": {"read_bytes", "read_text"},  # what this process made
     "pictures/animation.py": {"open"},  # what this process made
-    "pictures/view_panel.py": {"read_text"},  # of the package
+    "pictures/browser/panel.py": {"read_text"},  # of the package
     "published/arms.py": {"loads", "read_text"},  # of the package
-    "robots/conversion.py": {"from_xml_path"},  # MuJoCo reads its own format, after require_readable
-    "robots/urdf_parser.py": {"load"},  # meshes, after require_readable
+    "robots/urdf/conversion.py": {"from_xml_path"},  # MuJoCo reads its own format, after require_readable
+    "robots/urdf/parser.py": {"load"},  # meshes, after require_readable
     "trajectories/bag_types.py": {"parse"},  # definitions of messages, as texts out of a bag that was read
 }
 

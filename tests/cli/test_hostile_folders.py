@@ -16,8 +16,8 @@ import pytest
 from ocptip.basics.outputs import SUMS
 from ocptip.basics.write import MARK
 from ocptip.cli.main import main
-from ocptip.motion.plan_files import write_plan
-from ocptip.robots.urdf_parser import printed
+from ocptip.motion.files.plan_files import write_plan
+from ocptip.robots.urdf.parser import printed
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of

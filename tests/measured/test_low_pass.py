@@ -16,7 +16,7 @@ from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, Signal
 from ocptip.measured.regression import Block
 from ocptip.robots.motors import DCMotors
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from ocptip.standing.arm import Robot
 from ocptip.trajectories.trajectory import Trajectory
 from tests.places import UR5

@@ -13,8 +13,8 @@ from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import PRINTED_LIMITS, experiment_robot, experiment_task
+from ocptip.standing.at_rest.refusals import posture_refusals
 from ocptip.standing.limits import Limits
-from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.quick import some

@@ -16,17 +16,9 @@ from ocptip.certificate.describe import model_data, motion_data, tolerance_data
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
-from ocptip.motion.load_cases import (
-    LoadCaseGrid,
-    MotionLoads,
-    RestLoads,
-    largest_payload,
-    load_cases,
-    tilt_by_direction,
-)
-from ocptip.motion.output import sample_motion
+from ocptip.motion.files.output import sample_motion
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.plan_files import write_plan
 from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.tolerated import tolerated
 from ocptip.placement.evaluate import Evaluator
@@ -35,6 +27,14 @@ from ocptip.placement.terrain import plane
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import AXES, ProcessWrench
+from ocptip.standing.at_rest.load_cases import (
+    LoadCaseGrid,
+    MotionLoads,
+    RestLoads,
+    largest_payload,
+    load_cases,
+    tilt_by_direction,
+)
 from ocptip.standing.limits import Limits
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf

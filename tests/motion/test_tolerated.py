@@ -8,7 +8,6 @@ import pytest
 from ocptip.cli.layout import tolerated_lines
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
-from ocptip.motion.load_cases import contact_test
 from ocptip.motion.summary import robustness_lines
 from ocptip.motion.tolerated import Tolerated, _beyond, robustness, tolerated
 from ocptip.numerics.bisection import bisected
@@ -16,6 +15,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.load_cases import contact_test
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory

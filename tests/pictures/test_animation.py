@@ -11,7 +11,7 @@ from ocptip.api.rate import rate_along
 from ocptip.api.view import View, view
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.pictures import animation
 from ocptip.pictures.animation import Moving, plan_times, save_animation
 from ocptip.published.tasks import experiment_task

@@ -12,8 +12,8 @@ import pytest
 from matplotlib.colors import to_hex
 from PIL import Image
 
+from ocptip.motion.files.output import sample_motion
 from ocptip.motion.margins import FRICTION, TIPPING, motion_margins
-from ocptip.motion.output import sample_motion
 from ocptip.motion.summary import TITLES, at_text
 from ocptip.pictures import plan as motion_plots
 from ocptip.pictures import plan_curves, style

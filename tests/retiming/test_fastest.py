@@ -15,7 +15,7 @@ from scipy import sparse
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
-from ocptip.motion.execution import execute
+from ocptip.motion.files.execution import execute
 from ocptip.motion.objective import ENERGY, TIME
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.fastest import ExtraRows, Grid, enough, fastest, spaced

@@ -11,8 +11,8 @@ from ocptip.api.inputs.given import driving
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
+from ocptip.motion.files.source import source_of
 from ocptip.motion.objective import TIME
-from ocptip.motion.source import source_of
 from ocptip.retiming import while_driving
 from ocptip.retiming.fastest import Grid, spaced
 from ocptip.retiming.late import LateJoints

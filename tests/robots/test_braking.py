@@ -13,7 +13,7 @@ from scipy.optimize import lsq_linear
 from ocptip.published.arms import load_arm
 from ocptip.robots.braking import brake, terms
 from ocptip.robots.dynamics import evaluate_dynamics
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from tests.places import UR5
 from tests.quick import examples, some
 from tests.robots.pinocchio_twin import twin

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.arms.values import rate_arm
-from ocptip.robots.collision.urdf import geometry_from_urdf
 from ocptip.robots.coupling import Coupling
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.kinematics import gripper_pose, jacobian, link_frames
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.payload import Payload
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
+from ocptip.robots.urdf.collision import geometry_from_urdf
 from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 

@@ -14,7 +14,7 @@ from ocptip.published.arms import arm_names, load_arm
 from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
-from ocptip.robots.urdf import arm_from_pinocchio
+from ocptip.robots.urdf.arm import arm_from_pinocchio
 from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 from tests.robots.sample_arms import random_arm

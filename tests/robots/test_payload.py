@@ -14,7 +14,7 @@ from ocptip.published.arms import arm_by_name
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.payload import Payload
-from ocptip.robots.urdf import arm_from_pinocchio, arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_pinocchio, arm_from_urdf
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES, UR5
 from tests.robots.pinocchio_twin import dynamics, twin

@@ -19,7 +19,7 @@ from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.kinematics import PointSpeeds
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path_fit import path_of_motion

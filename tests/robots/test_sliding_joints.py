@@ -18,7 +18,7 @@ from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.kinematics import gripper_pose, jacobian, link_frames
 from ocptip.robots.model import ArmModel, JointLimits
-from ocptip.robots.urdf import arm_from_pinocchio
+from ocptip.robots.urdf.arm import arm_from_pinocchio
 from tests.quick import examples
 from tests.robots.pinocchio_twin import dynamics, twin
 from tests.robots.sample_arms import random_arm

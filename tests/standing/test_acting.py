@@ -19,7 +19,7 @@ from ocptip.certificate.trusted.arm import PROCESS, TIMES, Arm
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.motion.check import check_motion
-from ocptip.motion.stop_tables import StoppedPath
+from ocptip.motion.stops.tables import StoppedPath
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.limits import Limits
 from ocptip.standing.parts import Part

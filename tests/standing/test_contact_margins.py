@@ -14,7 +14,7 @@ from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import equilibrium, stability
 from ocptip.motion.check import check_motion
-from ocptip.motion.output import sample_motion
+from ocptip.motion.files.output import sample_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.reserves.tipping import TipOver

@@ -12,13 +12,13 @@ from ocptip.basics.errors import InputError
 from ocptip.cli.motion_summary import notes
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.motion.cancels import safe_decelerations
 from ocptip.motion.check import check_motion
 from ocptip.motion.margins import motion_margins
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME
-from ocptip.motion.stop_rules import StopRules
-from ocptip.motion.stops import check_stops
+from ocptip.motion.stops.cancels import safe_decelerations
+from ocptip.motion.stops.check import check_stops
+from ocptip.motion.stops.rules import StopRules
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
 from ocptip.reserves.tipping import moment_at

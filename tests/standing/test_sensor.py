@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.output import sample_motion, write_motion_csv
+from ocptip.motion.files.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.sensor import WrenchSensor

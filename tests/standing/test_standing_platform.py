@@ -10,7 +10,7 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
-from ocptip.motion.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv
+from ocptip.motion.files.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.node_physics import NodePhysics

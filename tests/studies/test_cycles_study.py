@@ -8,7 +8,7 @@ import pytest
 from ocptip.task_files.cycle import load_cycle
 from studies.cycles.run import DWELL, cycle_text, report
 from studies.foreign_arms.run import task_text, template_of
-from tests.studies.test_foreign_arms import ARM
+from tests.studies.robots.test_foreign_arms import ARM
 from tests.task_files.test_arm_files import ON_A_LIFT
 
 

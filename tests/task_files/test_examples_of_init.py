@@ -12,9 +12,9 @@ from jsonschema import Draft202012Validator
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.task import refusals
-from ocptip.robots.resting import resting_body
-from ocptip.robots.urdf import arm_from_urdf
-from ocptip.robots.urdf_file import read_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
+from ocptip.robots.urdf.file import read_urdf
+from ocptip.robots.urdf.resting import resting_body
 from ocptip.task_files import example
 from ocptip.task_files.example import example_base
 from ocptip.task_files.motion import load_task

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from ocptip.task_files.motion import load_task
 from tests.task_files.test_arm_files import ON_A_LIFT, SHORT
 

@@ -13,9 +13,9 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.outputs import SUMS
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
-from ocptip.motion.execution import execute
+from ocptip.motion.files.execution import execute
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.motion.objective import TIME, priced
-from ocptip.motion.plan_files import write_plan
 from ocptip.published.tasks import PRINTED_LIMITS, experiment_task
 from ocptip.standing.limits import Limits
 from ocptip.task_files.motion import load_task

@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
-from ocptip.motion.source import LIMITS
+from ocptip.motion.files.source import LIMITS
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.placement import load_placement

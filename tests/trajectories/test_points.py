@@ -7,7 +7,7 @@ import pytest
 
 from ocptip.basics.errors import InputError, InputWarning
 from ocptip.motion.check import check_motion
-from ocptip.motion.output import sample_motion, write_motion_csv
+from ocptip.motion.files.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion, motion_origin

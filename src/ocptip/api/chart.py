@@ -20,7 +20,12 @@ from ocptip.basics.write import versions
 from ocptip.contact.support import Support
 from ocptip.pictures.load_chart import chart_picture, design_picture
 from ocptip.standing.arm import Robot
-from ocptip.standing.largest_payload import ChartCell, LargestPayloads, ReachBySector, largest_payloads
+from ocptip.standing.at_rest.largest_payload import (
+    ChartCell,
+    LargestPayloads,
+    ReachBySector,
+    largest_payloads,
+)
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, BasePayloads, ballasted, widened

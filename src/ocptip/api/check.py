@@ -23,10 +23,10 @@ from ocptip.motion.check import OF_PATH, MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
 from ocptip.motion.cycles.task import BY_BRAKES, CycleTask, Task, refuse_driving, refuse_objects
 from ocptip.motion.design import motion_design
+from ocptip.motion.files.plan_files import samples_joined, save_bag, task_samples
 from ocptip.motion.objective import TIME
-from ocptip.motion.plan_files import samples_joined, save_bag, task_samples
-from ocptip.motion.stop_rules import SCENARIOS, Kinds
-from ocptip.motion.stops import stops_by_segment, stops_to_dict
+from ocptip.motion.stops.check import stops_by_segment, stops_to_dict
+from ocptip.motion.stops.rules import SCENARIOS, Kinds
 from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import robustness

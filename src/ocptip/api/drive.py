@@ -17,8 +17,8 @@ from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.motion.cycles.task import Task
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.stow_pose import StowSearch
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.stow_pose import StowSearch
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.plan_folder import is_plan_folder

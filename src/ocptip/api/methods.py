@@ -16,10 +16,10 @@ from ocptip.basics.errors import InputError, InputWarning, PlanningError, Solver
 from ocptip.basics.text import quantity
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.execution import Execution, execute
+from ocptip.motion.files.execution import Execution, execute
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
-from ocptip.motion.stop_rules import Kinds
+from ocptip.motion.stops.rules import Kinds
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.retiming import among

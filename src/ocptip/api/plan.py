@@ -32,16 +32,11 @@ from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.outputs import remove_figures
 from ocptip.basics.write import plain
 from ocptip.certificate.checks import certified
-from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.cycles.task import Task, refuse_driving, refuse_objects
-from ocptip.motion.execution import Execution
-from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
-from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.multi_start import ToleranceError
-from ocptip.motion.plan import plan_motion
-from ocptip.motion.plan_files import (
+from ocptip.motion.files.execution import Execution
+from ocptip.motion.files.plan_files import (
     planned_to_dict,
     run_by,
     samples_joined,
@@ -49,7 +44,12 @@ from ocptip.motion.plan_files import (
     task_samples,
     write_plan,
 )
-from ocptip.motion.stops import (
+from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.multi_start import ToleranceError
+from ocptip.motion.plan import plan_motion
+from ocptip.motion.stops.cancels import SafeDecelerations
+from ocptip.motion.stops.check import (
     cancels_by_segment,
     cancels_to_dict,
     stops_by_segment,
@@ -63,8 +63,8 @@ from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.plan import draw_plan
 from ocptip.pictures.plan_curves import seen_plan
 from ocptip.pictures.stops import draw_stops
+from ocptip.standing.at_rest.sensitivity import Reserves, Sensitivity, motion_sensitivities
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.sensitivity import Reserves, Sensitivity, motion_sensitivities
 from ocptip.standing.within.in_motion import worst_contacts
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import Trajectory
@@ -161,7 +161,7 @@ class Plan(CheckedMotion):
         return motion_outcomes(self, text)
 
     def save_bag(self, path: str | os.PathLike[str]) -> None:
-        """Write the executed motion and its margins over time as a bag, see `ocptip.motion.plan_files`."""
+        """Write the executed motion and its margins over time as a bag, see `motion.files.plan_files`."""
         save_bag(self.task, self.motion, path)
 
     def __repr__(self) -> str:

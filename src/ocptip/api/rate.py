@@ -43,7 +43,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.published.arms import arm_by_name
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from ocptip.standing.arm import Robot
 from ocptip.task_files.parallel import read_robot
 from ocptip.task_files.platform_points import read_platform

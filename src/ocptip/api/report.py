@@ -15,11 +15,17 @@ from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask, Task
-from ocptip.motion.load_cases import LoadCase, LoadCaseGrid, largest_payload, load_cases, tilt_by_direction
-from ocptip.motion.stops import Stops, stops_of
+from ocptip.motion.stops.check import Stops, stops_of
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.load_cases import (
+    LoadCase,
+    LoadCaseGrid,
+    largest_payload,
+    load_cases,
+    tilt_by_direction,
+)
 from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import NONE
 from ocptip.task_files.cycle import read_task

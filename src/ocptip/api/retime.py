@@ -20,11 +20,11 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.task import CycleTask, refuse_driving, refuse_objects
-from ocptip.motion.execution import Execution, execute, slowed_as_needed
+from ocptip.motion.files.execution import Execution, execute, slowed_as_needed
+from ocptip.motion.files.plan_files import run_by
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
-from ocptip.motion.plan_files import run_by
-from ocptip.motion.stops import cancels_by_segment
+from ocptip.motion.stops.check import cancels_by_segment
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
 from ocptip.pictures.phase_plane import draw_phase_plane

@@ -107,7 +107,7 @@ def _solved(
     if wants_sensitivities and posture is not None:
         sensitivities = posture.sensitivities(tolerance)
     elif wants_sensitivities:
-        from ocptip.standing.sensitivity import scene_sensitivities
+        from ocptip.standing.at_rest.sensitivity import scene_sensitivities
 
         sensitivities = scene_sensitivities(support, scene.loads, reference, tolerance)
     return Standing(

@@ -14,11 +14,11 @@ from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import toml_text
 from ocptip.basics.write import MARK, write_files
-from ocptip.motion.posture_study import Conditions, PostureAnswer, PostureStudy, Robustness
-from ocptip.motion.source import TASK, source_of
+from ocptip.motion.files.source import TASK, source_of
 from ocptip.motion.task import MotionTask
-from ocptip.pictures.studio import Actions, serve_studio
+from ocptip.pictures.browser.studio import Actions, serve_studio
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.posture_study import Conditions, PostureAnswer, PostureStudy, Robustness
 from ocptip.standing.parts import Part
 from ocptip.task_files.plan_folder import read_plan_folder
 

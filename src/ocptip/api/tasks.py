@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.motion.cycles.task import Task
+from ocptip.motion.files.source import source_of
 from ocptip.motion.objective import objective_of
-from ocptip.motion.source import source_of
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task

@@ -17,7 +17,7 @@ from ocptip.basics.read import only_inside, read_json, require_readable
 from ocptip.basics.write import versions, write_text
 from ocptip.contact.resting import solve_resting
 from ocptip.pictures.animation import SUFFIXES, Moving, plan_times, save_animation
-from ocptip.pictures.view import HERE, Show, motion_show, pose_show, scene_show, serve, to_html
+from ocptip.pictures.browser.view import HERE, Show, motion_show, pose_show, scene_show, serve, to_html
 from ocptip.placement.output import PLACEMENT
 from ocptip.placement.problem import PlacementProblem
 from ocptip.reserves.equal_compliance import reported_slip

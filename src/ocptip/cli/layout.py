@@ -15,10 +15,10 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
     from ocptip.motion.check import MotionCheck
     from ocptip.motion.cycles.check import CycleCheck
     from ocptip.motion.cycles.task import Task
-    from ocptip.motion.stops import Stops
+    from ocptip.motion.stops.check import Stops
     from ocptip.motion.tolerated import Tolerated
+    from ocptip.standing.at_rest.sensitivity import Sensitivity
     from ocptip.standing.mechanism import StandingMechanism
-    from ocptip.standing.sensitivity import Sensitivity
 
 
 _PRICES = {

@@ -22,7 +22,7 @@ from ocptip.basics.version import version
 from ocptip.basics.write import plain
 from ocptip.cli.command import Report, explained, suspicions, written
 from ocptip.cli.options import in_folder
-from ocptip.motion.source import TaskSource
+from ocptip.motion.files.source import TaskSource
 from ocptip.numerics.workers import worker_pool
 
 _OF_THE_CALL = (

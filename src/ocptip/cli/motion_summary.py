@@ -11,9 +11,9 @@ import numpy as np
 
 from ocptip.basics.text import percent, some, wrapped
 from ocptip.cli.layout import changes_table, files_lines, segment_table, stop_table, under
-from ocptip.motion.cancels import SafeDecelerations
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.stops import Stops
+from ocptip.motion.stops.cancels import SafeDecelerations
+from ocptip.motion.stops.check import Stops
 from ocptip.motion.summary import (
     CheckedMotion,
     margin_table,

@@ -23,7 +23,7 @@ from ocptip.task_files.tables.tolerance import load_tolerance
 
 if TYPE_CHECKING:
     from ocptip.motion.cycles.task import Task
-    from ocptip.motion.source import TaskSource
+    from ocptip.motion.files.source import TaskSource
     from ocptip.motion.task import MotionTask
     from ocptip.standing.arm import Robot
     from ocptip.standing.tolerance import Uncertainty

@@ -20,9 +20,9 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.refusals import posture_refusals
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limits import Limits
-from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.trajectory import Trajectory
 
 COMPARED = 24  # pairs, those with the shortest ways

@@ -13,12 +13,12 @@ from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.margins import FOOT_FORCE, At, MotionMargin, critical, motion_margins
 from ocptip.motion.proof import Proof
-from ocptip.motion.stop_rules import SCENARIOS
-from ocptip.motion.stops import Stops
+from ocptip.motion.stops.check import Stops
+from ocptip.motion.stops.rules import SCENARIOS
 from ocptip.motion.tolerated import Tolerated
 from ocptip.motion.violations import broken_words
+from ocptip.standing.at_rest.sensitivity import Sensitivity
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.sensitivity import Sensitivity
 from ocptip.trajectories.trajectory import Trajectory
 
 TITLES = {

@@ -11,18 +11,18 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, is_whole, positive_number
 from ocptip.basics.frozen import settle
+from ocptip.motion.files.source import TaskSource
 from ocptip.motion.objective import ENERGY, Objective
-from ocptip.motion.source import TaskSource
-from ocptip.motion.stop_rules import StopRules
+from ocptip.motion.stops.rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import PATH
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.largest_payload import largest_payloads
+from ocptip.standing.at_rest.refusals import own_refusals, posture_refusals
 from ocptip.standing.instants import Instants
-from ocptip.standing.largest_payload import largest_payloads
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.rest import own_refusals, posture_refusals
 from ocptip.standing.stops.by_brakes import BrakeCheck
 from ocptip.trajectories.trajectory import Trajectory
 from ocptip.trajectories.velocity_profiles import checked_rise_times, earliest_end

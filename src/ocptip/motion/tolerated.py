@@ -19,15 +19,15 @@ import numpy as np
 from ocptip.contact.bindings.binding import DAMPING_RATIO
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.load_cases import CLOSER, MotionLoads, about, everywhere
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip, known
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.load_cases import CLOSER, MotionLoads, about, everywhere
+from ocptip.standing.at_rest.slope import around, beside, tilted
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.footing import Footing
-from ocptip.standing.slope import around, beside, tilted
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SPACING = 0.01  # s: between instants, at most

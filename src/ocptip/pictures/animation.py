@@ -17,9 +17,9 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import MARK
 from ocptip.pictures import style
+from ocptip.pictures.browser.view import FRAMES, sampled_parts, shared_forces
 from ocptip.pictures.frame import hull, new_figure
 from ocptip.pictures.sketch import BASE, GROUND, PATH, ROBOT, view_of
-from ocptip.pictures.view import FRAMES, sampled_parts, shared_forces
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
 

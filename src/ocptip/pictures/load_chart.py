@@ -10,8 +10,8 @@ import numpy as np
 
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, png
-from ocptip.standing.drive_envelope import LARGEST, LargestManoeuvres
-from ocptip.standing.largest_payload import ChartCell, ReachBySector
+from ocptip.standing.at_rest.drive_envelope import LARGEST, LargestManoeuvres
+from ocptip.standing.at_rest.largest_payload import ChartCell, ReachBySector
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, BasePayloads
 
 if TYPE_CHECKING:

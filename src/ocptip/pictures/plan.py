@@ -47,7 +47,7 @@ def draw_plan(
     Args:
         directory: made if it does not exist; the one above it must.
         plan: a `MotionPlan`, or any object with its attributes.
-        samples: of its motion, from :func:`ocptip.motion.output.sample_motion`; computed if None.
+        samples: of its motion, from :func:`ocptip.motion.files.output.sample_motion`; computed if None.
 
     Returns:
         The paths, the three overviews first.

@@ -11,9 +11,9 @@ import numpy as np
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
+from ocptip.motion.files.output import sample_motion
+from ocptip.motion.files.plan_files import samples_joined
 from ocptip.motion.margins import MotionMargin, motion_margins
-from ocptip.motion.output import sample_motion
-from ocptip.motion.plan_files import samples_joined
 from ocptip.pictures.style import MEMBERS, NOMINAL
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.limits import Limits

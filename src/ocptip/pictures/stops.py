@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ocptip.motion.stops import Stops
+from ocptip.motion.stops.check import Stops
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, save_figures
 

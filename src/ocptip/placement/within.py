@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import Robot
-from ocptip.standing.slope import Weight
+from ocptip.standing.at_rest.slope import Weight
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.moving import MovingCase, driving_case_of
 from ocptip.standing.within.rest import (

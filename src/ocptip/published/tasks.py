@@ -8,7 +8,7 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.motion.source import TaskSource
+from ocptip.motion.files.source import TaskSource
 from ocptip.motion.task import MotionTask
 from ocptip.published.arms import load_arm, modular_motors, published_data
 from ocptip.published.cases import MotionCase, motion_case

@@ -11,8 +11,8 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.path_search import search_path
-from ocptip.motion.path_smoothing import smoothed_path
+from ocptip.motion.paths.search import search_path
+from ocptip.motion.paths.smoothing import smoothed_path
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import broken_words
 from ocptip.retiming.retime import retime

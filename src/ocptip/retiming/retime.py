@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.motion.check import OF_PATH, MotionCheck, check_motion
-from ocptip.motion.execution import slowed_as_needed
+from ocptip.motion.files.execution import slowed_as_needed
 from ocptip.motion.objective import TIME, Objective
 from ocptip.numerics.threads import one_thread
 from ocptip.retiming.cheapest import CheapestTiming, PoweredTiming, Price, cheapest

@@ -1,1 +1,1 @@
-"""Serial arms: models, kinematics, dynamics, drives and collision spheres."""
+"""Serial arms: models, URDF files, kinematics, dynamics, drives and collision geometry."""

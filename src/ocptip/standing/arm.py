@@ -18,7 +18,6 @@ from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
-from ocptip.robots.arm_source import arm_from, base_of
 from ocptip.robots.base_motion import BaseMotion, acceleration_of, inertial_wrench_of
 from ocptip.robots.braking import gravity_torques
 from ocptip.robots.collision.gaps import GapLabel, usual_clearance
@@ -33,6 +32,7 @@ from ocptip.robots.payload import Payload
 from ocptip.robots.pinocchio import PinocchioModel
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
+from ocptip.robots.urdf.arm_source import arm_from, base_of
 from ocptip.standing.acting import Acting
 from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
@@ -146,7 +146,7 @@ class Robot(StandingMechanism):
             base_com: (3,), m, base axes; default likewise.
             friction: coefficient of the contacts, where `contacts` are positions.
             base_inertia, gravity: see `Support`.
-            base_link, tool_frame, locked_joints: see `ocptip.robots.urdf.arm_from_urdf`.
+            base_link, tool_frame, locked_joints: see `ocptip.robots.urdf.arm.arm_from_urdf`.
             mount_position: (3,), m: base origin to the origin of `base_link`; by default they are the same.
             mount_rotation: (3, 3): axes of `base_link` to base axes; default none.
             payload: what the gripper holds; kg: a point mass at the tool frame.

@@ -19,10 +19,10 @@ from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.dynamics import STANDARD_GRAVITY, evaluate_dynamics
 from ocptip.robots.geometry import floor
-from ocptip.robots.ground_contacts import GroundContact, ground_contacts, inside
 from ocptip.robots.model import ArmModel
-from ocptip.robots.resting import resting_body, resting_links
-from ocptip.robots.urdf_file import UrdfFile
+from ocptip.robots.urdf.file import UrdfFile
+from ocptip.robots.urdf.ground_contacts import GroundContact, ground_contacts, inside
+from ocptip.robots.urdf.resting import resting_body, resting_links
 
 PLURALS = {"wheel": "wheels", "rocker": "rockers", "caster": "casters", "foot": "feet"}
 

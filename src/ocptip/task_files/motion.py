@@ -19,9 +19,9 @@ from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.choices import posture_pairs
+from ocptip.motion.files.source import speed_table
 from ocptip.motion.objective import objective_of
-from ocptip.motion.source import speed_table
-from ocptip.motion.stop_rules import Kinds, StopRules
+from ocptip.motion.stops.rules import Kinds, StopRules
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import ADAPTER_MASS, BASES, experiment_task

@@ -12,8 +12,8 @@ import numpy as np
 from ocptip.basics import schema
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
-from ocptip.motion.load_cases import LoadCaseGrid
 from ocptip.robots.model import ArmModel
+from ocptip.standing.at_rest.load_cases import LoadCaseGrid
 from ocptip.task_files.tables.joints import joint_values
 
 _POSE = Keys(

@@ -12,8 +12,8 @@ from ocptip.basics.outputs import SUMS, require_unchanged
 from ocptip.basics.read import only_inside, read_json
 from ocptip.motion.cycles.check import segments_of
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.output import PLAN
-from ocptip.motion.source import TASK
+from ocptip.motion.files.output import PLAN
+from ocptip.motion.files.source import TASK
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.task_files.cycle import read_task

@@ -1,4 +1,4 @@
-"""Files named by a task file, collected to be written elsewhere: see `ocptip.motion.source`."""
+"""Files named by a task file, collected to be written elsewhere: see `ocptip.motion.files.source`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path, PurePosixPath
 
 from ocptip.basics.read import read_bytes, read_xml_text
 from ocptip.basics.toml import Table
-from ocptip.motion.source import TASK, TaskSource
-from ocptip.robots.urdf_file import with_files
+from ocptip.motion.files.source import TASK, TaskSource
+from ocptip.robots.urdf.file import with_files
 from ocptip.standing.mechanism import StandingMechanism
 
 _MESHES = "meshes"

@@ -12,7 +12,7 @@ from ocptip.basics import schema
 from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
-from ocptip.motion.source import LIMITS
+from ocptip.motion.files.source import LIMITS
 from ocptip.robots.kinematics import TCP, checked_points
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot

@@ -14,13 +14,13 @@ from ocptip.basics.schema import Key
 from ocptip.basics.text import some
 from ocptip.basics.toml import MARK, toml_value
 from ocptip.robots.collision.gaps import CLEARANCE
-from ocptip.robots.collision.urdf import PACKAGE, geometry_from_urdf, missing_meshes
-from ocptip.robots.ground_contacts import GroundContact
-from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
-from ocptip.robots.sanity import ImpossibleLinksError
-from ocptip.robots.urdf import arm_from_urdf
-from ocptip.robots.urdf_file import UrdfFile, like_tools, read_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
+from ocptip.robots.urdf.collision import PACKAGE, geometry_from_urdf, missing_meshes
+from ocptip.robots.urdf.file import UrdfFile, like_tools, read_urdf
+from ocptip.robots.urdf.ground_contacts import GroundContact
+from ocptip.robots.urdf.joint_limits import named_states, with_joint_limits
+from ocptip.robots.urdf.sanity import ImpossibleLinksError
 from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
 from ocptip.task_files.tables.arm import ARM, ARM_LIMITS
 from ocptip.task_files.tables.joints import end_keys

@@ -8,7 +8,7 @@ import pytest
 
 from ocptip.cli.main import main
 from ocptip.measured.recording import gaps_of
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from tests.measured.machines import recorded
 from tests.pictures.plan_stand_in import plan_of

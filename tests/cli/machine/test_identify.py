@@ -10,7 +10,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.toml import Table, toml_text
 from ocptip.cli.main import main
 from ocptip.measured.links import identify_links
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.task_files.motion import TASK

@@ -26,9 +26,9 @@ from ocptip.cli import motion_summary, terminal
 from ocptip.cli.main import main
 from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.cli.terminal import Progress
+from ocptip.motion.files.output import plan_to_dict
 from ocptip.motion.objective import ENERGY, TIME, priced
-from ocptip.motion.output import plan_to_dict
-from ocptip.motion.stops import cancels_by_segment
+from ocptip.motion.stops.check import cancels_by_segment
 from ocptip.motion.tolerated import robustness
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task

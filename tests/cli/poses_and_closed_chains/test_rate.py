@@ -10,7 +10,7 @@ from ocptip.indices.arms.values import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import arm_by_name
 from ocptip.robots.payload import Payload
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from tests.places import UR5
 
 POSE = ["10", "20", "-30", "40", "50", "60"]

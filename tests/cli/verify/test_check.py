@@ -10,7 +10,7 @@ import pytest
 from ocptip.api.check import offsets_of
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
-from ocptip.motion.output import sample_motion, write_motion_csv
+from ocptip.motion.files.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand

@@ -8,7 +8,7 @@ from html import unescape
 import pytest
 
 from ocptip.cli.main import main
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.published.tasks import experiment_task
 from tests.motion.cycles.cycle_files import planned
 from tests.pictures.plan_stand_in import plan_of

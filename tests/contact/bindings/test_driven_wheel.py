@@ -13,7 +13,7 @@ from ocptip.contact.support import Support
 from ocptip.contact.verdict import stability
 from ocptip.reserves.friction_needed import friction_needed, missing_force
 from ocptip.reserves.slip import Slip
-from ocptip.standing.drive_envelope import Manoeuvres, largest_manoeuvres
+from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
 from tests.standing.test_base_motion import carried
 
 G, FRICTION, TORQUE, RADIUS = 9.81, 0.6, 2.0, 0.1

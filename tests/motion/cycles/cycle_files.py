@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ocptip import load_task
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.plan_files import write_plan
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.test_task import FEET

@@ -20,11 +20,11 @@ from ocptip.motion import plan as planning
 from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.check import check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.choices import CANDIDATES, best_sequences, layers_of, likely_sequences
-from ocptip.motion.execution import execute
+from ocptip.motion.files.execution import execute
+from ocptip.motion.files.plan_files import drives_of, samples_joined, task_samples, write_plan
+from ocptip.motion.files.source import TASK
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.plan_files import drives_of, samples_joined, task_samples, write_plan
-from ocptip.motion.source import TASK
 from ocptip.motion.tolerated import robustness, tolerated
 from ocptip.pictures.plan import _ground, moment_at
 from ocptip.pictures.plan_curves import PlanCurves, seen_plan

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from ocptip.cli.main import main
 from ocptip.motion.cycles.choices import layers_of, leg_cost, likely_sequences
 from ocptip.motion.cycles.free_poses import MovedWay, free_ends, moved_sequences, posture_near
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.motion.plan import plan_motion
-from ocptip.motion.plan_files import write_plan
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.read import load_motion

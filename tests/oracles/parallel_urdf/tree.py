@@ -15,7 +15,7 @@ from ocptip.parallel.description.mdh import Frame, compose, inverse
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE
 from ocptip.robots.pinocchio import load_pinocchio
-from ocptip.robots.urdf_parser import pinocchio_model
+from ocptip.robots.urdf.parser import pinocchio_model
 from tests.oracles.parallel_urdf.chain import JointAxis
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ from ocptip.basics.errors import InputError
 from ocptip.robots.collision.model import ShapeCollisions, link_frames_function
 from ocptip.robots.collision.parts import MOST, convex_parts
 from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box, Capsule
-from ocptip.robots.collision.urdf import geometry_from_urdf, missing_meshes
 from ocptip.robots.geometry import CollisionModel, Pillar, Solid, Wall, floor, spheres_along_links
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
+from ocptip.robots.urdf.collision import geometry_from_urdf, missing_meshes
 from tests.places import UR5
 from tests.quick import examples
 from tests.robots.collision.collision_urdf import box, elbow, with_collision

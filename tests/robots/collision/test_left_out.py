@@ -10,10 +10,10 @@ import pytest
 from ocptip.robots.collision.gaps import MEETING, POSTURES, UNSEEN, random_postures
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape, Box
-from ocptip.robots.collision.urdf import geometry_from_urdf
 from ocptip.robots.geometry import floor
 from ocptip.robots.model import ArmModel
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
+from ocptip.robots.urdf.collision import geometry_from_urdf
 from tests.robots.collision.collision_urdf import write_stl
 
 MOMENTS = 'ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"'

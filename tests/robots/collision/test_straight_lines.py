@@ -12,7 +12,7 @@ from ocptip.robots.collision.bounds import LAST, StraightLines
 from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import Ball, Box, Cylinder, Hull
 from ocptip.robots.geometry import Pillar, Solid, Wall, floor
-from tests.motion.among_boxes import task_among
+from tests.motion.paths.among_boxes import task_among
 
 PLATE = 'kind = "box"\nsize = [0.2, 0.0005, 0.4]\nposition = [0.75, 0.0, 0.5]\n'
 CLEARANCE = 0.002

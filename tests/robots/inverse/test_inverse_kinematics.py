@@ -10,7 +10,7 @@ from ocptip.published.arms import arm_names, experiment_poses, load_arm, start_a
 from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
 from ocptip.robots.inverse.inverse_kinematics import pose_residuals, solve_inverse_kinematics
 from ocptip.robots.kinematics import gripper_pose
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from tests import places
 from tests.published.printed_ramps import COLUMNS, implied_angles, printed_times, times
 from tests.quick import examples, some

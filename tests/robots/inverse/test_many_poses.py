@@ -10,7 +10,7 @@ from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_search import search
 from ocptip.robots.kinematics import gripper_pose
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from tests.places import UR5
 
 

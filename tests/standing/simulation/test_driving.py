@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ocptip.standing.drive_envelope import Manoeuvres, largest_manoeuvres
+from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
 from ocptip.task_files.motion import load_task
 from studies.driving.run import rows_of
 from studies.driving.wheels import RADIUS, on_wheels, tips_at

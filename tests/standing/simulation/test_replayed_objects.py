@@ -8,7 +8,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
-from ocptip.motion.plan_files import write_plan
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.retiming.retime import retime
 from ocptip.robots.payload import Payload
 from ocptip.standing.objects import Object, cup

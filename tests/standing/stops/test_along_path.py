@@ -11,7 +11,7 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation
-from ocptip.motion.stop_tables import StoppedPath
+from ocptip.motion.stops.tables import StoppedPath
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.model import JointLimits
 from ocptip.standing.arm import Robot

@@ -10,10 +10,10 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity
-from ocptip.motion.cancels import rounded_down, safe_decelerations
 from ocptip.motion.objective import TIME
-from ocptip.motion.stop_tables import CancelTable
-from ocptip.motion.stops import _contact_text
+from ocptip.motion.stops.cancels import rounded_down, safe_decelerations
+from ocptip.motion.stops.check import _contact_text
+from ocptip.motion.stops.tables import CancelTable
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.retiming.retime import least_cost

@@ -17,8 +17,8 @@ from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.read import only_inside, require_readable
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.output import PLAN, TRAJECTORY
-from ocptip.motion.source import TaskSource, source_of
+from ocptip.motion.files.output import PLAN, TRAJECTORY
+from ocptip.motion.files.source import TaskSource, source_of
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task

@@ -14,24 +14,24 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.text import did_you_mean, quantity
 from ocptip.contact.support import Load, Support
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.load_cases import RestLoads
 from ocptip.placement.within import posture_case, posture_within
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
-from ocptip.standing.instants import Instants
-from ocptip.standing.largest_payload import LARGEST_TRIED, largest_payloads
-from ocptip.standing.limits import Limits
-from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.rest import own_refusals
-from ocptip.standing.sensitivity import (
+from ocptip.standing.at_rest.largest_payload import LARGEST_TRIED, largest_payloads
+from ocptip.standing.at_rest.load_cases import RestLoads
+from ocptip.standing.at_rest.refusals import own_refusals
+from ocptip.standing.at_rest.sensitivity import (
     Reserves,
     Sensitivity,
     motion_sensitivities,
     payload_torques,
     reserves_at_rest,
 )
-from ocptip.standing.slope import FloorSlope, largest_slope
+from ocptip.standing.at_rest.slope import FloorSlope, largest_slope
+from ocptip.standing.instants import Instants
+from ocptip.standing.limits import Limits
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.design import Design, smallest_design
 from ocptip.standing.within.rest import CaseWithin, WithinAtRest, object_within

@@ -16,7 +16,7 @@ from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
 from ocptip.pictures.load_chart import envelope_picture
 from ocptip.standing.arm import Robot
-from ocptip.standing.drive_envelope import (
+from ocptip.standing.at_rest.drive_envelope import (
     LARGEST,
     LargestManoeuvres,
     Manoeuvre,

@@ -25,14 +25,14 @@ from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import Redistribution, SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
+from ocptip.standing.at_rest.slope import FloorSlope, largest_slope, tilted_wrench
 from ocptip.standing.footing import Footing
-from ocptip.standing.slope import FloorSlope, largest_slope, tilted_wrench
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.scene import Scene
 
 if TYPE_CHECKING:
     from ocptip.api.inputs.postures import LargestPayload, RestingPosture
-    from ocptip.standing.sensitivity import Sensitivity
+    from ocptip.standing.at_rest.sensitivity import Sensitivity
     from ocptip.standing.within.design import Design
     from ocptip.standing.within.rest import WithinAtRest
 

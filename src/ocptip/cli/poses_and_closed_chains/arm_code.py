@@ -21,7 +21,7 @@ from ocptip.parallel.code.lean_arm import lean_arm
 from ocptip.parallel.code.leg_plans import OperationCount, count_operations
 from ocptip.published.arms import arm_by_name, known_arms
 from ocptip.robots.model import ArmModel
-from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
 from ocptip.task_files.tables.arm import arm_of_file
 
 _TEXTS = ("urdf", "mjcf", "matlab", "latex")

@@ -41,8 +41,8 @@ from ocptip.parallel.analysis.workspace import LENGTHS
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
-from ocptip.robots.urdf import arm_from_urdf
-from ocptip.robots.urdf_file import read_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
+from ocptip.robots.urdf.file import read_urdf
 from ocptip.task_files.parallel import read_robot
 
 _WIDTH = 110

@@ -19,8 +19,8 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import named
 from ocptip.cli.motion_summary import brief_notes
 from ocptip.cli.options import naming_options
-from ocptip.robots.collision.urdf import package_folder
-from ocptip.robots.conversion import Converted, converted
+from ocptip.robots.urdf.collision import package_folder
+from ocptip.robots.urdf.conversion import Converted, converted
 from ocptip.task_files.reference import json_schema
 from ocptip.task_files.template import SCHEMA, TaskTemplate, task_template
 

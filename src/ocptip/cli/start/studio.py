@@ -8,7 +8,7 @@ from argparse import Namespace
 from ocptip.api.studio import studio
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.options import output_directory
-from ocptip.pictures.view import library_viser
+from ocptip.pictures.browser.view import library_viser
 
 
 def run(options: Namespace) -> Report:

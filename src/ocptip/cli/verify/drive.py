@@ -17,7 +17,7 @@ from ocptip.cli.layout import files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.cli.verify.stand_posture import posture_of
-from ocptip.standing.drive_envelope import LargestManoeuvres, Manoeuvre
+from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
 from ocptip.task_files.plan_folder import is_plan_folder
 
 _NOISE, _NOT = 1e-9, "not limited"

@@ -31,11 +31,11 @@ from ocptip.cli.motion_summary import notes
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.cli.verify.check import worst_rows
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.load_cases import MOST_TILT, LoadCase
 from ocptip.motion.summary import margin_rows, margin_table, motion_line
 from ocptip.motion.violations import broken_words
 from ocptip.pictures.load_chart import payload_figure, tilt_figure
 from ocptip.reserves.equal_compliance import equal_normal_map
+from ocptip.standing.at_rest.load_cases import MOST_TILT, LoadCase
 
 ENDINGS = (".html", ".pdf")
 _OVERVIEWS = {

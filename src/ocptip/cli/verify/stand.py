@@ -32,7 +32,7 @@ from ocptip.contact.elastic import Shared
 from ocptip.contact.resting import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
 from ocptip.numerics.jit.compiled import interpreted
-from ocptip.standing.slope import FloorSlope
+from ocptip.standing.at_rest.slope import FloorSlope
 from ocptip.task_files.scene import read_scene
 
 if TYPE_CHECKING:

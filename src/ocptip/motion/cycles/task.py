@@ -10,8 +10,8 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.frozen import settle
+from ocptip.motion.files.source import TaskSource
 from ocptip.motion.objective import Objective
-from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask, Segment, refusals
 from ocptip.numerics.vectors import wrapped
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget

@@ -1,1 +1,1 @@
-"""Collision geometry as convex solids: shapes, reading of URDF files, pairs, distances with derivatives."""
+"""Collision geometry as convex solids: shapes, pairs, distances with derivatives."""

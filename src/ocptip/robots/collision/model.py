@@ -35,7 +35,7 @@ from ocptip.robots.geometry import FLOOR, CollisionModel, Floor, Obstacle, floor
 from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, joint_states
 from ocptip.robots.pinocchio import load_coal
-from ocptip.robots.urdf_parser import load_mesh
+from ocptip.robots.urdf.parser import load_mesh
 
 _BY_HAND = "excluded"
 _PARALLEL = 1e-6

@@ -17,7 +17,7 @@ from ocptip.robots.collision.parts import corners_of, cut_surfaces, side_of
 from ocptip.robots.collision.shapes import ArmGeometry, BodyShape, Hull, MeshFile, Shape
 from ocptip.robots.kinematics import LinkFrames, link_frames
 from ocptip.robots.pinocchio import load_coal
-from ocptip.robots.urdf_parser import load_mesh
+from ocptip.robots.urdf.parser import load_mesh
 
 CUTS = 40
 """Maximum number of cuts of the meshes of a pair of links, for a posture."""

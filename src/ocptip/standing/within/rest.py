@@ -28,8 +28,8 @@ from ocptip.contact.support import Load, Support
 from ocptip.numerics.inertia import RigidBody
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.tipping import TipMap, TipOver, moment_at
+from ocptip.standing.at_rest.slope import Weight, fixed_and_hanging
 from ocptip.standing.footing import Footing
-from ocptip.standing.slope import Weight, fixed_and_hanging
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.deviations import least_tilt
 from ocptip.standing.within.tolerable import why_not

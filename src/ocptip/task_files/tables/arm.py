@@ -18,13 +18,13 @@ from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import Table
 from ocptip.numerics.inertia import ROUNDED, RigidBody, symmetric_matrix, union, why_impossible
 from ocptip.published.arms import load_arm
-from ocptip.robots.collision.urdf import collision_meshes, geometry_from_urdf
 from ocptip.robots.dh import Convention, DHRow, arm_from_dh
-from ocptip.robots.joint_limits import named_states, with_joint_limits
 from ocptip.robots.model import FULL_SPEED, ArmModel
-from ocptip.robots.resting import resting_body
-from ocptip.robots.urdf import arm_from_urdf
-from ocptip.robots.urdf_file import read_urdf
+from ocptip.robots.urdf.arm import arm_from_urdf
+from ocptip.robots.urdf.collision import collision_meshes, geometry_from_urdf
+from ocptip.robots.urdf.file import read_urdf
+from ocptip.robots.urdf.joint_limits import named_states, with_joint_limits
+from ocptip.robots.urdf.resting import resting_body
 from ocptip.task_files.tables.joints import (
     FOLLOWS,
     LOCKED,

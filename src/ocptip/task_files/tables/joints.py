@@ -17,9 +17,9 @@ from ocptip.motion.choices import postures_of
 from ocptip.motion.task import REACHED
 from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
-from ocptip.robots.joint_limits import values_of_state
 from ocptip.robots.model import ArmModel
-from ocptip.robots.urdf_file import UrdfFile
+from ocptip.robots.urdf.file import UrdfFile
+from ocptip.robots.urdf.joint_limits import values_of_state
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism

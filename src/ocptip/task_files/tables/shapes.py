@@ -12,7 +12,6 @@ from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.collision.shapes import Ball, BodyShape, Box, Cylinder, Shape
-from ocptip.robots.collision.urdf import read_mesh
 from ocptip.robots.geometry import (
     FLOOR,
     Obstacle,
@@ -24,6 +23,7 @@ from ocptip.robots.geometry import (
     spheres_along_links,
 )
 from ocptip.robots.model import ArmModel
+from ocptip.robots.urdf.collision import read_mesh
 
 _RADIUS = {"radius": schema.number("Radius.", "m", bound="> 0")}
 _NAME = {"name": schema.text("Name in messages and results.", otherwise="the kind")}

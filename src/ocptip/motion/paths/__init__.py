@@ -1,0 +1,1 @@
+"""Paths among obstacles: their search and their smoothing."""

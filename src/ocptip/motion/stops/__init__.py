@@ -1,0 +1,1 @@
+"""Stops of a motion, begun at any instant: their rules, worst values and safe shares of the planned speed."""

@@ -1,0 +1,1 @@
+"""URDF files: their checks, and the arm, resting links, solids and ground contacts that they hold."""

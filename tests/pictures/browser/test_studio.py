@@ -1,0 +1,156 @@
+"""The studio: its answers against `stand`, its page in process, and in a browser where there is one."""
+
+import numpy as np
+import pytest
+
+import ocptip
+from ocptip.basics.errors import InputError
+from ocptip.cli.main import main
+from ocptip.robots.base_motion import BaseMotion
+from ocptip.robots.payload import Payload
+from ocptip.robots.process import ProcessWrench
+from ocptip.standing.at_rest.slope import tilted
+from ocptip.standing.tolerance import with_friction
+from studies.pictures.browser import CHROMIUM, browser_page
+from tests.places import EXAMPLES
+
+pytest.importorskip("viser")
+from ocptip.pictures.browser.studio import Actions, studio_page
+
+TASK = EXAMPLES / "tasks/kit_arm.toml"
+
+
+@pytest.fixture(scope="module")
+def studio():
+    return ocptip.studio(TASK)
+
+
+def moment_of(found):
+    return found.nearest_axis["moment_reserve"]
+
+
+@pytest.mark.parametrize("payload", [0.0, 2.5])
+def test_margins_and_torques_are_those_of_stand(studio, payload):
+    """The payload, the push and the tilt are part of the robot there, not terms of a sum."""
+    robot = studio.task.robot
+    q, down = studio.conditions.q + 0.1, robot.support.gravity
+    push, tilt = np.array([0.0, 8.0, 0.0]), np.radians(1.5)
+    held = Payload(payload, robot.payload.center_of_mass) if payload else None
+    arm = robot.arm.with_payload(held).with_process(ProcessWrench(push, np.zeros(3), "base"))
+    support = robot.support.varied(
+        with_friction(robot.support.contacts, 0.8), gravity=tilted(down, np.array([1.0, 0, 0]), tilt)
+    )
+    other = robot.varied(arm=arm, support=support, reference_moment=robot.tip_over.reference_moment)
+    expected = ocptip.stand(other, q, uncertainty="none")
+    found = studio.answer(q=q, payload=payload, friction=0.8, tilt=tilt, push=8.0, towards=np.pi / 2)
+    assert found.margins.tipping_moment == pytest.approx(moment_of(expected), rel=1e-9)
+    assert float(found.margins.GT) == pytest.approx(expected.slip.GT[0], rel=1e-6)
+    assert found.stable == expected.stable
+    assert found.margins.normal_forces == pytest.approx(expected.normal_forces, rel=1e-9)
+    torques = expected.posture.instant.torques[0]
+    assert found.torque_used == pytest.approx(np.abs(torques) / robot.limits.torque, rel=1e-9)
+
+
+def test_an_accelerated_base_is_that_of_stand(studio):
+    motion = BaseMotion((0.4, -0.3, 0.0))
+    expected = ocptip.stand(studio.task, "start", uncertainty="none", base_motion=motion)
+    found = studio.answer(acceleration=(0.4, -0.3))
+    assert found.margins.tipping_moment == pytest.approx(moment_of(expected), rel=1e-9)
+
+
+def test_robustness_is_where_contacts_are_lost(studio):
+    """Beyond each value a contact is lost, or a drive overloaded; below it none is."""
+    found = studio.robustness()
+    most = studio.answer(payload=found.held).torque_used.max()
+    assert most == pytest.approx(studio.task.limits.torque_ratio)
+    for share in (0.99, 1.01):
+        assert studio.answer(payload=share * found.payload).stable == (share < 1)
+        worst = [studio.answer(push=share * found.push, towards=2 * np.pi * k / 24).stable for k in range(24)]
+        assert all(worst) == (share < 1)
+        tilts = [
+            studio.answer(tilt=share * found.tilt, downhill=2 * np.pi * k / 24).stable for k in range(24)
+        ]
+        assert all(tilts) == (share < 1)
+
+
+def test_a_posture_for_the_tcp(studio):
+    start = studio.conditions.q
+    (place, turn), aside = studio.study.tcp(start), np.array([0.01, 0.0, 0.0])
+    q = studio.study.posture(place + aside, near=start)
+    assert np.allclose(studio.study.tcp(q)[0], place + aside, atol=1e-4)
+    if studio.study.robot.n >= 6:
+        assert np.allclose(studio.study.tcp(q)[1], turn, atol=1e-3)
+    with pytest.raises(InputError, match="cannot be reached"):
+        studio.study.posture(place + 900 * aside, near=start)
+
+
+def test_poses_are_kept_and_saved(tmp_path):
+    studio = ocptip.studio(TASK)
+    goal = studio.task.goal + 0.05
+    studio.keep("goal", goal)
+    path = studio.save(tmp_path / "here")
+    found = ocptip.load_task(path)
+    assert np.allclose(found.goal, goal)
+    assert np.allclose(found.start, studio.task.start)
+    assert found.robot.mass == pytest.approx(studio.task.robot.mass)
+    case = ocptip.studio("A")
+    with pytest.raises(InputError, match="published case"):
+        case.save(tmp_path / "there")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [({"weight": 1.0}, "no such condition"), ({"payload": -1.0}, "payload"), ({"tilt": np.nan}, "finite")],
+)
+def test_bad_conditions(studio, changes, said):
+    with pytest.raises(InputError, match=said):
+        studio.answer(**changes)
+
+
+def test_refusals(capsys):
+    assert main(["studio", str(EXAMPLES / "tasks/delta_cart.toml")]) == 2
+    assert "the studio is for arms" in capsys.readouterr().err
+
+
+@pytest.fixture
+def page(studio):
+    ends = {"start": studio.task.start, "goal": studio.task.goal}
+    actions = Actions(lambda which, q: f"{which} saved", lambda: ("", ()))
+    with studio_page("arm", studio.study, studio.conditions, ends, actions) as found:
+        assert found.idle.wait(60)
+        yield found
+
+
+def test_sliders_of_the_page(studio, page):
+    page.sliders["payload"].value = 2.0
+    assert page.idle.wait(60)
+    expected = studio.answer(payload=2.0)
+    assert page.answered.margins.tipping_moment == pytest.approx(expected.margins.tipping_moment, rel=1e-9)
+    assert dict(expected.lines)["tipping margin"] in page.verdict.content
+    assert "further push" in page.robust.content
+    before = page.answered.conditions.q
+    page.sliders["tcp_z"].value = page.sliders["tcp_z"].max
+    page.idle.clear()
+    assert page.idle.wait(60)
+    assert "cannot be reached" in page.message.content
+    assert np.allclose(page.answered.conditions.q, before)
+    page.set_posture(studio.task.goal)
+    assert page.idle.wait(60)
+    assert np.allclose(page.answered.conditions.q, studio.task.goal)
+    assert "cannot be reached" not in page.message.content
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+def test_a_person_types_a_payload(studio, page):
+    """The largest payload can be read; typed into the page it is stable, and more than that is not."""
+    with browser_page(f"http://localhost:{page.server.get_port()}") as shown:
+        shown.wait_for("document.body.innerText.includes('payload, contacts')")
+        for payload, word in ((2.0, "STABLE"), (0.5, "STABLE")):
+            shown.enter("payload [kg]", payload)
+            margin = dict(studio.answer(payload=payload).lines)["tipping margin"]
+            shown.wait_for(f"document.body.innerText.includes('{margin}')")
+            assert word in shown.text()
+        shown.enter("push at the TCP [N]", 200)
+        shown.wait_for("document.body.innerText.includes('TIPS')")
+        assert not shown.errors
