@@ -30,7 +30,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.motors import DCMotors
 from ocptip.robots.payload import Payload
-from ocptip.standing.platform import NumericParallelRobot, PlatformLimits
+from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from studies.common import table
 
 _NAME = "parallel_on_support"
@@ -48,7 +48,7 @@ class Case:
     """
 
     name: str
-    robot: NumericParallelRobot
+    robot: StandingParallelRobot
     path: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
@@ -99,7 +99,7 @@ def cases() -> list[Case]:
     ):
         support = cart(height=height, mass=mass)
         robot = ParallelRobot(description)
-        standing = NumericParallelRobot(
+        standing = StandingParallelRobot(
             robot,
             support,
             DCMotors(np.ones(robot.m), *np.zeros((3, robot.m))),  # power is not asked for

@@ -199,16 +199,6 @@ def test_a_motion_that_no_pieces_fit_is_not_certified(swing, monkeypatch):
     assert "polynomial of time of degree 5" in found.reason
 
 
-def test_mechanisms_that_cannot_be_certified_say_so(swing):
-    other = certify(_Other(), swing[1], Limits(), swing[2].worst)
-    assert not other.certified
-    assert "platform" in other.reason
-
-
-class _Other:
-    kind, closed_form = "platform", False
-
-
 def _mutations():
     def forces(data):
         data["cover"][2]["forces"][0][0][0][1][1] += 1e3  # squeezes; a change of the sum would be corrected

@@ -21,13 +21,14 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.motors import DCMotors
 from ocptip.robots.payload import Payload
 from ocptip.standing.limits import Limits
-from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
+from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from studies.baselines.penalty import MotionPenalty
 from tests.motion.planner.node_derivatives import all_slopes, bends
+from tests.oracles.numeric_platform import numeric_loads
 from tests.places import EXAMPLES
 from tests.quick import some
 
@@ -99,14 +100,6 @@ def test_loads_are_those_of_the_numeric_robot(standing, name):
     """Motor forces of the inverse dynamics, wrench of the mounted robot, speeds by J_a: other code."""
     robot = standing[name]
     support, parallel = robot.support, robot.robot
-    numeric = NumericParallelRobot(
-        parallel,
-        support,
-        robot.motors,
-        robot.platform_limits,
-        position=robot.position,
-        rotation=robot.rotation,
-    )
     z, zd, zdd = states(robot, 6, 1)
     forces, wrenches = robot.loads(z, zd, zdd)
     speeds = robot.motor_speeds(z, zd)
@@ -114,7 +107,7 @@ def test_loads_are_those_of_the_numeric_robot(standing, name):
         gravity = robot.rotation.T @ support.gravity
         expected = parallel.inverse_dynamics(z[k], zd[k], zdd[k], gravity=gravity).motors
         np.testing.assert_allclose(forces[k], expected, rtol=1e-9, atol=1e-9)
-        expected = numeric.loads(z[k : k + 1], zd[k : k + 1], zdd[k : k + 1])[1]
+        expected = numeric_loads(robot, z[k : k + 1], zd[k : k + 1], zdd[k : k + 1])[1]
         np.testing.assert_allclose(wrenches[k], expected[0], rtol=1e-9, atol=1e-8)
         s, _ = parallel.kinematics.quasi(z[k], zd[k], zdd[k])
         np.testing.assert_allclose(speeds[k], parallel.jacobian(z[k]) @ s, rtol=1e-9, atol=1e-10)
@@ -238,13 +231,10 @@ def straight_motion(task):
 def test_the_plan_holds_for_the_numeric_robot(task, plan):
     """Reserves, motor forces and regularity along the plan by the routes that know no CasADi expression."""
     robot, parallel = task.robot, task.robot.robot
-    numeric = NumericParallelRobot(
-        parallel, robot.support, robot.motors, robot.platform_limits, position=robot.position
-    )
     times = np.linspace(1e-6, plan.duration - 1e-6, 60)
     z, zd, zdd = plan.motion.states(times)
     assert parallel.crossings(z) == ()
-    reached = robot.contact_states(numeric.loads(z, zd, zdd)[1])
+    reached = robot.contact_states(numeric_loads(robot, z, zd, zdd)[1])
     assert reached.persistent.all()
     assert robot.tip_over.evaluate(reached).GN.max() <= task.limits.GN + 1e-7
     assert robot.slip.evaluate(reached, derivatives=False).GT.max() <= task.limits.GT + 1e-7

@@ -137,8 +137,6 @@ def _sampled(robot: StandingMechanism, motion: Trajectory, worst: Mapping[str, W
 
 def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     """Why no certificate can be made; empty if one can."""
-    if not robot.closed_form:
-        return f"motions of a {robot.kind} without closed forms cannot be proved"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
     if robot.acts.end:

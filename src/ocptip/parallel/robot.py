@@ -78,11 +78,6 @@ class ParallelRobot(MadeOf):
         return self.description.m
 
     @property
-    def redundant_drives(self) -> bool:
-        """True if there are more motors than coordinates."""
-        return len(self.description.actuated) > self.m
-
-    @property
     def complete_legs(self) -> bool:
         """True if the dynamics use all joints, False if only those up to the coupling points."""
         return self._complete

@@ -55,7 +55,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
     Attributes:
         kind: word for messages.
         knows_inertia: :meth:`small_motions` are known.
-        closed_form: torques and wrench are expressions of the coordinates, speeds and accelerations.
         direct_drives: every motor moves one coordinate, at that coordinate's speed.
         further_limits: of what :meth:`further` gives.
         mass: of base, mechanism and payload, kg.
@@ -67,7 +66,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
 
     kind = "arm"
     knows_inertia = False
-    closed_form = True
     direct_drives = True
     further_limits = FurtherLimits()
 

@@ -1,26 +1,25 @@
 """Parallel robots on a base that only stands: their platform coordinates move with velocity profiles.
 
-Where legs have closed forms the joints are eliminated (`ocptip.parallel.minimal_form`): motor forces, motor
+The joints of the legs are eliminated in closed form (`ocptip.parallel.minimal_form`): motor forces, motor
 speeds, base wrench and the distance from singular poses are functions of the coordinates and their
-derivatives. Other robots are evaluated in numbers, state by state.
+derivatives.
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number, rotation_matrix
+from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.contact.support import Support
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.parallel.description.robot_description import PRISMATIC
-from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
+from ocptip.parallel.dynamics.base_wrench import moving_mass
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Redistribution
@@ -31,7 +30,6 @@ from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.samples import MotionSamples
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -74,20 +72,13 @@ class PlatformLimits:
         if (lower >= upper).any():
             raise InputError(f"lower: must be below upper, got {lower.tolist()} and {upper.tolist()}")
         force = _one_each("motor_force", self.motor_force, motors)
-        return _CheckedLimits(
-            lower, upper, values["speed"], values["acceleration"], force, np.full(m, np.inf)
-        )
+        return JointLimits(lower, upper, values["speed"], values["acceleration"], force, np.full(m, np.inf))
 
 
-class _CheckedLimits(JointLimits):
-    """Checked by `PlatformLimits`; redundant drives are more than coordinates."""
+class StandingParallelRobot(StandingMechanism):
+    """A parallel robot mounted on a base that stands on a support, for checks and plans.
 
-    def __post_init__(self) -> None:
-        """Take the limits as they are."""
-
-
-class ParallelMechanism(StandingMechanism):
-    """A parallel robot mounted on a base that stands on a support: what both routes share.
+    Its legs have closed forms, and it has as many motors as coordinates.
 
     Args:
         robot: the robot.
@@ -133,6 +124,7 @@ class ParallelMechanism(StandingMechanism):
         self._drives = robot.description.motor_rows
         count = len(self._drives)
         _require_motors(motors, count)
+        form = minimal_form(robot, self.rotation.T @ support.gravity, self.load)
         super().__init__(
             support,
             motors,
@@ -143,15 +135,14 @@ class ParallelMechanism(StandingMechanism):
             redistribution,
             sensor or WrenchSensor(self.position),
         )
-        self.further_limits = _further_limits(limits, self._prepare(self.rotation.T @ support.gravity), count)
-
-    @abstractmethod
-    def _prepare(self, gravity: np.ndarray) -> Sequence[str]:
-        """Make what `loads` and `further` need; names of the distances from singular poses.
-
-        Args:
-            gravity: (3,), m/s^2, the robot's world axes.
-        """
+        self.further_limits = _further_limits(limits, form.measure_names, count)
+        force, moment = (cs.DM(self.rotation) @ part for part in cs.vertsplit(form.wrench, 3))
+        moment = moment + cs.cross(cs.DM(self.position - support.center_of_mass), force)
+        wrench = cs.vertcat(force, moment) + support.weight
+        state = [form.z, form.zd, form.zdd]
+        self._loads = BatchFunction(cs.Function("loads", state, [form.motor_forces, wrench]))
+        further = cs.vertcat(form.measures, form.motor_speeds)
+        self._further = BatchFunction(cs.Function("further", state[:2], [further]))
 
     @property
     def payload(self) -> Payload | None:
@@ -211,24 +202,6 @@ class ParallelMechanism(StandingMechanism):
         q, qd, _ = motion.states(times)
         return self.motor_speeds(q, qd)
 
-
-class StandingParallelRobot(ParallelMechanism):
-    """A parallel robot whose legs have closed forms, for checks and plans: as many motors as coordinates.
-
-    Arguments, attributes and errors as of `ParallelMechanism`.
-    """
-
-    def _prepare(self, gravity: np.ndarray) -> Sequence[str]:
-        form = minimal_form(self.robot, gravity, self.load)
-        force, moment = (cs.DM(self.rotation) @ part for part in cs.vertsplit(form.wrench, 3))
-        moment = moment + cs.cross(cs.DM(self.position - self.support.center_of_mass), force)
-        wrench = cs.vertcat(force, moment) + self.support.weight
-        state = [form.z, form.zd, form.zdd]
-        self._loads = BatchFunction(cs.Function("loads", state, [form.motor_forces, wrench]))
-        further = cs.vertcat(form.measures, form.motor_speeds)
-        self._further = BatchFunction(cs.Function("further", state[:2], [further]))
-        return form.measure_names
-
     def loads(
         self,
         q: np.ndarray,
@@ -256,94 +229,6 @@ class StandingParallelRobot(ParallelMechanism):
     def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
         """Distances from singular poses and motor speeds as CasADi column (k,)."""
         return self._further.function(q, qd)
-
-
-class NumericParallelRobot(ParallelMechanism):
-    """Any parallel robot, evaluated in numbers: for samples and checks, not for plans.
-
-    Legs need no closed form, joints may have dry friction, drives may be redundant; of those the motor forces
-    are the smallest. Consecutive states should be near each other: the joints of one are searched from those
-    of the one before. The distance from singular poses is the smallest singular value of J_a, angles
-    weighted with a length; see `Singularity.platform`.
-
-    Arguments, attributes and errors as of `ParallelMechanism`.
-    """
-
-    closed_form = False
-
-    def _prepare(self, gravity: np.ndarray) -> Sequence[str]:
-        self._gravity = gravity
-        return ("platform",)
-
-    def loads(
-        self,
-        q: np.ndarray,
-        qd: np.ndarray,
-        qdd: np.ndarray,
-        acting: np.ndarray | None = None,
-        base_motion: BaseMotion | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Motor forces (N, n_a), N or N m, and the total wrench (N, 6) on the base about its centre of mass.
-
-        Raises:
-            InputError: a pose is out of reach.
-            SolverError: a singular pose, with its type.
-        """
-        _require_rest(base_motion)
-        robot, load, g = self.robot, self.load, self._gravity
-        forces, own = np.empty((len(q), len(self._drives))), np.empty((len(q), 6))
-        for k, (z, joints) in enumerate(self._joints(q)):
-            forces[k] = robot.inverse_dynamics(z, qd[k], qdd[k], joints, wrench=load, gravity=g).motors
-            own[k] = base_wrench(robot, z, qd[k], qdd[k], gravity=g, load=load, q=joints)
-        force, moment = own[:, :3] @ self.rotation.T, own[:, 3:] @ self.rotation.T
-        moment += np.cross(self.position - self.support.center_of_mass, force)
-        return forces, np.hstack([force, moment]) + self.support.weight
-
-    def load_expressions(
-        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
-    ) -> tuple[cs.SX, cs.SX]:
-        """There are none.
-
-        Raises:
-            InputError: always.
-        """
-        raise InputError("robot: evaluated in numbers alone; a plan needs a StandingParallelRobot")
-
-    def further(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Distance from singular poses and motor speeds, (N, 1 + n_a)."""
-        robot, found = self.robot, []
-        for k, (z, joints) in enumerate(self._joints(q)):
-            s = robot.kinematics.rate_matrices(z, qd[k])[0] @ qd[k]
-            measure = robot.singularity(z, joints).platform
-            found.append([measure, *(robot.jacobian(z, joints) @ s)])
-        return np.reshape(found, (len(q), -1))
-
-    def samples_of(
-        self, times: ArrayLike, angles: ArrayLike, speeds: ArrayLike, accelerations: ArrayLike
-    ) -> MotionSamples:
-        """As of all mechanisms.
-
-        Raises:
-            InputError: shapes do not fit, or the motion leaves the workspace.
-            SolverError: a singular pose at a sample or between two, with its type.
-        """
-        samples = super().samples_of(times, angles, speeds, accelerations)
-        if self.robot.description.coupling_form and not self.robot.redundant_drives:
-            found = self.robot.crossings(samples.angles[np.argsort(samples.times, kind="stable")])
-            if found:
-                first = found[0]
-                raise SolverError(
-                    f"motion: meets a singular pose between samples {first.sample + 1} and "
-                    f"{first.sample + 2}: {', '.join(first.kinds)} at z = {first.z.round(6).tolist()}"
-                )
-        return samples
-
-    def _joints(self, q: np.ndarray) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...]]]:
-        """Every pose with its joint positions."""
-        joints = None
-        for z in q:
-            joints = self.robot.ik(z, joints).q
-            yield z, joints
 
 
 def _require_motors(motors: Motors, m: int) -> None:
