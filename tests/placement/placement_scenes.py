@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.placement.for_path import robot_at
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, ProcessLoad, Weights
 from ocptip.placement.result import Placement
@@ -22,6 +21,7 @@ from ocptip.published.tasks import experiment_robot
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.standing.arm import Robot
+from studies.placement.for_path import robot_at
 
 INTO_WALL = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # gripper z along the world's x
 

@@ -9,7 +9,6 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.solver import solve
 from ocptip.contact.support import Support
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.for_path import place_for_path
 from ocptip.placement.ground import HeightField, Wave
 from ocptip.placement.place import place
 from ocptip.placement.result import evaluate_placement
@@ -19,7 +18,7 @@ from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.standing.tolerance import Uncertainty
-from tests.placement.placement_scenes import clamped, drilling, four_feet, tripod
+from tests.placement.placement_scenes import clamped, drilling, tripod
 from tests.quick import some
 
 TOLERANCE = Uncertainty(base_mass=0.05, center_of_mass=[0.01, 0.015, 0.02], friction=0.2)
@@ -137,10 +136,3 @@ def test_an_interval_of_the_mass():
 def test_broken_tolerances_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         Uncertainty(**options)
-
-
-def test_motions_are_not_planned_for_a_tolerance():
-    own = drilling(four_feet(), tolerance=TOLERANCE)
-    own = replace(own, tasks=(own.tasks[0], replace(own.tasks[0], name="other")))
-    with pytest.raises(InputError, match="tolerance: motions are planned for the nominal base"):
-        place_for_path(own)

@@ -1,5 +1,6 @@
 """The robot at its place, and places ranked by the best timing of a path through the gripper tasks."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +9,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.objective import ENERGY
-from ocptip.placement import for_path
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.for_path import motion_limits, shortest_way
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, Weights
 from ocptip.placement.result import evaluate_placement
@@ -19,7 +18,10 @@ from ocptip.published.arms import experiment_poses
 from ocptip.retiming.retime import retime
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.kinematics import gripper_pose
+from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.path import load_path
+from studies.placement import for_path
+from studies.placement.for_path import motion_limits, shortest_way
 from tests.placement.placement_scenes import drilling, four_feet, modular_robot, placed_robot
 from tests.places import EXAMPLES
 from tests.retiming.paths import arm_of, cart
@@ -86,6 +88,10 @@ def test_bad_input_is_refused(sweep):
     problem, here = sweep
     with pytest.raises(InputError, match="a motion needs two gripper tasks"):
         for_path.place_for_path(drilling())
+    own = drilling(tolerance=Uncertainty(friction=0.2))
+    own = replace(own, tasks=(own.tasks[0], replace(own.tasks[0], name="other")))
+    with pytest.raises(InputError, match="tolerance: motions are planned for the nominal base"):
+        for_path.place_for_path(own)
     with pytest.raises(InputError, match=r"^between: expected one of spline, lines, tool lines, got 'arcs'"):
         for_path.place_for_path(problem, between="arcs", known=[here])  # pyright: ignore
     with pytest.raises(InputError, match=r"^candidates: must be a whole number >= 1, got 0"):
