@@ -104,8 +104,9 @@ def robustness_once():
 
 @pytest.fixture
 def few_tilts(monkeypatch):
-    """Reports tilt the floor towards 8 directions instead of 72."""
+    """Reports tilt the floor towards 8 directions instead of 72, and draw few postures for the load chart."""
     few = partial(tilt_by_direction, count=8)
+    monkeypatch.setattr("ocptip.api.report.CHART_POSTURES", 50)
     monkeypatch.setattr("ocptip.api.report.tilt_by_direction", few)
 
 

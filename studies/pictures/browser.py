@@ -104,7 +104,7 @@ _FIELD = """label => {
 def browser_page(address: str, *, width: int = 1400, height: int = 900) -> Iterator[Page]:
     """The page at an address, while it is open."""
     assert CHROMIUM is not None, "no chromium: apt-get install chromium"
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:  # it still writes while it ends
         options = [*_OPTIONS, f"--user-data-dir={folder}", f"--window-size={width},{height}"]
         process = subprocess.Popen([CHROMIUM, *options, address], stderr=subprocess.DEVNULL)
         try:

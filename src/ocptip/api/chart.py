@@ -16,6 +16,7 @@ from ocptip.api.inputs.postures import rests_of
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, finite_array, positive_number, whole_number
 from ocptip.basics.outputs import SavedFolder
+from ocptip.basics.text import quantity
 from ocptip.basics.write import versions
 from ocptip.contact.support import Support
 from ocptip.pictures.load_chart import chart_picture, design_picture
@@ -233,14 +234,16 @@ class LoadChart(SavedFolder):
         broken = "" if self.held.unloaded[row] else " without payload"
         return self.held.names[self.held.limits[row]] + broken
 
-    def on_base(self, quantity: str, value: float, support: Support) -> BasePayloads:
-        """What all postures up to each reach hold on another base; quantity and value say what differs."""
+    def on_base(self, what: str, value: float, support: Support) -> BasePayloads:
+        """What all postures up to each reach hold on another base; what and value say how it differs."""
         held = largest_payloads(self.robot.varied(support=support), self.limits, self.q, self.most)
+        return BasePayloads(what, float(value), self._within(held))
+
+    def _within(self, held: LargestPayloads) -> tuple[float | None, ...]:
+        """kg that all postures up to each reach hold."""
         masses, index = np.where(held.unloaded, held.masses, 0.0), self._index[:, 1]
         within = [masses[index <= k] for k in range(len(self.edges[1]) - 1)]
-        return BasePayloads(
-            quantity, float(value), tuple(float(own.min()) if len(own) else None for own in within)
-        )
+        return tuple(float(own.min()) if len(own) else None for own in within)
 
     @cached_property
     def reaches(self) -> tuple[ReachBySector, ...]:
@@ -265,6 +268,17 @@ class LoadChart(SavedFolder):
     def _feet(self) -> np.ndarray:
         """(n, 3), m, base frame: the contacts."""
         return np.array([contact.position for contact in self.robot.support.contacts])
+
+    @property
+    def summary(self) -> str:
+        """The payload of all postures, and of those up to half of the reach."""
+        if not len(self.q):
+            return "no posture drawn keeps the clearance"
+        masses, half = self._within(self.held), (len(self.edges[1]) - 2) // 2
+        known = [(k, own) for k, own in enumerate(masses) if own is not None]
+        near = next(((k, own) for k, own in known if k >= half), known[-1])
+        ends = [f"{self.edges[1][k + 1]:.3g} m: {quantity(own, 'kg', 3)}" for k, own in (near, known[-1])]
+        return f"payload of all postures up to a reach of {', '.join(dict.fromkeys(ends))}"
 
     @property
     def broken(self) -> int:
@@ -346,13 +360,16 @@ class LoadChart(SavedFolder):
                 rows.writerow([view, *places, data["postures"], *(data[name] for name in _VALUES)])
         return stream.getvalue()
 
+    def picture(self) -> bytes:
+        """The content of chart.png."""
+        views = self.cells(azimuth=False), self.cells(height=False)
+        return chart_picture(self.name, self.scope, self.edges, *views, self.reaches, self._feet)
+
     def contents(self, figures: bool) -> dict[str, bytes]:
         """chart.csv and chart.png."""
         found = {"chart.csv": self.to_csv().encode()}
         if figures:
-            views = self.cells(azimuth=False), self.cells(height=False)
-            about = self.name, self.scope, self.edges
-            found["chart.png"] = chart_picture(*about, *views, self.reaches, self._feet)
+            found["chart.png"] = self.picture()
             if self.designs:
                 found["design.png"] = design_picture(self.name, self.scope, self.edges[1], self.designs)
         return found

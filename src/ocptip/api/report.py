@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ocptip.api.chart import LoadChart, chart
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import MotionCheck, check_motion
@@ -18,6 +19,7 @@ from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.motion.stops.check import Stops, stops_of
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, robustness
+from ocptip.pictures.animation import Moving, plan_times
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.load_cases import (
     LoadCase,
@@ -32,6 +34,7 @@ from ocptip.task_files.cycle import read_task
 from ocptip.task_files.option_files import load_asked
 from ocptip.task_files.plan_folder import PlanFolder, arms_of, read_plan_folder
 
+CHART_POSTURES = 4000  # of the load chart
 POSTURES = 60  # of a motion, for the largest payload
 _SAME = 1e-3  # s: postures no farther apart are one
 
@@ -64,6 +67,8 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
         found.moves()
     for stage, robot in zip(stages, robots, strict=True):
         stage.rests(robot, cases)
+    if not any(robot.interfaces[1:] for robot in robots):  # charts are of payloads that the gripper holds
+        found.chart = chart(task, samples=CHART_POSTURES)
     return found
 
 
@@ -153,6 +158,7 @@ class Stability:
         self.checked: MotionCheck | None = None
         self.segments: CycleCheck | None = None
         self.tolerated: tuple[Tolerated, ...] = ()
+        self.chart: LoadChart | None = None
 
     def moves(self) -> None:
         """Check the motions of the folder."""
@@ -175,6 +181,19 @@ class Stability:
         if self.checked is not None:
             return self.checked.verified  # what becomes of it in stops is a table of its own
         return all(case.stands for case in self.cases if not (case.tilt or case.push or case.payload))
+
+    @property
+    def critical(self) -> tuple[Moving, int]:
+        """What the robot does, or the pose at rest, and the instant with the minimum margin."""
+        name, checked = self.task.name, self.checked
+        parts = tuple(stage.part for stage in self.stages if stage.part is not None)
+        if checked is None or not parts:
+            robot, q, none = self.stages[0].task.robot.resting(0), self.stages[0].task.start, np.zeros(1)
+            seen = robot.samples_of(none, q[None], 0 * q[None], 0 * q[None])
+            return Moving.of_samples(f"{name}, start", robot, none, seen), 0
+        time = max(next(checked.worst[key].time for key in ("GN", "GT") if key in checked.worst), 0.0)
+        times = np.union1d(plan_times(parts), time)
+        return Moving.of_plan(name, parts, times), int(np.searchsorted(times, time))
 
     @property
     def headline(self) -> str:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from ocptip.pictures.frame import hull, new_figure
 from ocptip.pictures.sketch import BASE, GROUND, PATH, ROBOT, view_of
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
+from ocptip.standing.samples import MotionSamples
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SUFFIXES = (".gif", ".mp4", ".html")
 RATE = 20  # frames per second
@@ -79,8 +83,13 @@ class Moving:
     @classmethod
     def of_plan(cls, name: str, parts: Sequence[Part], times: np.ndarray) -> Moving:
         """The motions of a plan at these times (T,), s; at rest before and after."""
-        _, seen = sampled_parts(parts, times)
-        robot: StandingMechanism = parts[0].robot
+        return cls.of_samples(name, parts[0].robot, times, sampled_parts(parts, times)[1])
+
+    @classmethod
+    def of_samples(
+        cls, name: str, robot: StandingMechanism, times: np.ndarray, seen: MotionSamples
+    ) -> Moving:
+        """A mechanism on its contacts as sampled at times (T,), s."""
         support, tip = robot.support, seen.tip
         pairs = np.array([(-1, -1), *((min(a.contacts), max(a.contacts)) for a in tip.tip_over.axes)])
         local = [shared_forces(seen.states.contact_forces, seen.slip, k) for k in range(len(times))]
@@ -104,7 +113,7 @@ class Moving:
             f"{label.partition(' [')[0]} {own[k]:.3g} {label.partition(' [')[2].rstrip(']')}".rstrip()
             for label, own in list(self.curves.items())[:2]
         ]
-        return f"{self.name}\n{', '.join([f'{self.times[k]:.2f} s', *values])}"
+        return ", ".join([f"{self.times[k]:.2f} s", *values])
 
 
 def plan_times(*plans: Sequence[Part]) -> np.ndarray:
@@ -150,14 +159,21 @@ def save_animation(shown: Sequence[Moving], path: str | os.PathLike[str]) -> Pat
         made = Path(folder) / f"animation{suffix}"
         with rc_context({"animation.embed_limit": 200.0}), writer.saving(figure, str(made), _DPI):
             for k in [*range(count), *[count - 1] * (_HELD if suffix != ".html" else 0)]:
-                for column in columns:
-                    column.show(k)
+                for column, own in zip(columns, shown, strict=True):
+                    column.show(k, f"{own.name}\n{own.text(k)}")
                 writer.grab_frame()
         if suffix != ".mp4":  # which has it as metadata; readers of GIF stop before it
             with made.open("ab") as stream:
                 stream.write(f"\n<!-- {MARK} -->\n".encode())
         os.replace(made, path)
     return path
+
+
+def still_figure(shown: Moving, k: int) -> Figure:
+    """A mechanism on its support polygon at instant k, with the forces of its contacts."""
+    figure = new_figure(0.8 * _VIEW, _VIEW)
+    _MovingView(figure, 0, 1, replace(shown, name="", curves={})).show(k, "")
+    return figure
 
 
 def _drawn(own: Moving) -> list[tuple[str, np.ndarray]]:
@@ -231,14 +247,14 @@ class _MovingView:
         self._axis = ax.plot([], [], color="#c81e1e", lw=3.0, zorder=2)[0]
         self._pressure = ax.plot([], [], ls="", marker="o", ms=7, color="#dc00a0", zorder=5)[0]
 
-    def show(self, k: int) -> None:
+    def show(self, k: int, title: str) -> None:
         """Show instant k."""
         own, ground = self._own, self._own.ground
         for drawn, line in zip(self._bodies, own.bodies[k], strict=True):
             drawn.set_data(*(line @ self._axes.T).T)
         for cursor in self._cursors:
             cursor.set_xdata([own.times[k]] * 2)
-        self._title.set_text(own.text(k))
+        self._title.set_text(title)
         if ground is None:
             return
         self._forces.set_UVC(*(self._scale * ground.forces[k] @ self._axes.T).T)

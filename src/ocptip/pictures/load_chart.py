@@ -246,15 +246,23 @@ def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
     return figure
 
 
-def payload_figure(times: np.ndarray, masses: np.ndarray) -> Figure:
-    """Largest further payload (N,), kg, in the postures at times (N,), s, of a motion, at rest there."""
+def payload_figure(times: np.ndarray, masses: np.ndarray, drives: float | None = None) -> Figure:
+    """Largest further payload (N,), kg, in the postures at times (N,), s, of a motion, at rest there.
+
+    Args:
+        times, masses: of the postures; what contacts hold.
+        drives: kg that the drives move in the whole motion; what is above it is of no use and not drawn.
+    """
     figure = new_figure(8.0, 3.2)
     ax = figure.subplots()
-    line_style = {"color": style.PAYLOAD.color, **style.NOMINAL}
-    ax.plot(times, masses, **line_style, gid="payload")
+    ax.plot(times, masses, color=style.PAYLOAD.color, **style.NOMINAL, label="contacts", gid="payload")
+    top = float(np.max(masses))
+    if drives is not None and drives < top:
+        ax.axhline(drives, **style.LIMIT, label="drives", gid="drives")
+        top = max(drives, float(np.min(masses)))
     least = f"at least {float(np.min(masses)):.3g} kg more"
     style.finish(
         ax, f"Largest payload at rest: {least}", style.PAYLOAD.label, "posture at time [s] of the motion"
     )
-    ax.set_ylim(0.0, 1.06 * max(float(np.max(masses)), 1e-9))
+    ax.set_ylim(0.0, 1.15 * max(top, 1e-9))
     return figure

@@ -27,13 +27,24 @@ def cases(tmp_path):
 
 def test_page_of_a_task_stands_alone_and_lists_its_cases(tmp_path, capsys, cases):
     out = tmp_path / "report.html"
-    assert main(["report", TASK, "--cases", cases, "--out", str(out)]) == 0
+    about = ["--serial", "SN <7>", "--author", "J. Doe"]
+    assert main(["report", TASK, "--cases", cases, "--out", str(out), *about]) == 0
     said = capsys.readouterr().out
     assert "2 of 4 load cases are stable" in said
     assert "not stable: start +0 kg 40 deg 0 N" in said
     page = out.read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=['\"](?!data:)", page)
-    for words in ("claims no conformity", "Tilt by direction", "40&nbsp;deg", "ocptip report ur5_cart.toml"):
+    table = page[page.index("<h2>Load cases") : page.index("<h2>Tilt by direction")]
+    assert re.findall("<td[^>]*>(yes|NO)<", table) == ["NO", "NO", "yes", "yes"]  # the worst first
+    assert page.count("<figure") == 3  # machine, tilts, load chart
+    for words in (
+        "SN&nbsp;&lt;7&gt;",
+        "J.&nbsp;Doe",
+        "claims no conformity",
+        "Tilt by direction",
+        "40&nbsp;deg",
+        "ocptip report ur5_cart.toml",
+    ):
         assert words in page
     assert "Motion</h2>" not in page  # there is none
 

@@ -182,6 +182,8 @@ COMMANDS = (
         (
             argument("plan", "PLAN_DIR|TASK.toml", "folder of a plan; a task: its poses at rest"),
             argument("--cases", "FILE.toml", "load cases: poses, payloads, tilts and pushes"),
+            argument("--serial", "TEXT", "serial number of the machine, for the title block"),
+            argument("--author", "TEXT", "who answers for the document, for the title block"),
             argument("--out", "FILE", ".html or .pdf (default: ocptip-report-NAME.html)"),
         ),
         files=("out",),

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from base64 import b64encode
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from html import escape
-from io import BytesIO
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ocptip.api.chart import NOT_COVERED
 from ocptip.api.report import Stability, Stage, report
-from ocptip.basics.errors import InputError, naming
+from ocptip.basics.errors import naming
 from ocptip.basics.outputs import SUMS, read_sums, require_replaceable_file
 from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.text import percent, quantity, ratio
-from ocptip.basics.write import MARK, file_target, versions, write_bytes
+from ocptip.basics.write import file_target, versions, write_bytes
 from ocptip.cli.command import Report
 from ocptip.cli.layout import (
     files_lines,
@@ -33,6 +32,19 @@ from ocptip.cli.verify.check import worst_rows
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import margin_rows, margin_table, motion_line
 from ocptip.motion.violations import broken_words
+from ocptip.pictures.animation import still_figure
+from ocptip.pictures.document import (
+    blank,
+    grid,
+    heading,
+    image,
+    items,
+    page,
+    paragraph,
+    pdf,
+    picture,
+    verdict,
+)  # fmt: skip
 from ocptip.pictures.load_chart import payload_figure, tilt_figure
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.at_rest.load_cases import MOST_TILT, LoadCase
@@ -48,6 +60,10 @@ _TITLES = (
     "worst direction", "GN", "GT",
 )  # fmt: skip
 _FORCE = _TITLES.index("min foot force")
+_MACHINE = (
+    "{}. Shaded: support polygon; green: contact forces; red: nearest tipping axis; "
+    "magenta: zero-moment point."
+)
 _NOT = (
     "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
     "and no test of the real machine is replaced by it."
@@ -72,7 +88,8 @@ def run(options: Namespace) -> DocumentReport:
         out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
         require_replaceable_file(out, overwrite=options.overwrite)
     say_if_compiling()
-    return DocumentReport(Document(report(path, cases=options.cases), options.cases), out)
+    about = report(path, cases=options.cases)
+    return DocumentReport(Document(about, options.cases, options.serial or "", options.author or ""), out)
 
 
 def _with_names(stage: Stage, lines: Iterable[str]) -> list[str]:
@@ -86,17 +103,28 @@ class Document:
     Args:
         about: what was computed.
         cases_file: that was named for the load cases.
+        serial, author: of the title block; empty: lines to write on.
     """
 
-    def __init__(self, about: Stability, cases_file: str | None) -> None:
-        self.about, self.cases_file = about, cases_file
+    def __init__(self, about: Stability, cases_file: str | None, serial: str = "", author: str = "") -> None:
+        self.about, self.cases_file, self.serial, self.author = about, cases_file, serial, author
 
     def parts(self) -> Iterator[str]:
         """All sections."""
-        yield heading(f"Stability of {self.about.task.name}", 1)
-        yield paragraph(f"{self.about.headline}.")
-        if self.about.checked is not None:
-            yield from self._margins(self.about.checked)
+        about = self.about
+        yield heading(f"Stability of {about.task.name}", 1)
+        yield grid(
+            ("machine", "serial number", "author", "date"),
+            [(about.task.name, blank(self.serial), blank(self.author), date.today().isoformat())],
+        )
+        yield verdict(f"{about.headline}.", about.stands)
+        shown, k = about.critical
+        yield picture(
+            still_figure(shown, k), _MACHINE.format(f"{shown.name} at {shown.text(k)}"), beside=True
+        )
+        if about.checked is not None:
+            yield from self._margins(about.checked)
+        yield from self._summary()
         yield paragraph(_NOT)
         yield from self._machine()
         yield from self._assumed()
@@ -112,6 +140,23 @@ class Document:
         titles, *rows = margin_rows(self.about.task.robot, checked)
         yield grid(titles, rows)
         yield items([*broken_words(self.about.task.robot, checked.violations), *notes(checked)])
+
+    def _summary(self) -> Iterator[str]:
+        """What the sections below say, one line each."""
+        about = self.about
+        fallen = [case for case in about.cases if not case.stands]
+        rows = []
+        if tolerated := about.tolerated:
+            rows.append(("Robust to (one at a time)", "; ".join(one.short for one in tolerated)))
+        rows += [("Stops", text) for s in about.stages if s.stops for text in _with_names(s, s.stops.found)]
+        first = f"; not stable: {' '.join(_case_row(_by_margin(fallen)[0])[:4])} and others" if fallen else ""
+        rows.append(("Load cases", f"{len(about.cases) - len(fallen)} of {len(about.cases)} stable{first}"))
+        if about.chart is not None:
+            rows.append(("Load chart", f"{about.chart.summary}; {about.chart.scope}"))
+        if about.folder is not None:
+            name, digest = next(iter(read_sums(about.folder.path).items()))
+            rows.append((f"SHA-256 of {name}", digest))
+        yield grid(("", ""), rows)
 
     def _machine(self) -> Iterator[str]:
         robot, support = self.about.task.robot, self.about.task.robot.support
@@ -198,7 +243,7 @@ class Document:
                 "Minimum forces are left out: rigid ground leaves open how these contacts share a load. GN "
                 "and GT do not depend on it."
             )
-        rows = [_TITLES, *map(_case_row, self.about.cases)]
+        rows = [_TITLES, *map(_case_row, _by_margin(self.about.cases))]
         titles, *rows = ([*row[:_FORCE], *row[_FORCE + 1 :]] for row in rows) if shared else rows
         yield grid(titles, rows)
         yield heading("Tilt by direction")
@@ -219,7 +264,12 @@ class Document:
                 "Contacts alone, in the nominal model, at rest in the postures of the motion, up to the mass "
                 f"of the robot; minimum: {least}. {moved}."
             )
-            yield picture(payload_figure(times, held), "What the gripper may hold, at rest.")
+            lightest = min(drives) if drives else None
+            yield picture(payload_figure(times, held, lightest), "What the gripper may hold, at rest.")
+        if (found := self.about.chart) is not None:
+            yield heading("Load chart")
+            yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")
+            yield image(found.picture(), f"Largest payload at rest: {found.scope}.")
 
     def _tests(self) -> Iterator[str]:
         yield heading("Which table answers which test")
@@ -275,6 +325,15 @@ class DocumentReport(Report):
         yield self.out
 
 
+def _by_margin(cases: Iterable[LoadCase]) -> list[LoadCase]:
+    """The worst first."""
+
+    def used(case: LoadCase) -> float:
+        return max(np.inf if np.isnan(index) else index for index in (case.GN, case.GT))
+
+    return sorted(cases, key=lambda case: (case.stands, -used(case)))
+
+
 def _labelled(row: tuple[str, str]) -> str:
     """A row of a command's output as a sentence."""
     label, text = row
@@ -313,106 +372,3 @@ def _direction(side: np.ndarray) -> str:
 def _tilt(tilts: np.ndarray) -> str:
     more = " and more" if tilts.min() >= MOST_TILT else ""
     return f"{np.degrees(tilts.min()):.2f} deg{more}"
-
-
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
-h1, h2 { line-height: 1.2 } h2 { margin-top: 2em; border-bottom: 1px solid #d0d0d0 }
-table { border-collapse: collapse; font-size: 13px; margin: 1em 0 }
-td, th { padding: 2px 10px; text-align: left; vertical-align: top }
-th { border-bottom: 1px solid #808080 } tr:nth-child(even) td { background: #f5f5f5 }
-img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
-@media print { h2 { break-after: avoid } table, img { break-inside: avoid } }
-"""
-
-
-_SHARE = "data-width"
-_LONG = 60  # characters: texts that are longer are broken
-
-
-def page(title: str, parts: Iterable[str]) -> bytes:
-    """A whole page of parts made by the functions below."""
-    about = f"<meta charset='utf-8'><meta name='generator' content='{MARK}'><title>{escape(title)}</title>"
-    head = f"<!doctype html><html lang='en'><head>{about}"
-    return f"{head}<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n".encode()
-
-
-def heading(text: str, level: int = 2) -> str:
-    """A heading."""
-    return f"<h{level}>{escape(text)}</h{level}>"
-
-
-def paragraph(text: str) -> str:
-    """A paragraph; `words` in backquotes are code."""
-    pieces = escape(text).split("`")
-    pieces[1::2] = [f"<code>{piece}</code>" for piece in pieces[1::2]]
-    return f"<p>{''.join(pieces)}</p>"
-
-
-def items(texts: Iterable[object]) -> str:
-    """A list."""
-    return f"<ul>{''.join(f'<li>{escape(str(text))}</li>' for text in texts)}</ul>"
-
-
-def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table with a line of titles, unless these are empty."""
-    texts = [[str(cell) for cell in row] for row in rows]
-    widths = _widths([titles, *texts])
-    names = "".join(f"<th{wide}>{escape(title)}</th>" for wide, title in zip(widths, titles, strict=True))
-    head = f"<thead><tr>{names}</tr></thead>" if any(titles) else ""
-    lines = []
-    for number, row in enumerate(texts):
-        first = widths if not head and not number else ("",) * len(row)
-        cells = "".join(f"<td{wide}>{_cell(cell)}</td>" for wide, cell in zip(first, row, strict=True))
-        lines.append(f"<tr>{cells}</tr>")
-    return f"<table>{head}<tbody>{''.join(lines)}</tbody></table>"
-
-
-def _widths(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """The attribute of each column for a PDF: its share of the width, by its longest text."""
-    longest = [min(max(len(text) for text in column) + 2, _LONG) for column in zip(*rows, strict=True)]
-    return tuple(f" {_SHARE}='{100 * length / sum(longest):.1f}%'" for length in longest)
-
-
-def _cell(value: str) -> str:
-    """Numbers stay on a line with their units."""
-    text = escape(value)
-    return text.replace(" ", "&nbsp;") if len(text) < 24 else text
-
-
-def picture(figure: Any, caption: str) -> str:
-    """A matplotlib figure inside the page."""
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return image(stream.getvalue(), caption)
-
-
-def image(content: bytes, caption: str) -> str:
-    """A PNG inside the page."""
-    data = b64encode(content).decode("ascii")
-    return f"<p><img src='data:image/png;base64,{data}' alt='{escape(caption)}'></p><p>{escape(caption)}</p>"
-
-
-def pdf(title: str, parts: Iterable[str]) -> bytes:
-    """A document with this title and these parts, as PDF.
-
-    Raises:
-        InputError: fpdf2, which makes it, is not there.
-    """
-    try:
-        from fpdf import FPDF, TextStyle
-    except ImportError:
-        raise InputError("--out: a .pdf needs fpdf2 (pip install 'ocptip[report]'); .html does not") from None
-    document = FPDF(format="A4")
-    document.set_title(title)
-    document.set_keywords(MARK)
-    document.add_page()
-    document.set_font("helvetica", size=9)
-    text = "".join(parts).replace("&nbsp;", " ")
-    for tag, wanted in (("<img ", "<img width='380' "), ("<td", "<td align='left'"), (_SHARE, "width")):
-        text = text.replace(tag, wanted)
-    styles = {f"h{k}": TextStyle(font_size_pt=size, t_margin=6, b_margin=2) for k, size in ((1, 18), (2, 13))}
-    document.write_html(
-        text.encode("latin-1", "replace").decode("latin-1"), table_line_separators=True, tag_styles=styles
-    )
-    return bytes(document.output())
