@@ -1,4 +1,9 @@
-"""Placement for a path: where the base should stand so that a path through gripper tasks is timed best."""
+"""Placement for a path: where the base should stand so that a path through gripper tasks is timed best.
+
+    python -m studies.placement.for_path
+
+prints how long the sweep of the examples takes where the cart stands, and at the best place of the search.
+"""
 
 from __future__ import annotations
 
@@ -14,18 +19,23 @@ from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_cycle import sampled_places
 from ocptip.placement.place import place
-from ocptip.placement.problem import GripperTask, PlacementProblem
+from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem
 from ocptip.placement.result import FEASIBLE, Placement, evaluate_placement
 from ocptip.placement.search.refine import followed
 from ocptip.placement.search.starts import exact_scores, solutions
+from ocptip.placement.terrain import plane
 from ocptip.retiming.retime import Retimed, least_cost, retime
 from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.path import load_path
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, spline_through
 from ocptip.trajectories.tool_path import tool_lines
+from studies.common import EXAMPLES
 
 Between = Literal["spline", "lines", "tool lines"]
 _NODES = 40  # of timings that are compared while looking around: 0.5 % of the duration
@@ -283,3 +293,30 @@ def motion_limits(problem: PlacementProblem) -> Limits:
         torque_ratio=limits.torque_ratio,
         clearance=limits.clearance,
     )
+
+
+def sweep() -> tuple[PlacementProblem, Placement]:
+    """The sweep of the examples as gripper tasks, and the place where its cart stands."""
+    task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    robot = task.robot
+    assert isinstance(robot, Robot)
+    postures = load_path(EXAMPLES / "paths" / "ur5_sweep.toml", task).paths[0].samples
+    tasks = [GripperTask(*gripper_pose(robot.arm, q), name=f"point {k}") for k, q in enumerate(postures, 1)]
+    problem = PlacementProblem(robot, tasks, plane(), limits=PlacementLimits(GN=0.9, GT=0.9, clearance=0.01))
+    return problem, evaluate_placement(Evaluator(problem), 0, np.zeros(3), postures)
+
+
+def main() -> None:
+    """Print both durations."""
+    problem, here = sweep()
+    given = retime(
+        robot_at(problem, here.patch, here.parameters),
+        spline_through(here.angles).path,
+        motion_limits(problem),
+    )
+    best = place_for_path(problem, known=[here])[0]
+    print(f"where it stands: {given.motion.end:.3f} s; best place: {best.cost:.3f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -11,7 +11,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.objective import ENERGY
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
-from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, Weights
+from ocptip.placement.problem import GripperTask, PlacementProblem, Weights
 from ocptip.placement.result import evaluate_placement
 from ocptip.placement.terrain import plane
 from ocptip.published.arms import experiment_poses
@@ -24,19 +24,13 @@ from studies.placement import for_path
 from studies.placement.for_path import motion_limits, shortest_way
 from tests.placement.placement_scenes import drilling, four_feet, modular_robot, placed_robot
 from tests.places import EXAMPLES
-from tests.retiming.paths import arm_of, cart
+from tests.retiming.paths import cart
 
 
 @pytest.fixture(scope="module")
 def sweep():
     """The sweep of the examples as gripper tasks, and the place where the cart stands."""
-    robot = arm_of(cart().robot)
-    postures = load_path(EXAMPLES / "paths" / "ur5_sweep.toml", cart()).paths[0].samples
-    poses = [gripper_pose(robot.arm, q) for q in postures]
-    tasks = [GripperTask(*pose, name=f"point {k}") for k, pose in enumerate(poses, 1)]
-    limits = PlacementLimits(GN=0.9, GT=0.9, clearance=0.01)
-    problem = PlacementProblem(robot, tasks, plane(), limits=limits)
-    return problem, evaluate_placement(Evaluator(problem), 0, np.zeros(3), postures)
+    return for_path.sweep()
 
 
 @pytest.fixture(autouse=True)
