@@ -9,13 +9,14 @@ from ocptip.cli.layout import tolerated_lines
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.motion.summary import robustness_lines
-from ocptip.motion.tolerated import Tolerated, _beyond, robustness, tolerated
+from ocptip.motion.tolerated import Tolerated, robustness, tolerated
 from ocptip.numerics.bisection import bisected
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.load_cases import contact_test
+from ocptip.standing.at_rest.loss_search import beyond
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -250,10 +251,10 @@ def test_wrenches_beyond_half_spaces_are_those_of_all_products():
     for share in (0.2, 0.9, 1.1):
         shifted = wrenches - share * 3 * np.array([0, 0, 1, 0, 0, 0]) * np.abs(wrenches).max()
         outside = np.max(shifted @ rows.T, axis=1)
-        found = _beyond(rows, shifted)
+        found = beyond(rows, shifted)
         np.testing.assert_array_equal(np.sort(found), np.flatnonzero(outside > 0))
         assert np.all(np.diff(outside[found]) <= 0)
-    assert len(_beyond(rows, np.zeros((5, 6)))) == 0
+    assert len(beyond(rows, np.zeros((5, 6)))) == 0
 
 
 def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():

@@ -8,7 +8,7 @@ instants and directions are checked; other limits (torques, clearance) are not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -21,19 +21,16 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.cycles.task import Task
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
-from ocptip.reserves.slip import Slip, known
+from ocptip.reserves.slip import known
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.load_cases import CLOSER, MotionLoads, about, everywhere
-from ocptip.standing.at_rest.slope import around, beside, tilted
+from ocptip.standing.at_rest.directions import pushes, slopes, tilted
+from ocptip.standing.at_rest.load_cases import MotionLoads
+from ocptip.standing.at_rest.loss_search import CLOSE, Deviation, Loads, LossSearch
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
-from ocptip.standing.footing import Footing
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SPACING = 0.01  # s: between instants, at most
-FIRST = 20  # wrenches beyond half spaces that are looked at before the others
-_NEIGHBOURS = 32  # wrenches that share a box
-CLOSE = 2e-3  # of a value: how near the bisection gets
 MOST_LATE = 6  # joints of which every subset may be late
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
 
@@ -54,8 +51,6 @@ _SHORT = {
     "delay": "delay",
     "foot_stiffness": "feet",
 }
-Loads = Callable[[float], np.ndarray]
-"""Wrenches (N, 6) on the base at a level of a deviation."""
 
 
 @dataclass(frozen=True)
@@ -133,16 +128,6 @@ def _stiffness_text(value: float) -> str:
     return f"{value:.2g} N/m".replace("e+0", "e")
 
 
-@dataclass(frozen=True, eq=False)
-class _Case:
-    """One way to deviate: wrenches by level, at these times, what to call it, and its direction, if any."""
-
-    loads: Loads
-    times: np.ndarray
-    how: str
-    side: np.ndarray | None = None
-
-
 @one_thread
 def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     """Robustness of the motion of an arm, each quantity alone.
@@ -164,45 +149,43 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     robot.require_fit(motion.n)
     robot = robot.during(motion)
     parts = MotionLoads(robot, motion, np.union1d(motion.both_sides(SPACING), _knots(robot, motion)))
-    solver = _Solver(robot)
-    free = robot.support.gravity
-    size = float(np.linalg.norm(free))
+    contacts = LossSearch(robot)
+    free, nominal = robot.support.gravity, parts.total()
 
-    nominal = parts.total()
+    def tilts(sides: np.ndarray) -> list[Deviation]:
+        def under(side: np.ndarray) -> Loads:
+            return lambda angle: nominal + parts.per_gravity @ (tilted(free, side, angle) - free)
 
-    def downhill(side: np.ndarray) -> Loads:
-        return lambda a: nominal + parts.per_gravity @ (tilted(free, side, a) - free)
+        return [_towards(side, "downhill ", under(side)) for side in sides]
 
-    def pushed(side: np.ndarray) -> Loads:
-        per_newton = parts.at_tool(side)
-        return lambda force: nominal + force * per_newton
+    def forces(sides: np.ndarray) -> list[Deviation]:
+        per_newton = map(parts.at_tool, sides)
+        return [
+            _towards(side, "", lambda force, one=one: nominal + force * one)
+            for side, one in zip(sides, per_newton, strict=True)
+        ]
 
-    def slopes(sides: np.ndarray) -> list[_Case]:
-        return _named(parts, downhill, sides, "downhill")
+    def alone(loads: Loads) -> Callable[[np.ndarray], list[Deviation]]:
+        return lambda _: [Deviation(loads)]
 
-    def pushes(sides: np.ndarray) -> list[_Case]:
-        return _named(parts, pushed, sides, "")
+    def largest(
+        quantity: str, unit: str, scale: float, most: float, *searched: Any, times: np.ndarray = parts.times
+    ) -> Tolerated:
+        found = contacts.largest(most, *searched)
+        lost = found.row >= 0
+        time = float(times[found.row]) if lost else np.nan
+        return Tolerated(quantity, float(scale * found.level), unit, not lost, time, found.how)
 
-    tilts = slopes(around(free)), lambda side, angle: slopes(beside(free, side, angle))
-    forces = pushes(everywhere(free)), lambda side, angle: pushes(about(side, angle))
+    most_push = float(np.linalg.norm(free)) * robot.mass
+    mass = largest("extra_mass", "kg", 1.0, robot.mass, alone(lambda m: nominal + m * parts.extra))
+    times, late = _late(robot, motion)
     found = [
-        solver.largest("tilt", "deg", np.degrees(1.0), TILT, *tilts),
-        replace(
-            solver.largest(
-                "extra_mass",
-                "kg",
-                1.0,
-                robot.mass,
-                [_Case(lambda m: nominal + m * parts.extra, parts.times, "")],
-            ),
-            drives=parts.held_by_drives(robot, motion),
-        ),
-        solver.largest("push", "N", 1.0, size * robot.mass, *forces),
-        _least_friction(robot, solver, parts.times, nominal),
-        solver.largest(
-            "faster", "%", 100.0, SPEED, [_Case(lambda e: parts.total(speed=1 + e), parts.times, "")]
-        ),
-        solver.largest("delay", "ms", 1e3, DELAY, _late(robot, motion)),
+        largest("tilt", "deg", np.degrees(1.0), TILT, tilts, slopes(free)),
+        replace(mass, drives=parts.held_by_drives(robot, motion)),
+        largest("push", "N", 1.0, most_push, forces, pushes(free)),
+        _least_friction(robot, contacts, parts.times, nominal),
+        largest("faster", "%", 100.0, SPEED, alone(lambda e: parts.total(speed=1 + e))),
+        largest("delay", "ms", 1e3, DELAY, lambda _: late, times=times),
         _stiffness(robot, motion),
     ]
     return tuple(one for one in found if one is not None)
@@ -235,145 +218,24 @@ def _worse(one: Tolerated, other: Tolerated) -> bool:
     return (one.value, one.at_most) < (other.value, other.at_most)
 
 
-class _Solver:
-    """Says whether contacts hold; finds the largest level at which all do."""
-
-    def __init__(self, footing: Footing) -> None:
-        support, tip_over, slip = footing.support, footing.tip_over, footing.slip
-        self._footing = footing
-        self._quick = Slip(support, "tangential")
-        affine = not tip_over.free_rotation and len(tip_over.axes) > 0 and support.elastic is None
-        self._moments = tip_over.affine_moments if affine else None
-        self._held = slip.half_spaces(1.0) if affine else None
-
-    def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
-        """Row of the worst wrench under which a contact is lost, and how; None if none is."""
-        if self._moments is None or self._held is None:
-            return self._solved(wrenches)
-        slope, offset = self._moments
-        least = np.min(wrenches @ slope.T + offset, axis=1)
-        worst = int(np.argmin(least))
-        if least[worst] <= 0:
-            return worst, self._tips(int(np.argmin(wrenches[worst] @ slope.T + offset)))
-        for rows in np.split(_beyond(self._held, wrenches), [FIRST]):  # most are lost among the first
-            if len(rows) and (found := self._solved(wrenches[rows])) is not None:
-                return int(rows[found[0]]), found[1]
-        return None
-
-    def _tips(self, axis: int) -> str:
-        axes = self._footing.tip_over.axes
-        if not 0 <= axis < len(axes):
-            return "tips"
-        return "tips about contacts {} and {}".format(*sorted(c + 1 for c in axes[axis].contacts))
-
-    def _solved(self, wrenches: np.ndarray) -> tuple[int, str] | None:
-        """A state that fails, and its failure in words, from solved contact forces."""
-        states = self._footing.contact_states(wrenches)
-        tip = self._footing.tip_over.evaluate(states)
-        falls = ~(tip.GN < 1)
-        if falls.any():
-            row = int(np.argmax(np.where(np.isnan(tip.GN), np.inf, tip.GN)))
-            return row, self._tips(int(tip.nearest_axis[row]))
-        rows = np.flatnonzero(~(self._quick.evaluate(states, derivatives=False).GT < 1))
-        if not len(rows):
-            return None
-        ratio = self._footing.slip.evaluate(states.select(rows), derivatives=False).GT
-        slides = np.flatnonzero(~(ratio < 1))
-        return (int(rows[slides[np.argmax(ratio[slides])]]), "slips") if len(slides) else None
-
-    def _prediction(self, loads: Loads, level: float) -> Callable[[float], bool] | None:
-        """Whether contacts are likely lost at levels below one at which they are; None: not known cheaply.
-
-        Half spaces are convex: wrenches within them at the levels zero and `level` are so between. The others
-        decide; forces are solved for the farthest only.
-        """
-        if (held := self._held) is None:
-            return None
-        rows = np.sort(_beyond(held, loads(level)))
-
-        def likely(level: float) -> bool:
-            nonlocal rows
-            wrenches = loads(level)[rows]
-            beyond = _beyond(held, wrenches)
-            if not len(beyond) or self.lost(wrenches[beyond[:1]]) is None:
-                return False
-            rows = np.sort(rows[beyond])
-            return True
-
-        return likely
-
-    def largest(
-        self,
-        quantity: str,
-        unit: str,
-        scale: float,
-        most: float,
-        cases: Iterable[_Case],
-        near_by: Callable[[np.ndarray, float], Iterable[_Case]] | None = None,
-    ) -> Tolerated:
-        """The largest level, the minimum over all cases; to a relative precision of `CLOSE`.
-
-        `near_by` has the cases at an angle from a direction, for those next to the worst of the given ones.
-        """
-        best, time, how = most, np.nan, ""
-        worst: np.ndarray | None = None
-
-        def near(low: float, high: float) -> bool:
-            return high - low <= CLOSE * high or high <= 1e-6 * most
-
-        def narrow(cases: Iterable[_Case]) -> None:
-            nonlocal best, time, how, worst
-            for case in cases:
-                fails = self.lost(case.loads(best))
-                if fails is None:
-                    continue
-
-                def lost(level: float, loads: Loads = case.loads) -> tuple[int, str] | None:
-                    return self.lost(loads(level))
-
-                best, fails = bisected(lost, 0.0, best, fails, near, self._prediction(case.loads, best))
-                time, worst = float(case.times[fails[0]]), case.side
-                how = ", ".join(part for part in (case.how, fails[1]) if part)
-
-        narrow(cases)
-        for angle in () if near_by is None else CLOSER:
-            if worst is not None:
-                narrow(near_by(worst, angle))
-        return Tolerated(quantity, float(scale * best), unit, not how, time, how)
-
-
-def _beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
-    """Rows of wrenches (N, 6) that are beyond half spaces a . w <= 0, the farthest first.
-
-    Boxes around neighbours, which are alike, are looked at first: most are inside with all their corners.
-    """
-    starts = np.arange(0, len(wrenches), _NEIGHBOURS)
-    low, high = np.minimum.reduceat(wrenches, starts), np.maximum.reduceat(wrenches, starts)
-    most = 0.5 * ((low + high) @ half_spaces.T + (high - low) @ np.abs(half_spaces).T)
-    near = np.repeat(np.max(most, axis=1) > 0, _NEIGHBOURS)[: len(wrenches)]
-    rows = np.flatnonzero(near)
-    outside = np.max(wrenches[rows] @ half_spaces.T, axis=1, initial=-np.inf)
-    return rows[np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]]
-
-
 def _least_friction(
-    robot: Robot, solver: _Solver, times: np.ndarray, wrenches: np.ndarray
+    robot: Robot, contacts: LossSearch, times: np.ndarray, wrenches: np.ndarray
 ) -> Tolerated | None:
     """The minimum factor of the friction coefficients of ordinary contacts; None without such contacts."""
     if not any(isinstance(c, UnilateralContact) for c in robot.support.contacts):
         return None
 
     def lost(factor: float) -> tuple[int, str] | None:
-        contacts = [
+        changed = [
             replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
             for c in robot.support.contacts
         ]
-        return _Solver(robot.on(robot.support.varied(contacts))).lost(wrenches)
+        return LossSearch(robot.on(robot.support.varied(changed))).lost(wrenches)
 
     def near(low: float, high: float) -> bool:
         return high - low <= 0.5 * CLOSE or high <= 1e-3
 
-    factor, found = 1.0, solver.lost(wrenches)
+    factor, found = 1.0, contacts.lost(wrenches)
     if found is None:
         # The friction used is the factor that contacts need; each factor evaluated takes another solver.
         used = float(np.max(known(robot.slip.greatest(wrenches))))
@@ -398,10 +260,8 @@ def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
     return Tolerated("foot_stiffness", found.least, "N/m", False, lost.time, how, between)
 
 
-def _named(
-    parts: MotionLoads, loads: Callable[[np.ndarray], Loads], sides: Iterable[np.ndarray], word: str
-) -> list[_Case]:
-    return [_Case(loads(side), parts.times, f"{word} {_direction(side)}".lstrip(), side) for side in sides]
+def _towards(side: np.ndarray, word: str, loads: Loads) -> Deviation:
+    return Deviation(loads, side[None], f"{word}{_direction(side)}")
 
 
 def _direction(side: np.ndarray) -> str:
@@ -415,8 +275,11 @@ def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
     return own[(own > 0) & (own < motion.end)]
 
 
-def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
-    """Every subset of the joints that move, delayed by the level; above `MOST_LATE` joints, each alone."""
+def _late(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, list[Deviation]]:
+    """Times of wrenches; every subset of the joints that move, delayed by the level.
+
+    Above `MOST_LATE` joints each is delayed alone.
+    """
     moving = np.flatnonzero(motion.speed_peaks > 0)
     if len(moving) > MOST_LATE:
         subsets = np.eye(len(moving), dtype=bool)
@@ -430,7 +293,7 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
         times = np.hstack([sides, sides + delay]).ravel()  # by event, as the case's times
         return motion.states(times), motion.states(times - delay), robot.acting(times)
 
-    def case(subset: np.ndarray) -> _Case:
+    def case(subset: np.ndarray) -> Deviation:
         late = np.isin(np.arange(motion.n), moving[subset])
 
         def loads(delay: float) -> np.ndarray:
@@ -439,6 +302,6 @@ def _late(robot: Robot, motion: Trajectory) -> list[_Case]:
             return robot.loads(q, qd, qdd, acting)[1]
 
         names = (robot.names[j] for j in moving[subset])
-        return _Case(loads, np.repeat(events, 4), f"delayed: {', '.join(names)}")
+        return Deviation(loads, how=f"delayed: {', '.join(names)}")
 
-    return [case(subset) for subset in subsets]
+    return np.repeat(events, 4), [case(subset) for subset in subsets]

@@ -21,12 +21,12 @@ from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.slope import MOST_TILT, around, beside, tilted
+from ocptip.standing.at_rest.directions import NO_DIRECTION, around, pushes, slopes, tilted
+from ocptip.standing.at_rest.slope import MOST_TILT
 from ocptip.standing.footing import Footing
 from ocptip.trajectories.trajectory import Trajectory
 
 HALVINGS = 20
-CLOSER = np.radians([15.0, 7.5, 4.0, 2.0])  # rad: from the worst direction so far to its neighbours
 AT_ONCE = 16  # states of which slip is solved before half spaces are made anew
 
 
@@ -238,34 +238,29 @@ def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = No
 
 
 def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float, push: float) -> LoadCase:
-    gravity, nowhere = robot.support.gravity, np.zeros((1, 3))
+    gravity = robot.support.gravity
 
     def measured(sides: np.ndarray) -> np.ndarray:
         """Of directions downhill and of the push (P, 6): GN, GT, minus minimum force and margin (P, 4)."""
         gravities = tilted(gravity, sides[:, :3], np.full(len(sides), tilt))
-        pushes = push * sides[:, 3:]
-        each = [loads.wrenches(g, payload, p) for g, p in zip(gravities, pushes, strict=True)]
+        forces = push * sides[:, 3:]
+        each = [loads.wrenches(g, payload, p) for g, p in zip(gravities, forces, strict=True)]
         states = robot.contact_states(np.vstack(each))
         tip, least = robot.tip_over.evaluate(states), np.min(reported_normal_forces(states), axis=1)
         margin = np.min(tip.margins, axis=1, initial=np.inf)
         found = np.column_stack([tip.GN, _slips(robot, states), -least, -margin])
         return np.max(found.reshape(len(sides), -1, 4), axis=1)
 
-    def near(side: np.ndarray, angle: float) -> np.ndarray:
-        """(P, 6) this pair of directions, and others at an angle from one or both of them."""
-        slopes = np.vstack([side[:3], beside(gravity, side[:3], angle)]) if tilt else nowhere
-        pushes = np.vstack([side[3:], about(side[3:], angle)]) if push else nowhere
-        return np.array([np.r_[pair] for pair in product(slopes, pushes)])
+    def add(others: np.ndarray) -> np.ndarray:
+        nonlocal sides, found
+        sides, found = np.vstack([sides, others]), np.vstack([found, measured(others)])
+        return sides[np.argmax(found[:, what])]
 
-    pairs = product(around(gravity) if tilt else nowhere, everywhere(gravity) if push else nowhere)
-    sides = np.array([np.r_[pair] for pair in pairs])
-    found = measured(sides)
+    downhill, forces = slopes(gravity) if tilt else NO_DIRECTION, pushes(gravity) if push else NO_DIRECTION
+    directions = downhill.with_each(forces)
+    sides, found = directions.sides, measured(directions.sides)
     for what in (0, 1) if tilt or push else ():
-        k = int(np.argmax(found[:, what]))
-        for angle in CLOSER:
-            others = near(sides[k], angle)
-            sides, found = np.vstack([sides, others]), np.vstack([found, measured(others)])
-            k = int(np.argmax(found[:, what]))
+        directions.search(add, sides[np.argmax(found[:, what])])
     GN, GT, force, margin = np.max(found, axis=0)
     use = np.fmax(*np.nan_to_num(found[:, :2], nan=np.inf).T)
     worst = sides[int(np.argmax(use))].tolist()
@@ -335,19 +330,3 @@ def largest_levels(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
     low = np.where(stands(most), most, low)
     return np.where(stands(np.zeros_like(most)), low, 0.0)
-
-
-def everywhere(gravity: np.ndarray) -> np.ndarray:
-    """(k, 3) directions of a push: horizontal ones, down, up, and between."""
-    down, sides = gravity / max(np.linalg.norm(gravity), 1e-300), around(gravity)
-    between = [
-        np.cos(dip) * sides[::step] + sign * np.sin(dip) * down
-        for dip, step in zip(np.radians([22.5, 45, 67.5]), (2, 3, 6), strict=True)
-        for sign in (1, -1)
-    ]
-    return np.vstack([sides, *between, down, -down])
-
-
-def about(direction: np.ndarray, angle: float) -> np.ndarray:
-    """(8, 3) the directions at an angle, rad, from one (3,)."""
-    return np.cos(angle) * direction + np.sin(angle) * around(direction, 8)

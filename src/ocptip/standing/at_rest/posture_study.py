@@ -6,9 +6,8 @@ posture, so that an answer takes milliseconds. An acceleration of the base witho
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -22,9 +21,11 @@ from ocptip.robots.inverse.pose_search import Orientation, search
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.load_cases import RestLoads, contact_test, largest_levels
+from ocptip.standing.at_rest.directions import pushes, slopes, tilted
+from ocptip.standing.at_rest.load_cases import RestLoads
+from ocptip.standing.at_rest.loss_search import Deviation, LossSearch
 from ocptip.standing.at_rest.refusals import own_refusals
-from ocptip.standing.at_rest.slope import MOST_TILT, around, tilted
+from ocptip.standing.at_rest.slope import MOST_TILT
 from ocptip.standing.footing import Footing
 from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limits import Limits
@@ -137,7 +138,7 @@ class Robustness:
         payload: kg in all, with which no contact is lost.
         held: kg in all, which the drives hold.
         tilt: rad, further tilt of the floor in any direction.
-        push: N, further horizontal push at the TCP in any direction.
+        push: N, further push at the TCP in any direction.
         friction: factor on the present friction that is just enough; NaN where it is not known.
     """
 
@@ -201,30 +202,29 @@ class PostureStudy:
     def robustness(self, conditions: Conditions) -> Robustness:
         """The robustness beyond the conditions; nominal, with sampled directions of tilt and push."""
         footing, (gravity, push) = self._footing(conditions.friction), self._acting(conditions)
-        keeps, level = contact_test(footing), around(self.robot.support.gravity)
+        contacts, payload = LossSearch(footing), conditions.payload
         margins = Margins.under(
-            self._wrenches(conditions, gravity, conditions.payload, push), footing.tip_over, footing.slip
+            self._wrenches(conditions, gravity, payload, push), footing.tip_over, footing.slip
         )[0]
 
-        def alone(most: float, wrenches: Callable[[np.ndarray], np.ndarray]) -> float:
-            return float(
-                largest_levels(lambda one: np.atleast_1d(keeps(wrenches(one)).all()), np.array([most]))[0]
-            )
+        def tilts(sides: np.ndarray) -> list[Deviation]:
+            floors = partial(tilted, gravity, sides)
+            return [Deviation(lambda tilt: self._wrenches(conditions, floors(tilt), payload, push), sides)]
 
-        downhill = around(gravity)
+        def forces(sides: np.ndarray) -> list[Deviation]:
+            return [
+                Deviation(
+                    lambda more: self._wrenches(conditions, gravity, payload, push + more * sides), sides
+                )
+            ]
+
+        heavier = Deviation(lambda mass: self._wrenches(conditions, gravity, mass, push))
+        most_push = _MOST_PUSH * self.robot.mass * float(np.linalg.norm(gravity))
         return Robustness(
-            payload=alone(self.robot.mass, lambda m: self._wrenches(conditions, gravity, m, push)),
+            payload=contacts.largest(self.robot.mass, lambda _: [heavier]).level,
             held=self._held(conditions, gravity, push),
-            tilt=alone(
-                MOST_TILT,
-                lambda tilt: self._wrenches(
-                    conditions, tilted(gravity, downhill, tilt), conditions.payload, push
-                ),
-            ),
-            push=alone(
-                _MOST_PUSH * self.robot.mass * float(np.linalg.norm(gravity)),
-                lambda more: self._wrenches(conditions, gravity, conditions.payload, push + more * level),
-            ),
+            tilt=contacts.largest(MOST_TILT, tilts, slopes(gravity)).level,
+            push=contacts.largest(most_push, forces, pushes(self.robot.support.gravity)).level,
             friction=float(margins.GT),
         )
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from ocptip.contact.support import Load, Support
 from ocptip.contact.verdict import equilibrium
+from ocptip.numerics.bisection import bisected
+from ocptip.standing.at_rest.directions import AROUND, slopes, tilted
 from ocptip.standing.footing import Footing
 
 MOST_TILT = np.pi / 3
-AROUND = 24  # directions of tilt, and of pushes along the floor
 _CLOSE = np.radians(0.005)
-_ROUNDS = 3  # of directions between the worst one and its neighbours
+_CLOSER = tuple(np.pi / AROUND / 2**k for k in range(3))  # rad: from the worst direction to its neighbours
 _ALONG = 1e-9  # relative: forces that are so nearly along gravity are weights
-_EPSILON = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,32 +113,26 @@ def largest_slope(
         springs = footing.support.elastic and footing.contact_states(load[None])
         return not springs or bool(footing.slip.evaluate(springs, derivatives=False).GT[0] < 1)
 
-    def below(side: np.ndarray, angle: float) -> float:
-        """The largest angle in one direction, at most this one."""
-        if kept(side, angle):
-            return angle
-        low, high = 0.0, angle
-        while high - low > _CLOSE:
-            middle = (low + high) / 2
-            low, high = (middle, high) if kept(side, middle) else (low, middle)
-        return low
-
     if not kept(np.zeros(3), 0.0):
         return None
+    angle, worst = MOST_TILT, None
+
+    def narrow(sides: np.ndarray) -> np.ndarray | None:
+        nonlocal angle, worst
+        for side in sides:
+            if not kept(side, angle):
+                angle, worst = _bisected(lambda tilt, side=side: kept(side, tilt), angle), side
+        return worst
+
     edges = [np.cross(gravity, axis.direction) for axis in footing.tip_over.axes]
-    sides = [sign * own / np.linalg.norm(own) for own in edges if own.any() for sign in (1.0, -1.0)]
-    angle, worst = MOST_TILT, np.zeros(3)
-    for side in [*sides, *around(gravity)]:
-        if (found := below(side, angle)) < angle:
-            angle, worst = found, side
-    for k in range(1, _ROUNDS + 1):
-        for side in beside(gravity, worst, np.pi / AROUND / 2 ** (k - 1)):
-            if worst.any() and (found := below(side, angle)) < angle:
-                angle, worst = found, side
-    if not worst.any():
-        return FloorSlope(angle, worst, "")
+    across = [sign * own / np.linalg.norm(own) for own in edges if own.any() for sign in (1.0, -1.0)]
+    directions = slopes(gravity)
+    sides = np.array([*across, *directions.sides])
+    directions.search(narrow, narrow(sides), _CLOSER)
+    if worst is None:
+        return FloorSlope(angle, np.zeros(3), "")
     loss, contacts = _loss(footing, wrench(tilted(gravity, worst, angle + 2 * _CLOSE)))
-    tips = angle if loss == "tips" else _tips(footing, gravity, wrench, [*sides, *around(gravity)])
+    tips = angle if loss == "tips" else _tips(footing, gravity, wrench, sides)
     return FloorSlope(angle, worst, loss, contacts, tips)
 
 
@@ -146,7 +140,7 @@ def _tips(
     footing: Footing,
     gravity: np.ndarray,
     wrench: Callable[[np.ndarray], np.ndarray],
-    sides: Sequence[np.ndarray],
+    sides: np.ndarray,
 ) -> float | None:
     """The smallest slope, rad, downhill along one of some sides, on which a base on one plane tips."""
     if (moments := footing.tip_over.affine_moments) is None:
@@ -156,14 +150,19 @@ def _tips(
     def falls(side: np.ndarray, angle: float) -> bool:
         return bool(np.min(slope @ wrench(tilted(gravity, side, angle)) + offset) < 0)
 
-    high = None
+    least = None
     for side in sides:
-        if falls(side, high or MOST_TILT):
-            low, high = 0.0, high or MOST_TILT
-            while high - low > _CLOSE:
-                middle = (low + high) / 2
-                low, high = (low, middle) if falls(side, middle) else (middle, high)
-    return high
+        if falls(side, least or MOST_TILT):
+            least = _bisected(lambda tilt, side=side: not falls(side, tilt), least or MOST_TILT, kept=False)
+    return least
+
+
+def _bisected(holds: Callable[[float], bool], lost: float, kept: bool = True) -> float:
+    """rad, up to `_CLOSE`: the largest angle at which something holds; not kept: the smallest beyond."""
+    ends = bisected(
+        lambda angle: None if holds(angle) else angle, 0.0, lost, lost, lambda low, high: high - low <= _CLOSE
+    )
+    return ends[0 if kept else 1]
 
 
 def _loss(footing: Footing, wrench: np.ndarray) -> tuple[str, tuple[int, ...]]:
@@ -173,24 +172,3 @@ def _loss(footing: Footing, wrench: np.ndarray) -> tuple[str, tuple[int, ...]]:
         return "slides", ()
     axis = footing.tip_over.axes[int(np.argmin(margins))]
     return "tips", tuple(sorted({k + 1 for k in axis.contacts}))
-
-
-def around(gravity: np.ndarray, count: int = AROUND) -> np.ndarray:
-    """(count, 3) horizontal directions all around."""
-    down = gravity / max(np.linalg.norm(gravity), _EPSILON)
-    level = np.linalg.svd(down[None])[2][1:]
-    turns = 2 * np.pi * np.arange(count) / count
-    return np.cos(turns)[:, None] * level[0] + np.sin(turns)[:, None] * level[1]
-
-
-def beside(gravity: np.ndarray, downhill: np.ndarray, angle: float) -> np.ndarray:
-    """(2, 3) the directions at an angle, rad, on both sides of a horizontal one (3,)."""
-    across = np.cross(gravity, downhill) / max(np.linalg.norm(gravity), _EPSILON)
-    return np.cos(angle) * downhill + np.sin(angle) * np.array([across, -across])
-
-
-def tilted(gravity: np.ndarray, downhill: np.ndarray, tilt: float | np.ndarray) -> np.ndarray:
-    """(..., 3) gravity on a floor tilted by (...), rad, downhill towards (..., 3)."""
-    size = np.linalg.norm(gravity)
-    down, tilt = gravity / max(size, _EPSILON), np.asarray(tilt)[..., None]
-    return size * (np.cos(tilt) * down + np.sin(tilt) * downhill)

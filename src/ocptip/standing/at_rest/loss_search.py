@@ -1,0 +1,174 @@
+"""Which contact is lost under wrenches, and the largest level of a deviation up to which none is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.numerics.bisection import bisected
+from ocptip.reserves.slip import Slip
+from ocptip.standing.at_rest.directions import NO_DIRECTION, Directions
+from ocptip.standing.footing import Footing
+
+CLOSE = 2e-3  # of a level: how near the bisection gets
+_FIRST = 20  # wrenches beyond half spaces that are solved before the others
+_NEIGHBOURS = 32  # wrenches that share a box
+
+Loads = Callable[[float], np.ndarray]
+"""Wrenches (N, 6) on the base at a level of a deviation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """One way to deviate, or one for each of some directions.
+
+    Attributes:
+        loads: wrenches by level, those of one direction after those of another.
+        sides: (P, 3) the directions, if any.
+        how: in words.
+    """
+
+    loads: Loads
+    sides: np.ndarray | None = None
+    how: str = ""
+
+
+@dataclass(frozen=True)
+class LargestLevel:
+    """The largest level of a deviation that loses no contact.
+
+    Attributes:
+        level: the largest one.
+        row: of the wrenches of one direction, which are instants, where a contact is lost beyond; -1: none is
+            up to the largest level that was searched.
+        how: direction, and what happens.
+    """
+
+    level: float
+    row: int = -1
+    how: str = ""
+
+
+class LossSearch:
+    """Says whether contacts of a base hold; finds the largest level at which all do."""
+
+    def __init__(self, footing: Footing) -> None:
+        support, tip_over, slip = footing.support, footing.tip_over, footing.slip
+        self._footing = footing
+        self._quick = Slip(support, "tangential")
+        affine = not tip_over.free_rotation and len(tip_over.axes) > 0 and support.elastic is None
+        self._moments = tip_over.affine_moments if affine else None
+        self._held = slip.half_spaces(1.0) if affine else None
+
+    def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
+        """Row of the worst wrench under which a contact is lost, and how; None if none is."""
+        if self._moments is None or self._held is None:
+            return self._solved(wrenches)
+        slope, offset = self._moments
+        least = np.min(wrenches @ slope.T + offset, axis=1)
+        worst = int(np.argmin(least))
+        if least[worst] <= 0:
+            return worst, self._tips(int(np.argmin(wrenches[worst] @ slope.T + offset)))
+        for rows in np.split(beyond(self._held, wrenches), [_FIRST]):  # most are lost among the first
+            if len(rows) and (found := self._solved(wrenches[rows])) is not None:
+                return int(rows[found[0]]), found[1]
+        return None
+
+    def _tips(self, axis: int) -> str:
+        axes = self._footing.tip_over.axes
+        if not 0 <= axis < len(axes):
+            return "tips"
+        return "tips about contacts {} and {}".format(*sorted(c + 1 for c in axes[axis].contacts))
+
+    def _solved(self, wrenches: np.ndarray) -> tuple[int, str] | None:
+        """A state that fails, and its failure in words, from solved contact forces."""
+        states = self._footing.contact_states(wrenches)
+        tip = self._footing.tip_over.evaluate(states)
+        falls = ~(tip.GN < 1)
+        if falls.any():
+            row = int(np.argmax(np.where(np.isnan(tip.GN), np.inf, tip.GN)))
+            return row, self._tips(int(tip.nearest_axis[row]))
+        rows = np.flatnonzero(~(self._quick.evaluate(states, derivatives=False).GT < 1))
+        if not len(rows):
+            return None
+        ratio = self._footing.slip.evaluate(states.select(rows), derivatives=False).GT
+        slides = np.flatnonzero(~(ratio < 1))
+        return (int(rows[slides[np.argmax(ratio[slides])]]), "slips") if len(slides) else None
+
+    def _prediction(self, loads: Loads, level: float) -> Callable[[float], bool] | None:
+        """Whether contacts are likely lost at levels below one at which they are; None: not known cheaply.
+
+        Half spaces are convex: wrenches within them at the levels zero and `level` are so between. The others
+        decide; forces are solved for the farthest only.
+        """
+        if (held := self._held) is None:
+            return None
+        rows = np.sort(beyond(held, loads(level)))
+
+        def likely(level: float) -> bool:
+            nonlocal rows
+            wrenches = loads(level)[rows]
+            far = beyond(held, wrenches)
+            if not len(far) or self.lost(wrenches[far[:1]]) is None:
+                return False
+            rows = np.sort(rows[far])
+            return True
+
+        return likely
+
+    def largest(
+        self,
+        most: float,
+        deviations: Callable[[np.ndarray], Iterable[Deviation]],
+        directions: Directions = NO_DIRECTION,
+    ) -> LargestLevel:
+        """The largest level, at most `most`, in the worst direction; to a relative precision of `CLOSE`.
+
+        Args:
+            most: the largest level that is searched.
+            deviations: of directions (P, 3), all together.
+            directions: to begin with, and those near them.
+        """
+        best, row, how = most, -1, ""
+        worst: np.ndarray | None = None
+
+        def near(low: float, high: float) -> bool:
+            return high - low <= CLOSE * high or high <= 1e-6 * most
+
+        def narrow(sides: np.ndarray) -> np.ndarray | None:
+            nonlocal best, row, how, worst
+            for one in deviations(sides):
+                loads = one.loads(best)
+                fails = self.lost(loads)
+                if fails is None:
+                    continue
+
+                def lost(level: float, loads: Loads = one.loads) -> tuple[int, str] | None:
+                    return self.lost(loads(level))
+
+                best, fails = bisected(lost, 0.0, best, fails, near, self._prediction(one.loads, best))
+                row, how, each = fails[0], ", ".join(part for part in (one.how, fails[1]) if part), len(loads)
+                if one.sides is not None:
+                    each //= len(one.sides)
+                    worst = one.sides[row // each]
+                row %= each
+            return worst
+
+        directions.search(narrow, narrow(directions.sides))
+        return LargestLevel(float(best), row, how)
+
+
+def beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+    """Rows of wrenches (N, 6) that are beyond half spaces a . w <= 0, the farthest first.
+
+    Boxes around neighbours, which are alike, are looked at first: most are inside with all their corners.
+    """
+    starts = np.arange(0, len(wrenches), _NEIGHBOURS)
+    low, high = np.minimum.reduceat(wrenches, starts), np.maximum.reduceat(wrenches, starts)
+    most = 0.5 * ((low + high) @ half_spaces.T + (high - low) @ np.abs(half_spaces).T)
+    near = np.repeat(np.max(most, axis=1) > 0, _NEIGHBOURS)[: len(wrenches)]
+    rows = np.flatnonzero(near)
+    outside = np.max(wrenches[rows] @ half_spaces.T, axis=1, initial=-np.inf)
+    return rows[np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]]
