@@ -28,6 +28,7 @@ from ocptip.basics.write import plain, versions, write_text
 from ocptip.certificate.find import certify
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN
 from ocptip.motion.check import check_motion
+from ocptip.motion.violations import sentence
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty
@@ -113,7 +114,7 @@ def _swings(worlds: int, seed: int, done: Sequence[Mapping[str, Any]]) -> Iterat
             own = motion.time_scaled(slower)
             checked = check_motion(task.robot, own, limits)
             found = certify(task.robot, own, limits, checked.worst)
-            row |= {"slower": slower, "not_kept": list(checked.violations)}
+            row |= {"slower": slower, "not_kept": [*map(sentence, checked.violations)]}
             if found.data is not None and found.holds and not found.sampled:
                 row["found"] = attack(task, own, WORKSHOP, found.data, worlds, seed)
                 row["proved"] = [found.verdict.bounds[name] for name in CLAIMS_WITHIN]

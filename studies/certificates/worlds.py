@@ -31,6 +31,7 @@ from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.find import certify
 from ocptip.motion.check import check_motion
+from ocptip.motion.violations import sentence
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.standing.arm import Robot
@@ -340,7 +341,7 @@ def proved(
         )
         checked = check_motion(robot, own, limits)
         if checked.violations:
-            why = why or f"not kept: {str(checked.violations[0]).split(' (')[0]}"
+            why = why or f"not kept: {sentence(checked.violations[0]).split(' (')[0]}"
             continue
         found = certify(robot, own, limits, checked.worst)
         if found.certified:

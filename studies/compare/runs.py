@@ -17,6 +17,7 @@ from ocptip.basics.write import versions
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
+from ocptip.motion.violations import sentence
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
@@ -103,7 +104,7 @@ def outcome(task: MotionTask, penalty: MotionPenalty, motion: Trajectory, checke
         "duration_s": checked.duration,
         "verified": checked.verified,
         "worst": {name: checked.worst[name].value for name in ("GN", "GT", "torque_ratio", "clearance_m")},
-        "violations": list(checked.violations),
+        "violations": [*map(sentence, checked.violations)],
         "slowed": slowed(task, motion, checked),
         "inside_bounds": inside,
         "motion": motion.to_dict(),

@@ -32,6 +32,7 @@ from ocptip.motion.files.execution import execute
 from ocptip.motion.files.plan_files import run_by, write_plan
 from ocptip.motion.files.source import TASK
 from ocptip.motion.plan import plan_motion
+from ocptip.motion.violations import sentence
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.read import load_motion
 from studies.common import PLANNING, ended, json_text, machine, number, source_state, table
@@ -104,7 +105,7 @@ def row_of(folder: Path, text: str, starts: int) -> dict[str, Any]:
     off = {name: abs(found.worst[name].value - own.value) for name, own in worst.items()}
     return {
         "verdict": "verified" if run.whole.verified else "no plan",
-        "reason": "; ".join(run.whole.violations),
+        "reason": "; ".join(map(sentence, run.whole.violations)),
         "cpu_s": cpu,
         "joints": task.robot.n,
         "energy_J": run.whole.energy,
@@ -116,7 +117,7 @@ def row_of(folder: Path, text: str, starts: int) -> dict[str, Any]:
         "segments_s": [own.duration for own in run.segments],
         "read_back": {
             "verified": found.verified,
-            "reason": "; ".join(found.violations),
+            "reason": "; ".join(map(sentence, found.violations)),
             "energy_off": abs(found.energy / run.whole.energy - 1),
             "worst_off": {name: value for name, value in off.items() if np.isfinite(value)},
         },

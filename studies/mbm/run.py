@@ -27,6 +27,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.files.execution import execute
 from ocptip.motion.paths.search import search_path
 from ocptip.motion.task import MotionTask
+from ocptip.motion.violations import sentence
 from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
 from ocptip.retiming.among import NODES
 from ocptip.retiming.retime import retime
@@ -117,7 +118,7 @@ def solved(text: str, uncertainty: str, kind: Robot, urdf: Path, srdf: Path | No
     row |= {"duration_s": run.motion.end, "energy_J": run.check.energy}
     row["clearance_mm"] = 1e3 * run.check.worst["clearance_m"].value
     if not run.check.verified:
-        return row | {"outcome": "limits broken", "why": "; ".join(run.check.violations)[:200]}
+        return row | {"outcome": "limits broken", "why": "; ".join(map(sentence, run.check.violations))[:200]}
     try:
         with interrupted_after(PROOF):
             proved = stages.run("proof", lambda: certified(robot, run.motion, run.check, limits))

@@ -15,6 +15,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, OcptipError, PlanningError, positive_number, whole_number
 from ocptip.motion.objective import TIME, Objective
+from ocptip.motion.violations import sentence
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_cycle import sampled_places
@@ -201,7 +202,7 @@ class _Paths:
             timed = retime(robot, path.path, self._limits, self._objective)
         except OcptipError as error:
             return PathPlacement(placement, path, None, str(error))
-        broken = [*map(str, placement.violations), *timed.check.violations]
+        broken = [*map(str, placement.violations), *map(sentence, timed.check.violations)]
         return PathPlacement(placement, path, timed, "; ".join(broken))
 
     def _path(self, patch: int, parameters: np.ndarray, postures: np.ndarray) -> FittedPath:

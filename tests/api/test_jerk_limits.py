@@ -100,7 +100,7 @@ def test_the_jerk_of_s_curves_is_exact(tmp_path, factor):
     worst = jerk_of(task, motion)
     assert worst.value * JERK == pytest.approx(ACCELERATION / RISE / factor**3)
     assert worst.value * JERK == pytest.approx(np.max(largest_jerk(motion)), rel=1e-3)
-    assert bool(worst.violation) == (factor < 1)
+    assert worst.broken == (factor < 1)
     for controller in ("quintic", "cubic"):  # both run S-curves as they are
         points = controller_points(motion, controller)
         assert jerk_of(task, points).value == pytest.approx(worst.value, rel=1e-3)
@@ -143,7 +143,7 @@ def test_samples_have_at_least_the_jerk_that_their_differences_show(tmp_path, no
         samples = fitted(times, samples, rounding=np.full(2, 1e-7))
         worst = jerk_of(task, samples)
         shares.append(worst.value * JERK * rise / ACCELERATION)
-        assert bool(worst.violation) == (rise < 0.1 and noise == 0)
+        assert worst.broken == (rise < 0.1 and noise == 0)
         assert worst.detail.endswith(", at least, by differences of samples")
         half = jerk_of(task, samples.time_scaled(2.0))
         assert 8 * half.value == pytest.approx(worst.value)

@@ -19,8 +19,9 @@ from ocptip.motion.margins import (
     motion_margins,
 )
 from ocptip.motion.summary import at_text, margin_rows, margin_table
-from ocptip.motion.violations import broken_words, quantity_title
+from ocptip.motion.violations import broken_words, quantity_title, stated, statement
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
 
@@ -139,28 +140,58 @@ def test_what_is_infinite_is_said_in_words(task, checked):
 def test_sentences_on_broken_limits_have_margins_with_their_units(task):
     reference = task.robot.tip_over.reference_moment
     left, least = (f"{reference * (1 / index - 1):.4g} N m" for index in (0.95, 0.9))
-    known = {
-        "GN is 0.95 at 0.1 s, must be <= 0.9": f"tipping margin is {left} at 0.1 s, must be >= {least}",
-        "GN is 0.9 + 2e-08 at 0.1 s, must be <= 0.9": (
-            f"tipping margin is just below {least} at 0.1 s, must be >= {least}"
+    known = (
+        (
+            Worst("GN", 0.95, 0.1, 0.9, "", 0.05),
+            "tip_over_index is 0.95 at 0.1000 s, must be <= 0.9",
+            f"tipping margin is {left} at 0.1000 s, must be >= {least}",
         ),
-        "GN_worst_case is 1.2 at 0.1 s (joint 1 delayed), must be <= 0.999": (
-            "the base tips in the worst case at 0.1 s (joint 1 delayed)"
+        (
+            Worst("GN", 0.9 + 2e-8, 0.1, 0.9, "", 2e-8),
+            "tip_over_index is 0.9 + 2e-08 at 0.1000 s, must be <= 0.9",
+            f"tipping margin is just below {least} at 0.1000 s, must be >= {least}",
         ),
-        "GN_cancel_worst_case is 1.2 in a cancel begun at 0.1 s, must be <= 0.999": (
-            "the base tips in a cancel begun at 0.1 s"
+        (
+            Worst("GN_worst_case", 1.2, 0.1, 0.999, "joint 1 delayed, GN 0.5", 0.2),
+            "tip_over_index_worst_case is 1.2 at 0.1000 s (joint 1 delayed, GN 0.5), must be <= 0.999",
+            "the base tips in the worst case at 0.1000 s (joint 1 delayed, GN 0.5)",
         ),
-        "jump_GT is 0.95 (segment lift), must be <= 0.9": (
-            "friction used at acceleration steps is 95 % (segment lift), must be <= 90 %"
+        (
+            Worst("GN", 1.2, 0.1, 0.999, " within the uncertainty (tilt)", 0.2, scenario="cancel"),
+            "tip_over_index is 1.2 in a cancel begun at 0.1000 s within the uncertainty (tilt), "
+            "must be <= 0.999",
+            "the base tips in a cancel begun at 0.1000 s within the uncertainty (tilt)",
         ),
-        "GT[glass] is 8.07 at 1 s, must be <= 0.9 (segment lift)": "glass slips at 1 s (segment lift)",
-        "clearance_m is 0.001, must be >= 0.01": "clearance is 1 mm, must be >= 10 mm",
-        "torque_ratio_worst_case is 1.2 at 1 s (joint 2), must be <= 1": (
-            "torque, worst case is 120 % at 1 s (joint 2), must be <= 100 %"
+        (
+            Worst("jump_GT", 0.95, math.nan, 0.9, "segment lift", 0.05),
+            "jump_friction_utilisation is 0.95 (segment lift), must be <= 0.9",
+            "friction used at acceleration steps is 95 % (segment lift), must be <= 90 %",
         ),
-        "a contact slips or lifts off": "a contact slips or lifts off",
-    }
-    assert broken_words(task.robot, known) == [*known.values()]
+        (
+            Worst("GT[glass]", 8.07, 1.0, 0.9, "segment lift", 7.17),
+            "GT[glass] is 8.07 at 1.0000 s (segment lift), must be <= 0.9",
+            "glass slips at 1.0000 s (segment lift)",
+        ),
+        (
+            Worst("clearance_m", 0.001, math.nan, 0.01, "", 0.009, least=True),
+            "clearance_m is 0.001, must be >= 0.01",
+            "clearance is 1 mm, must be >= 10 mm",
+        ),
+        (
+            Worst("clearance", 1.0, math.nan, 10.0, ", between a and b", 9.0, True, "cancel", "mm"),
+            "clearance is 1.0 mm in a cancel, between a and b, must be >= 10.0 mm",
+            "clearance is 1 mm in a cancel, between a and b, must be >= 10 mm",
+        ),
+        (
+            Worst("torque_ratio_worst_case", 1.2, 1.0, 1.0, "joint 2", 0.2),
+            "torque_ratio_worst_case is 1.2 at 1.0000 s (joint 2), must be <= 1",
+            "torque, worst case is 120 % at 1.0000 s (joint 2), must be <= 100 %",
+        ),
+        (statement("a contact slips or lifts off"), *["a contact slips or lifts off"] * 2),
+    )
+    for broken, in_json, for_people in known:
+        assert stated([broken]) == [in_json]
+        assert broken_words(task.robot, [broken]) == [for_people]
 
 
 def test_titles_name_the_quantity_instead_of_the_index():

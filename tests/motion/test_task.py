@@ -466,7 +466,7 @@ def test_ur5_on_a_cart_stands_but_would_tip_at_full_speed(ur5):
     motion = fast_motion(ur5)
     checked = check_motion(ur5.robot, motion, ur5.limits)
     assert checked.worst["GN"].value > 1
-    assert any("slips or lifts off" in violation for violation in checked.violations)
+    assert any("slips or lifts off" in violation.detail for violation in checked.violations)
     assert check_motion(ur5.robot, motion.time_scaled(1.5), ur5.limits).verified
 
 

@@ -151,7 +151,7 @@ def test_what_timing_can_cure_is_cured_although_clearance_is_not():
     run = execute(task.robot, hasty, limits, "cubic")
     assert run.slower == pytest.approx(factor, abs=2e-3)
     for after in (found.check, checked, run.check):
-        assert [name for name, worst in after.worst.items() if worst.violation] == ["clearance_m"]
+        assert [name for name, worst in after.worst.items() if worst.broken] == ["clearance_m"]
         assert len(after.violations) == 1
     assert slowed.end == pytest.approx(factor * hasty.end)
     assert 1.0 < factor < 1.05

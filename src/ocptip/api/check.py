@@ -291,7 +291,7 @@ def retimed(task: MotionTask, motion: Trajectory, checked: MotionCheck) -> str:
     Empty where no timing can help (angles, clearance) and where the path cannot be fitted. Also empty where
     jerks, or torques within the uncertainty, are too large: these timings ignore both. Empty with objects.
     """
-    broken = [name for name, worst in checked.worst.items() if worst.violation]
+    broken = [name for name, worst in checked.worst.items() if worst.broken]
     beyond = {TORQUE_WITHIN, "jerk_ratio", *OF_PATH}
     waived = checked.verified or checked.objects or task.robot.acts.size
     if waived or not beyond.isdisjoint(broken):

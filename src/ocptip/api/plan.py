@@ -58,12 +58,13 @@ from ocptip.motion.stops.check import (
 from ocptip.motion.summary import CheckedMotion, brief
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
-from ocptip.motion.violations import stated
+from ocptip.motion.violations import sentence, stated
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.plan import draw_plan
 from ocptip.pictures.plan_curves import seen_plan
 from ocptip.pictures.stops import draw_stops
 from ocptip.standing.at_rest.sensitivity import Reserves, Sensitivity, motion_sensitivities
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import worst_contacts
 from ocptip.standing.within.worst_case import WorstCase
@@ -242,12 +243,12 @@ class NoPlanError(PlanningError):
     Attributes:
         task: that was planned.
         without_stops: the plan of the same task that need not be stopped; None: none, or not asked for.
-        broken: the limits which that one breaks in stops, one sentence each.
+        broken: the limits which that one breaks in stops.
         largest: the largest uncertainty with which there is a motion; None: not asked for.
     """
 
     largest: LargestTolerance | None = None
-    broken: tuple[str, ...] = ()
+    broken: tuple[Worst, ...] = ()
 
     def __init__(self, message: str, task: Task, without_stops: MotionPlan | None = None) -> None:
         super().__init__(message)
@@ -392,10 +393,9 @@ def base_alone(task: Task) -> str:
         held = Trajectory.from_points(np.array([0.0, end]), np.tile(q, (2, 1)))
         if not (broken := check_motion(own.robot, held, limits).violations):
             return ""
-        found.append(f"{name}: {broken[0]}")
-    return (
-        f"the base alone, its arm at rest, breaks limits: at the {'; at the '.join(found)}" if found else ""
-    )
+        found.append(f"{name}: {sentence(broken[0])}")
+    alone = "the base alone, its arm at rest, breaks limits: at the "
+    return alone + "; at the ".join(found) if found else ""
 
 
 def silent(text: str) -> None:

@@ -24,7 +24,7 @@ from ocptip.motion.sampled_limits import (
     refinements,
     worse_contacts,
 )
-from ocptip.motion.violations import stated
+from ocptip.motion.violations import stated, statement
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
@@ -98,7 +98,7 @@ class MotionCheck:
         worst: by name: GN, GT, torque_ratio, clearance_m, and the exact speed_ratio, acceleration_ratio,
             angle_margin_deg of the motion (position_margin_m of coordinates that are lengths); the
             mechanism's further limits by their names.
-        violations: one sentence per broken limit, empty if verified.
+        violations: the broken limits, empty if verified.
         samples: number of instants evaluated.
         stands: no contact is lost at any sampled instant, whatever other limits are broken.
         feet: how the base swings on compliant feet; None where it does not, or where that is not known.
@@ -115,7 +115,7 @@ class MotionCheck:
     energy: float
     duration: float
     worst: dict[str, Worst]
-    violations: tuple[str, ...]
+    violations: tuple[Worst, ...]
     samples: int
     stands: bool
     contacts: ContactMargins
@@ -135,13 +135,12 @@ class MotionCheck:
     @property
     def kept_while_moving(self) -> bool:
         """All limits of the motion hold, whatever becomes of it in stops."""
-        stopped = list(filter(of_stops, self.worst))
-        return all(any(text.startswith(f"{name} ") for name in stopped) for text in self.violations)
+        return all(of_stops(broken.name) for broken in self.violations)
 
     @property
     def timed_well(self) -> bool:
         """Nothing is broken but limits of the path itself, which no timing changes."""
-        broken = [name for name in OF_PATH if name in self.worst and self.worst[name].violation]
+        broken = [name for name in OF_PATH if name in self.worst and self.worst[name].broken]
         return len(broken) == len(self.violations)
 
     @property
@@ -150,7 +149,7 @@ class MotionCheck:
         ratios = [
             1 + worst.excess / worst.limit
             for name, worst in self.worst.items()
-            if worst.violation and worst.limit > 0 and name not in OF_PATH
+            if worst.broken and worst.limit > 0 and name not in OF_PATH
         ]
         return max(ratios, default=1.0) ** 0.5
 
@@ -330,23 +329,25 @@ def check_motion(
         if limit.scenario == SAMPLED and limit.of_contacts and limit.of_motion:
             # These indices reach 1 where a contact is lost; other limits of contacts are forces and lifts.
             holding &= all(
-                w.value < 1 if w.name.partition("[")[0] in _UNTIL_1 else not w.violation for w in of_limit
+                w.value < 1 if w.name.partition("[")[0] in _UNTIL_1 else not w.broken for w in of_limit
             )
         worst += of_limit
     within = worst_of_sampled(sampled, limits.tolerance) if limits.tolerance.given else None
-    violations = [w.violation for w in worst if w.violation]
+    violations = [w for w in worst if w.broken]
+    statements = []
     if unsolved:
-        violations.append(
+        statements.append(
             f"no verified contact state at {len(unsolved)} instants, first at {unsolved[0]:.4f} s"
         )
     if uncertified:
-        violations.append(
+        statements.append(
             f"the slip optimum is not proved at {len(uncertified)} instants, first at "
             f"{uncertified[0]:.4f} s: GT there is an upper bound, beyond the limit"
         )
     for name in lost:
         of = "" if name == names[0] else f" of {name}"
-        violations.append(f"a contact{of} slips or lifts off")
+        statements.append(f"a contact{of} slips or lifts off")
+    violations += map(statement, statements)
     return MotionCheck(
         verified=not violations,
         energy=robot.energy(motion),

@@ -141,7 +141,7 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         0.0,
         None,
         True,
-        math.inf if edge and edge.value < 0 and "GN" in worst and worst["GN"].violation else -math.inf,
+        math.inf if edge and edge.value < 0 and "GN" in worst and worst["GN"].broken else -math.inf,
     )
     if "torque_ratio" in worst:
         limits = worst["torque_ratio"].limit, limit(TORQUE_WITHIN)

@@ -128,7 +128,7 @@ class CheckedMotion:
     @property
     def broken(self) -> tuple[str, ...]:
         """The limits that are broken, stops included, one sentence each."""
-        of_stops = (text for one in self.stops.values() for text in one.violations)
+        of_stops = (broken for one in self.stops.values() for broken in one.violations)
         return tuple(broken_words(self.task.robot, (*self.check.violations, *of_stops)))
 
 
@@ -170,13 +170,13 @@ def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str
         rows.append([_title(row), *(at_text(row, value) for value in values), _limit(row, within), mark])
     for name, (title, unit, scale) in _IF_REACHED.items():
         worst = checked.worst.get(name)
-        if worst is None or not (worst.violation or worst.value >= _REACHED.get(name, math.inf)):
+        if worst is None or not (worst.broken or worst.value >= _REACHED.get(name, math.inf)):
             continue
-        same = worst.violation and f"{worst.value:.3g}" == f"{worst.limit:.3g}"
+        same = worst.broken and f"{worst.value:.3g}" == f"{worst.limit:.3g}"
         value = quantity(scale * worst.value, unit, 6 if same else 3)
         value += f" @{worst.time:.3f}s" if math.isfinite(worst.time) else f" {worst.detail}".rstrip()
         limit = f"{'>=' if worst.least else '<='} {scale * worst.limit:.3g}"
-        mark = "BROKEN" if worst.violation else "reached"
+        mark = "BROKEN" if worst.broken else "reached"
         rows.append([title, value, *(["-"] if within else []), limit, mark])
     return rows
 

@@ -1,15 +1,16 @@
 """Titles of worst values, and sentences on broken limits: for people in N m, % and mm, for JSON with names.
 
-A check says `GN_stop is 0.95 at 1.2 s, must be <= 0.9`, see `Worst.violation`.
+A broken limit is a `Worst`. In JSON it is `GN_stop is 0.95 at 1.2 s, must be <= 0.9`.
 """
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Iterable
 
 from ocptip.basics.text import quantity
 from ocptip.reserves.tipping import moment_at
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -52,8 +53,6 @@ RESULT_TITLES = {
 }
 """Titles of worst values by their names in `MotionCheck.worst`."""
 
-
-_CONTACT = re.compile(r"(?P<step>jump_)?(?P<symbol>GN|GT)(?P<scenario>_[a-z_]+)?")
 _QUANTITIES = {"GN": "tipping margin", "GT": "friction used"}
 _WHEN = {
     "": "",
@@ -64,6 +63,13 @@ _WHEN = {
     "_cancel_worst_case": " in cancels in the worst case",
     "_gears": " with elastic joints",
 }
+_OF_CONTACTS = {
+    f"{step}{index}{scenario}": (index, f"{at_steps}{when}")
+    for step, at_steps in (("", ""), ("jump_", " at acceleration steps"))
+    for index in _QUANTITIES
+    for scenario, when in _WHEN.items()
+}
+"""Index and circumstances, by the names of results."""
 _UNITS = {
     "_ratio": ("%", 100.0),
     "_m_s": ("m/s", 1.0),
@@ -71,73 +77,102 @@ _UNITS = {
     "_m": ("mm", 1e3),
     "_N": ("N", 1.0),
 }
-_SENTENCE = re.compile(
-    r"(?P<name>\w+)(\[(?P<of>.+?)\])? is (?P<value>[^\s,]+)(?P<just> [+-] [^\s,]+)?(?P<where>.*), "
-    r"must be (?P<sign>[<>]=) (?P<limit>[^\s,()]+)(?P<more>.*)"
-)
-_INDEX = re.compile(r"(?<![A-Za-z])(GN|GT)(?=(?:_[a-z_]+)? is\b)")
 _STATED = {"GN": "tip_over_index", "GT": "friction_utilisation"}
 
 
 def result_title(name: str) -> str:
     """The title of a worst value: of `GN[glass]` that of GN and of what."""
-    name, _, of = name.partition("[")
-    return f"{RESULT_TITLES.get(name, name)}{of and f' of {of[:-1]}'}"
+    name, of = _parted(name)
+    return f"{RESULT_TITLES.get(name, name)}{of and f' of {of}'}"
 
 
 def quantity_title(name: str) -> str:
     """The same, with the quantity that people read instead of its index: "tipping margin in cancels"."""
-    result, _, of = name.partition("[")
-    if (known := _CONTACT.fullmatch(result)) is None:
+    result, of = _parted(name)
+    if result not in _OF_CONTACTS:
         return result_title(name)
-    return f"{_QUANTITIES[known['symbol']]}{of and f' of {of[:-1]}'}{_when(known)}"
+    index, when = _OF_CONTACTS[result]
+    return f"{_QUANTITIES[index]}{of and f' of {of}'}{when}"
 
 
-def stated(violations: Iterable[str]) -> list[str]:
+def _parted(name: str) -> tuple[str, str]:
+    """The result, and the object that it is of; empty: the base."""
+    result, _, of = name.partition("[")
+    return result, of[:-1]
+
+
+def statement(text: str) -> Worst:
+    """What is broken and has no value, in words."""
+    return Worst("", math.nan, math.nan, math.nan, text, math.inf)
+
+
+def stated(violations: Iterable[Worst]) -> list[str]:
     """Sentences on broken limits for JSON, with the names of the indices instead of their symbols."""
-    return [_INDEX.sub(lambda found: _STATED[found[1]], text) for text in violations]
+    return [sentence(own, _OF_CONTACTS.get(own.name, ("",))[0]) for own in violations]
 
 
-def broken_words(robot: StandingMechanism, violations: Iterable[str]) -> list[str]:
+def sentence(broken: Worst, index: str = "") -> str:
+    """A broken limit, by the name of its result, or with the name of this index instead of its symbol."""
+    if not broken.name:
+        return broken.detail
+    sign, shown, limit = _sign(broken), _plain(broken, broken.value), _plain(broken, broken.limit)
+    if shown == limit and not broken.unit:
+        shown = f"{limit} {'-' if broken.least else '+'} {broken.excess:.1g}"
+    name = broken.name.replace(index, _STATED[index]) if index else broken.name
+    return f"{name} is {shown}{_where(broken)}, must be {sign} {limit}"
+
+
+def broken_words(robot: StandingMechanism, violations: Iterable[Worst]) -> list[str]:
     """Sentences on broken limits for people, of a robot whose base and objects the indices are of.
 
     Beyond 1 an index measures no margin: then the sentence says what tips or slips.
     """
-    return [_words(robot, text) for text in violations]
+    return [_words(robot, broken) for broken in violations]
 
 
-def _words(robot: StandingMechanism, text: str) -> str:
-    if (found := _SENTENCE.fullmatch(text)) is None:
-        return text
-    value, limit, name, of = float(found["value"]), float(found["limit"]), found["name"], found["of"]
-    where, more = found["where"], found["more"]
-    known = _CONTACT.fullmatch(name)
-    if known is None:
-        title = result_title(name).removesuffix(" / limit").replace(" / limit,", ",")
-        unit, scale = next((own for end, own in _UNITS.items() if end in name), ("", 1.0))
-        values, sign = [scale * value, scale * limit], found["sign"]
+def _words(robot: StandingMechanism, broken: Worst) -> str:
+    if not broken.name:
+        return broken.detail
+    (result, of), where, sign = _parted(broken.name), _where(broken), _sign(broken)
+    values = [broken.value, broken.limit]
+    if result not in _OF_CONTACTS:
+        title = result_title(broken.name).removesuffix(" / limit").replace(" / limit,", ",")
+        unit, scale = next((own for end, own in _UNITS.items() if end in result), (broken.unit, 1.0))
+        values = [scale * value for value in values]
     else:
-        when = "" if where.startswith(" in a ") else _when(known)
-        if value >= 1:
-            does = "tips" if known["symbol"] == "GN" else "slips"
-            return f"{of or 'the base'} {does}{when}{where}{more}"
-        title = f"{_QUANTITIES[known['symbol']]}{f' of {of}' if of else ''}{when}"
-        unit, values, sign = "%", [100 * value, 100 * limit], found["sign"]
-        if known["symbol"] == "GN":
+        index, when = _OF_CONTACTS[result]
+        when = "" if broken.scenario else when
+        if broken.value >= 1:
+            return f"{of or 'the base'} {'tips' if index == 'GN' else 'slips'}{when}{where}"
+        title = f"{_QUANTITIES[index]}{of and f' of {of}'}{when}"
+        unit, values = "%", [100 * value for value in values]
+        if index == "GN":
             footing = next((own for own in robot.interfaces if own.name == of), robot)
             reference = footing.tip_over.reference_moment
-            unit, values, sign = "N m", [moment_at(index, reference) for index in (value, limit)], ">="
+            unit, sign = "N m", ">="
+            values = [moment_at(value, reference) for value in (broken.value, broken.limit)]
     digits = next((d for d in (4, 6) if _shown(values[0], unit, d) != _shown(values[1], unit, d)), 4)
-    shown, asked = (_shown(own, unit, digits) for own in values)
-    if found["just"] or shown == asked:
+    shown, asked = (_shown(value, unit, digits) for value in values)
+    if shown == asked or _plain(broken, broken.value) == _plain(broken, broken.limit):
         shown = f"just {'below' if sign == '>=' else 'above'} {asked}"
-    return f"{title} is {shown}{where}, must be {sign} {asked}{more}"
+    return f"{title} is {shown}{where}, must be {sign} {asked}"
 
 
 def _shown(value: float, unit: str, digits: int) -> str:
     return quantity(value, unit, digits).rstrip()
 
 
-def _when(known: re.Match[str]) -> str:
-    when = _WHEN.get(known["scenario"] or "", known["scenario"] or "")
-    return f" at acceleration steps{when}" if known["step"] else when
+def _plain(broken: Worst, value: float) -> str:
+    return f"{value:.1f} {broken.unit}" if broken.unit else f"{value:.4g}"
+
+
+def _sign(broken: Worst) -> str:
+    return ">=" if broken.least else "<="
+
+
+def _where(broken: Worst) -> str:
+    """When, and in which circumstances: " at 1.2 s (joint 2)", " in a cancel begun at 0.1 s"."""
+    time = f"{broken.time:.4f} s" if math.isfinite(broken.time) else ""
+    if broken.scenario:
+        return f" in a {broken.scenario}{time and f' begun at {time}'}{broken.detail}"
+    return f"{time and f' at {time}'}{broken.detail and f' ({broken.detail})'}"

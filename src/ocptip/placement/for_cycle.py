@@ -14,6 +14,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import SegmentSearch, plan_motion, proved
+from ocptip.motion.violations import sentence
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
@@ -134,7 +135,9 @@ def place_for_cycle(
         try:
             how = {"starts": starts, "seed": seed, "executor": executor, "jobs": jobs}
             plan = plan_motion(placed(placement), segment=segment, **how)
-            refusal = "" if plan.verified else "; ".join(plan.check.violations) or "not complete"
+            refusal = (
+                "" if plan.verified else "; ".join(map(sentence, plan.check.violations)) or "not complete"
+            )
         except (PlanningError, InputError) as error:
             refusal = str(error)
         found.append(CyclePlacement(placement, sampled, plan, refusal))

@@ -404,7 +404,7 @@ def _within_peaks(run: Run, jerk: np.ndarray | None = None) -> tuple[Run, float]
 
 def _tightened(robot: StandingMechanism, asked: Limits, limits: Limits, checked: MotionCheck) -> Limits:
     """The numbers asked for, tighter where a motion broke them; the same where that does not help."""
-    names = [name for name, worst in checked.worst.items() if worst.violation and name not in OF_PATH]
+    names = [name for name, worst in checked.worst.items() if worst.broken and name not in OF_PATH]
     for limit in limits_of(robot, limits):
         if isinstance(limit, AskedLimit) and limit.result in names and not limit.of_place:
             asked = limit.tightened(asked, _MORE * checked.worst[limit.result].excess)

@@ -84,11 +84,11 @@ def test_broken_limits_name_their_segment(plan):
     tight = load_task(plan.task, GN=0.05)
     found = check_cycle(tight, plan.motion)
     assert not found.whole.verified
-    assert any("segment out" in v for v in found.whole.violations)
-    assert any("segment back" in v for v in found.whole.violations)
+    assert any("segment out" in v.detail for v in found.whole.violations)
+    assert any("segment back" in v.detail for v in found.whole.violations)
     cut = dataclasses.replace(plan.motion, parts=(plan.motion.parts[0],) * 2)
     found = check_cycle(plan.task, cut)
-    assert any(v.startswith("segment 2 (back) starts") for v in found.whole.violations)
+    assert any(v.detail.startswith("segment 2 (back) starts") for v in found.whole.violations)
     with pytest.raises(InputError, match="has 2 segments, swing has 1"):
         check_cycle(dataclasses.replace(plan.task, segments=plan.task.segments[:1]), plan.motion)
 
@@ -446,7 +446,7 @@ def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(
         own = dataclasses.replace(task, closed=closed)
         hurried = cycle_check(own, dataclasses.replace(motion, pauses=pauses), found.segments).whole
         assert hurried.verified == (not texts)
-        assert hurried.violations == tuple(texts)
+        assert [broken.detail for broken in hurried.violations] == texts
 
 
 def test_commands_certify_cycles(plan, tmp_path, capsys):

@@ -14,7 +14,6 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions
 from ocptip.motion.files.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv
 from ocptip.motion.files.plan_files import write_plan
-from ocptip.motion.violations import stated
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -246,13 +245,3 @@ def test_errors_name_the_path(plan, tmp_path):
     with pytest.raises(FileExistsError) as caught:
         write_plan(tmp_path / "file", plan)
     assert caught.value.filename == str(tmp_path / "file")
-
-
-def test_broken_limits_have_names_instead_of_symbols():
-    broken = ("GN is 1.2 at 1 s", "jump_GN is 3", "GT_worst_case is 2 (tip-over GN 0.5)", "torque_ratio is 2")
-    assert stated(broken) == [
-        "tip_over_index is 1.2 at 1 s",
-        "jump_tip_over_index is 3",
-        "friction_utilisation_worst_case is 2 (tip-over GN 0.5)",
-        "torque_ratio is 2",
-    ]

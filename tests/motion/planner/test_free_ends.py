@@ -154,4 +154,4 @@ def test_margins_to_angle_limits_are_kept(planned):
     assert worst.limit == pytest.approx(np.rad2deg(least - 0.02))
     assert worst.value >= worst.limit - 1e-6
     broken = check_motion(task.robot, plan.motion, Limits(angle_margin=least + 0.1))
-    assert any("angle_margin_deg" in violation for violation in broken.violations)
+    assert any(violation.name == "angle_margin_deg" for violation in broken.violations)

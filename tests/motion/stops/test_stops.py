@@ -27,6 +27,7 @@ from ocptip.motion.stops.rules import StopRules
 from ocptip.motion.stops.tables import StoppedPath
 from ocptip.motion.summary import CheckedMotion
 from ocptip.motion.task import MotionTask, refusals
+from ocptip.motion.violations import statement
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.braking import gravity_torques
 from ocptip.robots.motors import DCMotors
@@ -104,7 +105,7 @@ def test_stronger_brakes_load_the_base_more(task):
     assert values[0]["GN"] < values[1]["GN"]
     assert values[0]["longest_stop_s"] > values[1]["longest_stop_s"]
     assert not found[1].verified
-    assert any("in a stop by brakes begun at" in violation for violation in found[1].violations)
+    assert any(violation.scenario == "stop by brakes" for violation in found[1].violations)
     assert found[1].speeds["brakes"].min() == 0.0
 
 
@@ -300,7 +301,7 @@ def test_plans_that_may_be_stopped_by_brakes():
     before = check_motion(task.robot, cheapest.motion, limits)
     assert not before.verified
     assert before.stands
-    assert any("GT_brakes" in violation for violation in before.violations)
+    assert any(violation.name == "GT_brakes" for violation in before.violations)
     plan = of_a_lucky_start(replace(task, limits=limits), 1.05 * cheapest.energy)
     assert plan.verified
     assert plan.check.worst["GT_brakes"].value <= 0.9
@@ -381,9 +382,11 @@ def test_the_headline_keeps_what_is_proved_of_the_motion_beside_its_stops(task):
     worst = {**checked.worst, "GN_stop": checked.worst["GN"]}
     kept = replace(proved, worst=worst, certificate=replace(proof, sampled=("GN_stop",)))
     assert (kept.headline, kept.certified, kept.unproved) == (word, False, "")
-    broken = replace(kept, verified=False, violations=("GN_stop is 1.2, must be <= 0.9",))
+    broken = replace(
+        kept, verified=False, violations=(replace(checked.worst["GN"], name="GN_stop", value=1.2),)
+    )
     assert broken.headline == f"LIMITS BROKEN in stops; the motion itself is {word}"
-    both = replace(broken, violations=(*broken.violations, "GN is 0.95, must be <= 0.9"))
+    both = replace(broken, violations=(*broken.violations, checked.worst["GN"]))
     assert both.headline == "LIMITS BROKEN"
     unproved = replace(kept, certificate=replace(proof, sampled=("GN_stop", "GT")))
     assert unproved.headline.startswith("CHECKED at samples")
@@ -391,11 +394,11 @@ def test_the_headline_keeps_what_is_proved_of_the_motion_beside_its_stops(task):
     whole = SimpleNamespace(whole=proved)
     motion = CheckedMotion(task=task, checked=whole, stops={"": stops})
     assert motion.headline == f"{word}; stops CHECKED at samples"
-    stops.verified, stops.unknown = False, ("GN is 1.2 in a stop by brakes begun at 0.1 s, must be <= 0.9",)
+    stops.verified, stops.unknown = False, (checked.worst["GN"],)
     assert motion.headline == (
         f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {word}"
     )
-    stops.violations = ("a drive needs 105 % of its torque limit in a cancel begun at 0.1 s",)
+    stops.violations = (statement("a drive needs 105 % of its torque limit in a cancel begun at 0.1 s"),)
     assert motion.headline == f"LIMITS BROKEN in stops; the motion itself is {word}"
 
 
@@ -569,8 +572,8 @@ def test_guessed_brakes_hold_the_arm(task):
     assert any("at least 1.3 times what gravity asks" in line for line in stops.assumed)
     _, dropped = looked_at(own, "brakes", StopRules(brake_min=0.5 * own.robot.limits.torque))
     assert dropped.worst["brakes"]["longest_stop_s"] > 2 * stops.worst["brakes"]["longest_stop_s"]
-    assert any(line.startswith("the arm drops: at ") for line in dropped.unknown)
-    assert not any("drops" in line for line in stops.unknown)
+    assert any(own.detail.startswith("the arm drops: at ") for own in dropped.unknown)
+    assert not any("drops" in own.detail for own in stops.unknown)
     capped = StopRules(brake_max=0.6 * own.robot.limits.torque).brakes(own.robot)
     assert np.all(capped[0] <= capped[1])
 
@@ -582,6 +585,8 @@ def test_without_torque_limits_category_0_is_not_judged(task):
     assert not stops.verified
     assert "brakes" not in stops.worst
     assert "brakes" not in stops.speeds
-    assert stops.unknown[0].startswith("category 0 not checked: no brake data, and joint 1 has no torque")
+    assert stops.unknown[0].detail.startswith(
+        "category 0 not checked: no brake data, and joint 1 has no torque"
+    )
     _, given = looked_at(own, "brakes", StopRules(brake_min=np.full(6, 60.0), brake_max=np.full(6, 70.0)))
     assert "brakes" in given.worst

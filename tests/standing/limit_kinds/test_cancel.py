@@ -94,7 +94,7 @@ def test_a_motion_at_full_speed_beside_a_limit_is_not_cancelled_within_it(robot)
     assert checked.worst["angle_margin_deg"].excess <= 0
     # It reaches 1 rad/s until 1/16 rad before the goal.
     assert worst.value == pytest.approx(np.degrees(0.1 + 1 / 16 - 0.25), abs=0.1)
-    assert worst.violation
+    assert worst.broken
 
 
 def test_a_fast_joint_needs_long_to_stop(robot):
@@ -106,7 +106,7 @@ def test_a_fast_joint_needs_long_to_stop(robot):
     worst = check_motion(robot, motion, limits).worst["duration_s_cancel"]
     assert worst.value == pytest.approx(0.6)
     assert worst.detail == robot.joint_label(0)
-    assert worst.violation
+    assert worst.broken
     [limit] = CancelDurationLimit.of(robot, limits, tuple(range(robot.n)))
     speeds = np.random.default_rng(2).normal(size=(4, robot.n))
     states = np.zeros_like(speeds), speeds, np.zeros_like(speeds)

@@ -14,6 +14,7 @@ from ocptip.motion.objective import TIME
 from ocptip.motion.stops.cancels import rounded_down, safe_decelerations
 from ocptip.motion.stops.check import _contact_text
 from ocptip.motion.stops.tables import CancelTable
+from ocptip.motion.violations import sentence
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.retiming.retime import least_cost
@@ -400,7 +401,7 @@ def test_the_smallest_clearance_names_its_bodies_and_when():
     gaps = robot.collision.gaps((q + v * after - np.sign(v) * rate * after**2 / 2)[None])[0]
     assert gaps.min() == gaps[found.nearest[i]] == pytest.approx(found.clearance, abs=1e-9)
     table = CancelTable(robot, motion, replace(task.limits, clearance=5.0), cancel, times[:2])
-    [text] = [text for text in table.violations() if text.startswith("clearance")]
+    [text] = [sentence(broken) for broken in table.violations() if broken.name == "clearance"]
     assert f"between {robot.collision.labels[found.nearest[i]]} " in text
     assert f" s after a stop begun at {times[i]:.4f} s, must be >= 5000.0 mm" in text
 

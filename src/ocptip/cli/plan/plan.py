@@ -27,6 +27,7 @@ from ocptip.cli.options import (
 from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.cycles.task import Task
+from ocptip.motion.violations import sentence
 from ocptip.trajectories.bags import require_new
 
 
@@ -107,7 +108,7 @@ def _no_plan(task: Task, error: NoPlanError) -> Answer:
         lines.append(("largest", f"{error.largest}"))
     if (plan := error.without_stops) is not None:
         plain = f"the plan without stops, {plan.energy:.1f} J in {plan.duration:.3f} s"
-        lines.append(("stops", f"{plain}: {'; '.join(error.broken)}"))
+        lines.append(("stops", f"{plain}: {'; '.join(map(sentence, error.broken))}"))
     if not task.is_cycle:
         tolerance = tolerance.of(task.robot.payload)
     if tolerance.given:

@@ -164,7 +164,7 @@ class CheckReport(GatedReport):
         motion = self.check.motion
         moves = bool(np.any(motion.speed_peaks))  # a posture that is held has no curve and no start
         notes = [self.check.retimed] if self.check.retimed else []
-        lost = any(text.startswith(("GN", "GT")) for text in self.check.check.violations)
+        lost = any(broken.name.startswith(("GN", "GT")) for broken in self.check.check.violations)
         given = self.check.sensitivities or self.check.check.objects  # which these options do not take
         if lost and not (given or self.check.task.is_cycle):
             notes += [
@@ -222,7 +222,7 @@ def worst_rows(checked: MotionCheck) -> list[list[str]]:
     known = [name for name in RESULT_TITLES if name in checked.worst]
     for name in (*known, *(name for name in checked.worst if "[" in name)):  # of the base, then of objects
         worst = checked.worst[name]
-        broken = any(violation.startswith(f"{name} ") for violation in checked.violations)
+        broken = any(violation.name == name for violation in checked.violations)
         time = f"{max(worst.time, 0.0):.3f} s" if math.isfinite(worst.time) else "-"
         sign = ">=" if name in _LEAST else "<="
         limit = f"{sign} {_value(name, worst.limit)}"

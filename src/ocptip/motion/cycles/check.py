@@ -11,6 +11,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.task import SAME, CycleTask, Task
+from ocptip.motion.violations import statement
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.elastic.drives import with_rise
 from ocptip.standing.limit_kinds.limit import Worst
@@ -203,14 +204,13 @@ def _whole(
 ) -> MotionCheck:
     """The worst of all, times shifted to those of the cycle."""
     worst: dict[str, Worst] = {}
-    violations = [*jumps]
+    violations = [*map(statement, jumps)]
     contacts: ContactMargins | None = None
     for name, check, begin in zip(names, checks, begins, strict=True):
         own = {w.name: _placed(w, name, float(begin)) for w in check.worst.values()}
-        broken = [w.violation for w in own.values() if w.violation]
-        known = {w.violation for w in check.worst.values()}
-        others = [text for text in check.violations if text not in known]
-        violations += [*broken, *(f"{text} (segment {name})" for text in others)]
+        others = [w for w in check.violations if not w.name]
+        violations += [w for w in own.values() if w.broken]
+        violations += [replace(w, detail=f"{w.detail} (segment {name})") for w in others]
         for key, found in own.items():
             if key not in worst or found.excess > worst[key].excess:
                 worst[key] = found

@@ -21,9 +21,10 @@ from ocptip.motion.stops.cancels import SafeDecelerations, safe_decelerations
 from ocptip.motion.stops.rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
 from ocptip.motion.stops.tables import CLOSE, BrakeTable, CancelTable, JointTable, PathTable
 from ocptip.motion.task import MotionTask
-from ocptip.motion.violations import stated
+from ocptip.motion.violations import stated, statement
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
@@ -41,8 +42,8 @@ class Stops:
     Attributes:
         kinds: which scenarios were checked, see `SCENARIOS`.
         verified: no stop breaks a limit.
-        violations: one sentence per broken limit of stops in which every joint stops by itself (those along
-            the path are in the check).
+        violations: broken limits of stops in which every joint stops by itself (those along the path are in
+            the check).
         unknown: what breaks limits only with brake torques that were assumed; empty: nothing.
         worst: by scenario ("path", "brakes", "cancel"), plain data with units in the keys: `GN`, `GT`,
             `begun_s`, `after_s`, ...
@@ -56,7 +57,7 @@ class Stops:
 
     kinds: Kinds
     verified: bool
-    violations: tuple[str, ...]
+    violations: tuple[Worst, ...]
     worst: dict[str, dict[str, Any]]
     times: np.ndarray
     speeds: dict[str, np.ndarray]
@@ -64,7 +65,7 @@ class Stops:
     curve: np.ndarray | None
     assumed: tuple[str, ...]
     decelerations: SafeDecelerations | None = None
-    unknown: tuple[str, ...] = ()
+    unknown: tuple[Worst, ...] = ()
 
     @property
     def found(self) -> list[str]:
@@ -151,8 +152,8 @@ def check_stops(
             decelerations = safe_decelerations(robot, motion, limits, full, **how)
     assumed = rules.guessed and limits.brakes is None  # then what breaks a limit may not in truth
     broken = {kind: table.violations() for kind, table in tables.items()}
-    unknown = [lacking] if lacking else broken.pop("brakes", []) if assumed else []
-    violations = [text for texts in broken.values() for text in texts]
+    unknown = [statement(lacking)] if lacking else broken.pop("brakes", []) if assumed else []
+    violations = [one for every in broken.values() for one in every]
     kept = all(worst.excess <= CLOSE for name, worst in checked.worst.items() if of_stops(name))
     return Stops(
         kinds=kinds,

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.violations import statement
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limit_kinds.nominal import of_object
 from ocptip.standing.limits import WITHIN_OF, Limits
 from ocptip.standing.margins import Margins
@@ -201,7 +203,7 @@ class PathTable:
             found["tipping_margin_Nm"] = moment_at(found["GN"], footing.tip_over.reference_moment)
         return found
 
-    def violations(self) -> list[str]:
+    def violations(self) -> list[Worst]:
         """None: the check says so."""
         return []
 
@@ -299,18 +301,19 @@ class JointTable(ABC):
         """Further entries, and those of the worst stop."""
         return {}
 
-    def violations(self) -> list[str]:
-        """One sentence per broken limit."""
-        rule, found, texts = self._rule, self._found, self._own_violations()
+    def violations(self) -> list[Worst]:
+        """The broken limits."""
+        rule, found, further = self._rule, self._found, self._own_violations()
         over, joint = found.outside
         if over > CLOSE:
             turns = self._robot.units[joint] == "rad"
             off = f"{np.degrees(over):.3g} deg" if turns else f"{1e3 * over:.3g} mm"
-            texts.append(f"{self._robot.names[joint]} leaves its limits by {off}")
+            further.append(statement(f"{self._robot.names[joint]} leaves its limits by {off}"))
         if found.clearance < self._limits.clearance:
             gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
             where = found.collision_words(self._robot, self._times)
-            texts.append(f"clearance is {gap:.1f} mm in a {self.words}, {where}, must be >= {asked:.1f} mm")
+            values = round(gap, 1), np.nan, round(asked, 1)
+            further.append(Worst("clearance", *values, f", {where}", asked - gap, True, self.words, "mm"))
         contacts = []
         every = zip(self._robot.interfaces, ((self._times, found), *self._of_objects), strict=False)
         for number, (footing, (times, stops)) in enumerate(every):
@@ -319,11 +322,9 @@ class JointTable(ABC):
                 i = int(np.argmax(values))
                 if not values[i] <= limit:
                     result = of_object(name, footing.name) if number else name
-                    contacts.append(
-                        f"{result} is {values[i]:.4g} in a {self.words} begun at {times[i]:.4f} s, "
-                        f"must be <= {limit:.4g}"
-                    )
-        return [*contacts, *texts] if not self._in_check else texts
+                    value, begun = float(values[i]), float(times[i])
+                    contacts.append(Worst(result, value, begun, limit, "", value - limit, False, self.words))
+        return [*contacts, *further] if not self._in_check else further
 
     @property
     @abstractmethod
@@ -331,8 +332,8 @@ class JointTable(ABC):
         """The check of the motion says which limits of the contacts are broken."""
 
     @abstractmethod
-    def _own_violations(self) -> list[str]:
-        """Sentences on limits that only this scenario has."""
+    def _own_violations(self) -> list[Worst]:
+        """Broken limits that only this scenario has."""
 
 
 class BrakeTable(JointTable):
@@ -354,12 +355,12 @@ class BrakeTable(JointTable):
     def _more(self, i: int) -> dict[str, Any]:
         return {"brake_torques": self._found.torques[i].tolist()}
 
-    def _own_violations(self) -> list[str]:
-        rests, texts = self._found.rests, []
+    def _own_violations(self) -> list[Worst]:
+        rests, texts = self._found.rests, self._too_weak()
         if not np.isfinite(rests).all() and not self._limits.brakes:
             i = int(np.argmax(rests))
-            texts.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
-        return texts + self._too_weak()
+            texts = [f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest", *texts]
+        return [statement(text) for text in texts]
 
     def _too_weak(self) -> list[str]:
         """The brake that holds the smallest share of the torque at rest, if that is below 1; else empty."""
@@ -426,25 +427,19 @@ class CancelTable(JointTable):
             **{f"{name[:2]}_worst_case{name[2:]}": at.to_dict() for name, at in self._within.items()},
         }
 
-    def _own_violations(self) -> list[str]:
-        texts, cancel, found = [], self._cancel, self._found
+    def _own_violations(self) -> list[Worst]:
+        broken, cancel, found = [], self._cancel, self._found
         for name, at in {} if self._in_check else self._within.items():
             if at.most > (limit := getattr(self._limits, WITHIN_OF[name[:2]])):
-                texts.append(
-                    f"{name} is {at.most:.4g} in a cancel begun at {at.time:.4f} s within the uncertainty "
-                    f"({at.how}), must be <= {limit:.4g}"
-                )
+                how = f" within the uncertainty ({at.how})"
+                broken.append(Worst(name, at.most, at.time, limit, how, at.most - limit, False, self.words))
         i = int(np.argmax(found.drives))
         if found.drives[i] > 1 + CLOSE:
-            texts.append(
-                f"a drive needs {100 * found.drives[i]:.0f} % of its torque limit in a cancel begun at "
-                f"{self._times[i]:.4f} s"
-            )
+            needs = f"a drive needs {100 * found.drives[i]:.0f} % of its torque limit"
+            broken.append(statement(f"{needs} in a cancel begun at {self._times[i]:.4f} s"))
         i = int(np.argmax(found.rests))
         longest = float(found.rests[i]) + cancel.reaction
         if longest > cancel.longest and not self._in_check:
-            texts.append(
-                f"a cancel begun at {self._times[i]:.4f} s takes {longest:.3g} s, must be <= "
-                f"{cancel.longest:.3g} s"
-            )
-        return texts
+            takes = f"takes {longest:.3g} s, must be <= {cancel.longest:.3g} s"
+            broken.append(statement(f"a cancel begun at {self._times[i]:.4f} s {takes}"))
+        return broken

@@ -45,16 +45,19 @@ InstantAt = Callable[[float], Instants]
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst instant of one quantity.
+    """The worst instant of one quantity; where its limit is broken, a violation.
 
     Attributes:
-        name: of the quantity.
+        name: of the quantity; empty: `detail` states in words what is broken and has no value.
         value: in the quantity's unit.
         time: s; NaN where it is of the whole motion.
         limit: what it is compared with.
         detail: where or what, e.g. "joint 2".
         excess: by how much the limit is broken; negative where it is kept.
         least: the limit is a minimum, not a maximum.
+        scenario: what was begun at that time, "cancel"; empty: the motion itself. Then `detail` follows the
+            time in sentences.
+        unit: in which sentences give value and limit; empty: that of the name.
     """
 
     name: str
@@ -64,19 +67,13 @@ class Worst:
     detail: str
     excess: float
     least: bool = False
+    scenario: str = ""
+    unit: str = ""
 
     @property
-    def violation(self) -> str:
-        """One sentence; empty where the limit is kept."""
-        if self.excess <= TOLERANCE:
-            return ""
-        where = f" at {self.time:.4f} s" if np.isfinite(self.time) else ""
-        what = f" ({self.detail})" if self.detail else ""
-        sign = ">=" if self.least else "<="
-        value, limit = f"{self.value:.4g}", f"{self.limit:.4g}"
-        if value == limit:
-            value = f"{limit} {'-' if self.least else '+'} {self.excess:.1g}"
-        return f"{self.name} is {value}{where}{what}, must be {sign} {limit}"
+    def broken(self) -> bool:
+        """Whether the limit is broken."""
+        return not self.excess <= TOLERANCE  # NaN breaks it
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
