@@ -320,7 +320,7 @@ class RatedMotion:
         Raises:
             InputError: an animation of a platform, whose legs are not described.
         """
-        if Path(path).suffix.lower() not in pictures.animation.SUFFIXES:
+        if Path(path).suffix.lower() not in pictures.movie.SUFFIXES:
             return pictures.workspace.save_indices(self.robot, self.times, dict(self.values), Path(path))
         if self.bodies is None:
             raise InputError("has no legs to animate; describe a parallel robot", "", self.robot)

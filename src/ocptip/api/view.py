@@ -16,8 +16,9 @@ from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.read import only_inside, read_json, require_readable
 from ocptip.basics.write import versions, write_text
 from ocptip.contact.resting import solve_resting
-from ocptip.pictures.animation import SUFFIXES, Moving, plan_times, save_animation
+from ocptip.pictures.animation import Moving, plan_times, save_animation
 from ocptip.pictures.browser.view import HERE, Show, motion_show, pose_show, scene_show, serve, to_html
+from ocptip.pictures.movie import require_format
 from ocptip.placement.output import PLACEMENT
 from ocptip.placement.problem import PlacementProblem
 from ocptip.reserves.equal_compliance import reported_slip
@@ -90,7 +91,7 @@ class View:
         return f"<View {self.name}>"
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a page (.html) or an animation (.gif, .mp4 where ffmpeg is installed); returns its path.
+        """Write a page (.html) or an animation (.gif, .mp4); returns its path.
 
         A page of an arm is in three dimensions; the other files show bodies as lines.
 
@@ -98,9 +99,7 @@ class View:
             InputError: another ending, or an animation of what stands still.
         """
         path = Path(path)
-        if path.suffix.lower() not in SUFFIXES:
-            raise InputError(f"expected a file name ending in .html, .gif or .mp4, got {str(path)!r}")
-        if path.suffix.lower() == ".html" and not self.has_platform:
+        if require_format(path) == ".html" and not self.has_platform:
             write_text(path, self.html)
             return path
         if not self.plans:

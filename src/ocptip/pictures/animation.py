@@ -6,7 +6,6 @@ Bodies are lines in an oblique view, which shows arms and closed chains alike.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
-from ocptip.basics.write import MARK
 from ocptip.pictures import style
-from ocptip.pictures.browser.view import FRAMES, sampled_parts, shared_forces
-from ocptip.pictures.frame import hull, new_figure
-from ocptip.pictures.sketch import BASE, GROUND, PATH, ROBOT, view_of
+from ocptip.pictures.browser.view import sampled_parts, shared_forces
+from ocptip.pictures.frame import drawn, new_figure
+from ocptip.pictures.movie import frame_times, require_format, speed_of, speed_text, write_movie
+from ocptip.pictures.sketch import GROUND, PATH, ROBOT, draw_base, view_of
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
 from ocptip.standing.samples import MotionSamples
@@ -27,13 +25,10 @@ from ocptip.standing.samples import MotionSamples
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SUFFIXES = (".gif", ".mp4", ".html")
-RATE = 20  # frames per second
-_MOST = min(FRAMES, 150)  # frames
 _DPI, _WIDTH, _VIEW, _PANEL = 80, 5.0, 4.2, 1.3  # pixels per inch; inches
-_HELD = 12  # frames: how long the last one is shown
 _TALL = 0.35  # height of the arrow for the whole weight, over the size of the picture
 _CURVES = 3  # at most
+_CURVE = 5  # instants of curves per frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,55 +112,43 @@ class Moving:
 
 
 def plan_times(*plans: Sequence[Part]) -> np.ndarray:
-    """Times (T,), s, of the frames of plans that begin together."""
-    end = max(parts[-1].end for parts in plans)
-    return np.append(np.arange(0.0, end, max(1 / RATE, end / _MOST)), end)
+    """Times (T,), s, for plans that begin together: of the frames, and for curves between them."""
+    return frame_times(max(parts[-1].end for parts in plans), finer=_CURVE)
 
 
 def save_animation(shown: Sequence[Moving], path: str | os.PathLike[str]) -> Path:
     """Write an animation of mechanisms side by side, all with as many instants; returns its path.
 
+    Of instants that are closer than frames the nearest to each frame are shown.
+
     Raises:
         InputError: another ending than .gif, .mp4 or .html, or ffmpeg is missing for .mp4.
         OSError: the file cannot be written.
     """
-    from matplotlib import animation, rc_context
-
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"expected a file name ending in .gif, .mp4 or .html, got {str(path)!r}")
-    if suffix == ".mp4" and not animation.FFMpegWriter.isAvailable():
-        raise InputError(".mp4: needs the program ffmpeg; write a .gif or .html, or install it")
-    count = len(shown[0].times)
-    span = float(shown[0].times[-1] - shown[0].times[0])
-    rate: Any = float(np.clip((count - 1) / span, 1.0, RATE)) if span > 0 else RATE
-    writers = {".gif": animation.PillowWriter, ".mp4": animation.FFMpegWriter}
-    if suffix == ".html":
-        writer: Any = animation.HTMLWriter(fps=rate, embed_frames=True, default_mode="loop")
-    else:
-        writer = writers[suffix](fps=rate, metadata={"comment": MARK})
+    require_format(path)
+    times = shown[0].times
+    span = float(times[-1] - times[0])
+    instants = times[0] + frame_times(span)
+    rows = np.abs(times - instants[:, None]).argmin(axis=1)
     figure = new_figure(_WIDTH * len(shown), _VIEW + _PANEL * max(len(_drawn(one)) for one in shown))
     columns = [_MovingView(figure, number, len(shown), own) for number, own in enumerate(shown)]
     for label in set.intersection(*(set(one.panels) for one in columns)):  # one scale side by side
         ends = [one.panels[label].get_ylim() for one in columns]
         for one in columns:
             one.panels[label].set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
-    if any(own.ground is not None for own in shown):
-        style.note(figure, "green: contact forces; red: nearest tipping axis; magenta: zero-moment point")
+    colors = "green: contact forces; red: nearest tipping axis; magenta: zero-moment point; "
+    played = speed_text(speed_of(span)) if span > 0 else "stands still"
+    style.note(figure, f"{colors if any(own.ground is not None for own in shown) else ''}{played}")
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # panels stay where they are
-    with tempfile.TemporaryDirectory(dir=path.resolve().parent, prefix=".ocptip-") as folder:
-        made = Path(folder) / f"animation{suffix}"
-        with rc_context({"animation.embed_limit": 200.0}), writer.saving(figure, str(made), _DPI):
-            for k in [*range(count), *[count - 1] * (_HELD if suffix != ".html" else 0)]:
-                for column, own in zip(columns, shown, strict=True):
-                    column.show(k, f"{own.name}\n{own.text(k)}")
-                writer.grab_frame()
-        if suffix != ".mp4":  # which has it as metadata; readers of GIF stop before it
-            with made.open("ab") as stream:
-                stream.write(f"\n<!-- {MARK} -->\n".encode())
-        os.replace(made, path)
+
+    def frame(k: int) -> Any:
+        for column, own in zip(columns, shown, strict=True):
+            column.show(k, f"{own.name}\n{own.text(k)}")
+        return drawn(figure, _DPI)
+
+    write_movie(path, [frame(int(k)) for k in rows], " and ".join(own.name for own in shown))
     return path
 
 
@@ -236,10 +219,7 @@ class _MovingView:
     def _stand(self, ax: Any, own: Moving, ground: CarriedBy, size: float) -> None:
         """Support polygon, base, contact forces, tipping axis, zero-moment point."""
         flat = ground.contacts @ self._axes.T
-        self._polygon = ax.fill(*flat[hull(ground.contacts[:, :2])].T, fc=GROUND, ec="none", zorder=0)[0]
-        root = np.mean([lines[0] for lines in own.bodies[0][:1]], axis=0)
-        for foot in flat:
-            ax.plot(*np.array([foot, root @ self._axes.T]).T, color=BASE, lw=1.6, zorder=1)
+        self._polygon = draw_base(ax, self._axes, ground.contacts, own.bodies[0])
         self._scale = _TALL * size / max(ground.weight, 1e-9)
         arrow = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.008, "zorder": 3}
         zero = np.zeros(len(flat))
@@ -250,8 +230,8 @@ class _MovingView:
     def show(self, k: int, title: str) -> None:
         """Show instant k."""
         own, ground = self._own, self._own.ground
-        for drawn, line in zip(self._bodies, own.bodies[k], strict=True):
-            drawn.set_data(*(line @ self._axes.T).T)
+        for artist, line in zip(self._bodies, own.bodies[k], strict=True):
+            artist.set_data(*(line @ self._axes.T).T)
         for cursor in self._cursors:
             cursor.set_xdata([own.times[k]] * 2)
         self._title.set_text(title)

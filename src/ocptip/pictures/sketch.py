@@ -60,11 +60,7 @@ def draw_postures(
     margin = 0.08 * float(np.max(high - low)) + 1e-3
     for ax, (title, _), lines in zip(panels, postures, bodies, strict=True):
         flat = contacts @ axes.T
-        outline = hull(contacts[:, :2])
-        ax.fill(*flat[outline].T, fc=GROUND, ec="none", zorder=0)
-        above = np.mean(_roots(lines), axis=0)
-        for foot in contacts:
-            ax.plot(*(np.array([foot, above]) @ axes.T).T, color=BASE, lw=1.6, zorder=1)
+        draw_base(ax, axes, contacts, lines)
         for k, foot in enumerate(flat):
             ax.plot(*foot, marker="s", ms=5, color=member(k)["color"], zorder=3, gid=f"foot-{k + 1}")
         if len(axis) == 2:
@@ -92,7 +88,15 @@ def draw_postures(
     _scale(panels[0], low, high, margin)
 
 
-def _roots(lines: list[np.ndarray]) -> list[np.ndarray]:
+def draw_base(ax: Any, axes: np.ndarray, contacts: np.ndarray, bodies: Sequence[np.ndarray]) -> Any:
+    """Draw the base as lines from its contacts (n, 3) to where bodies begin; returns the support polygon."""
+    above = np.mean(_roots(bodies), axis=0)
+    for foot in contacts:
+        ax.plot(*(np.array([foot, above]) @ axes.T).T, color=BASE, lw=1.6, zorder=1)
+    return ax.fill(*(contacts[hull(contacts[:, :2])] @ axes.T).T, fc=GROUND, ec="none", zorder=0)[0]
+
+
+def _roots(lines: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Where bodies begin at the base: points from which lines go, and to which none leads."""
     ends = [line[-1] for line in lines if not np.allclose(line[0], line[-1], atol=1e-9)]
     return [line[0] for line in lines if not any(np.allclose(line[0], end, atol=1e-9) for end in ends)]

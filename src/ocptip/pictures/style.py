@@ -68,7 +68,7 @@ RING = {"marker": "o", "ms": 8, "mfc": "none", "mew": 1.8, "ls": "", "zorder": 6
 DIAMOND = {**RING, "marker": "D", "ms": 7}
 
 TEXT = {"fontsize": 8.5}
-_WRAPPED = 8.6  # characters of a line of a title per inch of the figure
+_WRAPPED, _WRAPPED_NOTE = 8.6, 14.0  # characters of a line of a title, a note, per inch of the figure
 
 
 def member(number: int) -> dict[str, Any]:
@@ -98,8 +98,9 @@ def head(figure: Any, title: str, below: str = "", color: str = "black") -> None
 
 
 def note(figure: Any, text: str) -> None:
-    """A line below all panels: what lines mean that no legend names."""
-    figure.supxlabel(text, fontsize=8.5, color=NOTE)
+    """Text below all panels: what lines mean that no legend names."""
+    lines = textwrap.wrap(text, int(_WRAPPED_NOTE * figure.get_figwidth()))
+    figure.supxlabel("\n".join(lines), fontsize=8.5, color=NOTE)
 
 
 def mark_events(ax: Any, times: Iterable[float]) -> None:

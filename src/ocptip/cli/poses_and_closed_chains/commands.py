@@ -64,7 +64,7 @@ COMMANDS = (
                     "--plot",
                     "FILE",
                     "draw the indices into a .png, .pdf or .svg file; with --along also an animation of the "
-                    "bodies: .gif, .html, or .mp4 by ffmpeg",
+                    "bodies: .gif, .html, or .mp4",
                 ),
             ),
             group(

@@ -51,7 +51,7 @@ COMMANDS = (
             argument("what", "PLAN_DIR|SCENE.toml|PLACE_DIR", "folder of a plan or a placement, or a scene"),
             argument("second", "PLAN_DIR", "a second plan, shown beside the first as a ghost", nargs="?"),
             argument("--html", "FILE", "write one self-contained page (default: serve it locally)"),
-            argument("--movie", "FILE", "write an animation of one or two plans: .gif, or .mp4 by ffmpeg"),
+            argument("--movie", "FILE", "write an animation of one or two plans: .gif, or .mp4"),
             argument("--task", "TASK.toml", "task file of a placement"),
         ),
         files=("html", "movie"),
