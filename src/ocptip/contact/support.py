@@ -23,6 +23,7 @@ from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.contact.tables import packed
 from ocptip.numerics.inertia import symmetric_matrix, why_impossible
+from ocptip.numerics.vectors import cross
 
 STANDARD_GRAVITY = 9.81
 LARGEST_WRENCH = LARGEST**2
@@ -243,7 +244,7 @@ class Support:
 def moments_of(arm: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Moments arm x force of forces (N, d), shape (N, 3), or (N, 1) in the plane (from x to y)."""
     if len(arm) == 3:
-        return np.cross(arm, forces)
+        return cross(arm, forces)
     return (arm[0] * forces[:, 1] - arm[1] * forces[:, 0])[:, None]
 
 

@@ -28,6 +28,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
+from ocptip.numerics.vectors import cross
 from ocptip.reserves.force_sets import ForceLimits, ForceSets
 from ocptip.reserves.minimax import ConeBatch
 
@@ -253,7 +254,7 @@ def _twist(support: Support, axis: TippingAxis) -> np.ndarray:
     if support.dimension == 2:
         turn = axis.direction[0]
         return np.array([-turn * lever[1], turn * lever[0], turn])
-    return np.concatenate([np.cross(axis.direction, lever), axis.direction])
+    return np.concatenate([cross(axis.direction, lever), axis.direction])
 
 
 def _preload(lift: np.ndarray, sets: ForceSets) -> float:
@@ -321,7 +322,7 @@ def _spatial_axes(
         arms = positions - positions[i]
         along = arms @ e
         on_line = np.linalg.norm(arms - np.outer(along, e), axis=1) <= tolerance
-        lift = np.einsum("kd,kd->k", normals, np.cross(e, arms))
+        lift = np.einsum("kd,kd->k", normals, cross(e, arms))
         lift[on_line | (np.abs(lift) <= tolerance)] = 0.0
         along = np.where(on_line, along, np.nan)
         first = int(np.flatnonzero(along <= np.nanmin(along) + tolerance)[0])

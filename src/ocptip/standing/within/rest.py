@@ -26,6 +26,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import margin_text, quantity, towards
 from ocptip.contact.support import Load, Support
 from ocptip.numerics.inertia import RigidBody
+from ocptip.numerics.vectors import cross
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.tipping import TipMap, TipOver, moment_at
 from ocptip.standing.at_rest.slope import Weight, fixed_and_hanging
@@ -375,14 +376,14 @@ class RestCase:
         shifts = np.zeros_like(self._half)
         for _ in range(ROUNDS):
             shifts = self._shifted(force, moment, masses, gravity)
-            per_mass = force + np.cross(moment, self._centers + shifts)
+            per_mass = force + cross(moment, self._centers + shifts)
             masses = self._masses + np.where(per_mass @ gravity > 0, self._less, self._more)
             if self._tolerance.tilt:
                 slope = masses @ per_mass
                 gravity = self._gravity + least_tilt(slope[None], self._gravity, self._tolerance.tilt)[0]
         pushes = np.zeros((len(self._pushes), 3))
         for k, push in enumerate(self._pushes):
-            slope = force + np.cross(moment, self._point(push, shifts))
+            slope = force + cross(moment, self._point(push, shifts))
             size = np.linalg.norm(slope)
             pushes[k] = -push.size * slope / size if size > 0 else 0.0
         return Off(masses, shifts, gravity, pushes)
@@ -391,13 +392,13 @@ class RestCase:
         self, force: np.ndarray, moment: np.ndarray, masses: np.ndarray, gravity: np.ndarray
     ) -> np.ndarray:
         """Shifts (K, 3) of the centres that are worst with these masses and pushes along the gradient."""
-        pull = masses[:, None] * np.cross(gravity, moment)  # a_M . (d x g) = d . (g x a_M)
+        pull = masses[:, None] * cross(gravity, moment)  # a_M . (d x g) = d . (g x a_M)
         least = _SAME * self._size * np.linalg.norm(moment) * np.abs(masses)[:, None]
         shifts = np.where(np.abs(pull) > least, -np.sign(pull) * self._half, 0.0)
         for push in self._pushes:
             if (k := push.weight) is not None:
                 corners = _CORNERS * self._half[k]
-                arms = force + np.cross(moment, push.point + corners)
+                arms = force + cross(moment, push.point + corners)
                 values = corners @ pull[k] - push.size * np.linalg.norm(arms, axis=1)
                 near = values.min() + _SAME * np.abs(values).max()
                 shifts[k] = corners[np.argmax(values <= near)]  # what does not matter stays in the middle
@@ -414,7 +415,7 @@ class RestCase:
             points = np.array([self._point(push, off.shifts) for push in self._pushes]).reshape(-1, 3)
             centers = self._centers + off.shifts
             force = off.masses.sum() * off.gravity + off.pushes.sum(axis=0)
-            moment = np.cross(off.masses @ centers, off.gravity) + np.cross(points, off.pushes).sum(axis=0)
+            moment = cross(off.masses @ centers, off.gravity) + cross(points, off.pushes).sum(axis=0)
             found.append(self._fixed + np.concatenate([force, moment]))
         return np.array(found)
 
