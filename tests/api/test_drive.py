@@ -17,6 +17,7 @@ from ocptip.contact.verdict import equilibrium
 from ocptip.standing.at_rest.stow_pose import StowSearch
 from ocptip.standing.limits import Limits
 from tests.places import EXAMPLES
+from tests.quick import some
 
 G = 9.81
 TASK = EXAMPLES / "tasks/ur5_cart.toml"
@@ -81,7 +82,7 @@ def test_parameters_for_navigation_hold_together(envelope):
     assert 0 < sideways["max_accel"][1] < envelope.limit("left")
 
 
-@pytest.mark.parametrize("heavy", [False, True])
+@pytest.mark.parametrize("heavy", some(1, [False, True]))
 def test_reverse_is_allowed_only_where_the_same_limits_hold_backwards(tmp_path, heavy):
     """The cart brakes unlike it accelerates, for its arm; one that is far heavier than the arm does alike."""
     file, text = tmp_path / "cart.toml", TASK.read_text(encoding="utf-8")

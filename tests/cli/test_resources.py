@@ -61,7 +61,7 @@ def test_few_open_files(few):
 
 
 @posix
-@pytest.mark.parametrize("mebibytes", [250, 500])
+@pytest.mark.parametrize("mebibytes", some(1, [250, 500]))
 def test_little_memory(mebibytes):
     code, out, err = ocptip("stand", SCENE, limits=[("RLIMIT_AS", mebibytes * 2**20)])
     said = f"ocptip: out of memory; this process may have {mebibytes} MiB (ulimit -v)\n"

@@ -79,7 +79,7 @@ def planar_pair(rng, kinds):
     return Support(contacts, mass=60.0, center_of_mass=[0.0, 0.6], inertia=rng.uniform(0.5, 6.0))
 
 
-@pytest.mark.parametrize("seed", some(2, range(4)))
+@pytest.mark.parametrize("seed", some(1, range(4)))
 def test_a_solution_is_found_exactly_where_brute_force_finds_one(seed):
     rng = np.random.default_rng([5, seed])
     for _ in range(12):
@@ -94,7 +94,7 @@ def test_a_solution_is_found_exactly_where_brute_force_finds_one(seed):
                 assert state.states.law_violation()[0] < 1e-8
 
 
-@pytest.mark.parametrize("seed", some(2, range(4)))
+@pytest.mark.parametrize("seed", some(1, range(4)))
 def test_a_motion_is_found_exactly_where_brute_force_finds_one(seed):
     rng = np.random.default_rng([6, seed])
     seen = set()

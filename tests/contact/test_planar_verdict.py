@@ -133,7 +133,7 @@ def true_cone_violation(support, state):
     return worst / np.max(np.abs(state.wrench))
 
 
-@pytest.mark.parametrize("n", some(2, [4, 12, 6, 8, 16]))
+@pytest.mark.parametrize("n", some(1, [4, 12, 6, 8, 16]))
 def test_counterexamples_obey_the_laws_with_true_cones(n):
     rng = np.random.default_rng([3, n])
     seen = 0

@@ -104,7 +104,7 @@ def test_derivatives_of_the_planners_loads(axes):
         np.testing.assert_allclose(bend[:, column], slopes, atol=1e-4)
 
 
-@pytest.mark.parametrize("axes", ["tool", "base"])
+@pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_a_certificate_encloses_what_samples_show(axes):
     task, bare = case("A", axes)
     robot, motion, limits = task.robot, task.reference, Limits(tolerance=SMALL)
@@ -148,7 +148,7 @@ def test_loads_at_rest_and_what_is_tolerated_count_it_once():
     np.testing.assert_allclose(parts.total(speed=1.3), robot.loads(q, 1.3 * qd, 1.69 * qdd)[1], atol=1e-9)
 
 
-@pytest.mark.parametrize("axes", ["tool", "base"])
+@pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_forces_are_those_of_a_simulation(axes):
     """MuJoCo with a free base and an actuator at the gripper; without the process they are 4 N off."""
     pytest.importorskip("mujoco")
@@ -268,7 +268,7 @@ def varying(over, knots, axes="tool"):
     return ProcessWrench(*rng.normal(size=(2, len(knots), 3)) * 3, axes, over, knots)
 
 
-@pytest.mark.parametrize("axes", ["tool", "base"])
+@pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_a_process_over_time_is_at_every_instant_the_constant_one(axes):
     task, bare = case("A", axes)
     motion = task.reference
@@ -321,7 +321,7 @@ def test_shares_and_ways_become_times():
         np.testing.assert_allclose(mine, exact, atol=1e-3)
 
 
-@pytest.mark.parametrize("over", ["time", "share", "path"])
+@pytest.mark.parametrize("over", some(1, ["time", "share", "path"]))
 def test_what_is_tolerated_knows_one_that_varies(over):
     """Wrenches are those of the robot's loads; deviations are lost at the brink only, by these loads."""
     task, bare = case("A")

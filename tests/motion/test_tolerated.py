@@ -35,7 +35,7 @@ def values(robot, motion):
 
 @pytest.mark.parametrize(
     ("case", "degrees"),
-    some(2, [("A", 9.1), ("H", 0.45), ("B", 2.05), ("D", 9.3), ("E", 1.65), ("G", 8.4)]),
+    some(1, [("A", 9.1), ("H", 0.45), ("B", 2.05), ("D", 9.3), ("E", 1.65), ("G", 8.4)]),
 )
 def test_tilts_at_rest_are_those_of_statics_by_hand(case, degrees):
     """Effective base; figures of the specification, to two digits."""

@@ -46,7 +46,7 @@ def drift(duration, step=0.001):
     return np.abs(total - total[0]).max() / path.energy[:, 0].max(), path
 
 
-@pytest.mark.parametrize("name", some(4, ["3T2R", "spherical", "driven behind", *READY_MADE, *MECHANISMS]))
+@pytest.mark.parametrize("name", some(2, ["spherical", *READY_MADE, "3T2R", "driven behind", *MECHANISMS]))
 def test_compiled_dynamics_are_the_numeric_ones(name):
     robot = ParallelRobot(READY_MADE[name]()) if name in READY_MADE else robot_for(name)
     equations, rng = CompiledDynamics(robot, robot.description.home), np.random.default_rng(1)

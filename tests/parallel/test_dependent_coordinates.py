@@ -17,6 +17,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
 from ocptip.task_files.parallel import read_parallel_robot
 from tests.oracles.parallel_routes.forces import forces_by
+from tests.quick import some
 
 ROBOTS = Path(ocptip.__file__).parent / "examples" / "robots"
 MECHANISMS = {  # mobility, redundant closures
@@ -157,7 +158,7 @@ def test_motor_forces_by_every_route_and_mujoco(name):
         np.testing.assert_allclose(robot.forward_dynamics(z, s, own.motors), sd, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", some(2, MECHANISMS))
 def test_simulation_agrees_with_mujoco(name):
     robot = robot_of(name)
     twin = MuJoCo(robot)

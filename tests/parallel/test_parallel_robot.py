@@ -18,7 +18,7 @@ from tests.oracles.parallel_routes.multipliers import accelerations
 from tests.parallel.parallel_cases import KIND_NAMES
 from tests.parallel.parallel_examples import extra_leg, five_axes, redundant_leg, spu6
 from tests.parallel.parallel_twin import random_robot, relative, rod_delta
-from tests.quick import examples
+from tests.quick import examples, some
 
 ROBOTS = {name: ParallelRobot(make()) for name, make in READY_MADE.items()}
 
@@ -198,7 +198,7 @@ def test_power_balance(kind):
     assert slope == pytest.approx(power, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", some(2, ROBOTS))
 def test_free_fall_keeps_the_energy(name):
     robot = ROBOTS[name]
     start = 0.3 * np.random.default_rng(2).uniform(-1, 1, robot.m)
@@ -279,7 +279,7 @@ def test_characteristic_length_is_the_radius_of_the_platform():
     assert home.to_dict()["singular"] == []
 
 
-@pytest.mark.parametrize("kind", KIND_NAMES)
+@pytest.mark.parametrize("kind", some(3, KIND_NAMES))
 def test_generated_function_equals_the_reference(kind):
     robot, z, zd, zdd = random_robot(kind, 3)
     q = [leg.home for leg in robot.kinematics.legs]
@@ -298,7 +298,7 @@ def test_counts_and_base_parameters_are_reached_from_the_robot():
     assert robot.base_parameters("numeric").rank == 9
 
 
-@pytest.mark.parametrize("kind", KIND_NAMES)
+@pytest.mark.parametrize("kind", some(3, KIND_NAMES))
 def test_regressor_is_linear_and_equals_the_generated_one(kind):
     robot, z, zd, zdd = random_robot(kind, 5)
     q = [leg.home for leg in robot.kinematics.legs]

@@ -105,7 +105,7 @@ def test_best_sharing_and_verdict_are_those_of_a_cone_program(seed):
             assert slip.slip_ratio[i] == pytest.approx(least, abs=_AGREE)
 
 
-@pytest.mark.parametrize("seed", [1, 4, 6, 9, 13, 104, 106, 119])
+@pytest.mark.parametrize("seed", some(3, [1, 4, 6, 9, 13, 104, 106, 119]))
 def test_gradient_is_that_of_the_cone_program(seed):
     support, wrenches = random_case(seed)
     wrench = wrenches[np.argmin([least_use(support, own) for own in wrenches])]

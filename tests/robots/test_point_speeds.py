@@ -26,6 +26,7 @@ from ocptip.trajectories.path_fit import path_of_motion
 from tests.certificate.test_find import _nod as nod
 from tests.motion.test_task import TWO_JOINTS, URDF
 from tests.places import UR5
+from tests.quick import some
 from tests.robots.pinocchio_twin import twin
 
 LATE = Uncertainty(delay=0.005, speed=0.02, friction=0.05)
@@ -76,7 +77,7 @@ def test_a_timing_of_a_path_keeps_the_limit_and_is_there_for_a_while(task):
     assert np.mean(robot.further(q, qd)[:, 0] > 0.249) > 0.3
 
 
-@pytest.mark.parametrize("name", ["tcp", "knee"])
+@pytest.mark.parametrize("name", some(1, ["tcp", "knee"]))
 def test_plans_and_timings_keep_limits_of_tcp_and_elbow(tmp_path, name):
     """Limits are three quarters of what the fastest motion has."""
     (tmp_path / "two.urdf").write_text(TWO_JOINTS, encoding="utf-8")

@@ -155,8 +155,7 @@ def test_a_rest_amid_a_motion_has_only_its_ends_as_events():
     np.testing.assert_array_equal(motion.event_times, [0, 1, 2, 6, 7, 8])
 
 
-@pytest.mark.parametrize("unit", ["deg", "rad"])
-@pytest.mark.parametrize("speeds", [True, False])
+@pytest.mark.parametrize(("unit", "speeds"), [("deg", True), ("rad", False)])
 def test_csv_in_either_unit(tmp_path, unit, speeds):
     motion = load_motion(write_csv(tmp_path / "m.csv", RAMP, 60, unit=unit, speeds=speeds))
     assert (motion.fit.speed_distance is not None) == speeds

@@ -13,6 +13,7 @@ from ocptip.parallel.description.entries import Parameter
 from ocptip.parallel.description.ready_made import READY_MADE, prrr4, ups6
 from ocptip.parallel.robot import ParallelRobot
 from tests.parallel.parallel_cases import error, golden
+from tests.quick import some
 
 
 def test_order_is_a_permutation():
@@ -51,7 +52,7 @@ def test_home_out_of_reach_falls_back_to_the_natural_order():
     assert elimination_order(dataclasses.replace(robot, legs=far)) == (0, 1, 2, 3)
 
 
-@pytest.mark.parametrize("name", ["4PRRR", "6UPS"])
+@pytest.mark.parametrize("name", some(1, ["4PRRR", "6UPS"]))
 def test_forces_at_home(name):
     robot = READY_MADE[name]()
     full = ParallelRobot(robot)

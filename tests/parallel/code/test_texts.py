@@ -159,7 +159,7 @@ def test_functions_that_call_others_are_written_out():
 
 
 ROBOTS = [*READY_MADE, *sorted(path.name for path in (EXAMPLES / "robots").glob("*.toml"))]
-LONG = {"sps6.toml"}  # its equations alone take seconds
+LONG = {"sps6.toml", "exechon.toml", "prs3.toml", "rps3.toml", "tricept.toml"}  # five_bar.toml is quick
 REFUSED = {"delta_parallelograms.toml": "leg 1 is branched or has closed loops"}
 
 

@@ -55,7 +55,7 @@ def assert_same_forces(description, other, tolerance=1e-9):
         assert relative(forces[1], forces[0]) < tolerance
 
 
-@pytest.mark.parametrize("name", list(READY_MADE))
+@pytest.mark.parametrize("name", some(2, list(READY_MADE)))
 def test_exported_robots_come_back(name, tmp_path):
     """The same rows, so the same closed forms and generated code; the same joint positions and forces."""
     robot = READY_MADE[name]()
@@ -176,7 +176,7 @@ def link_frame(model, q, name):
     return data.oMf[model.getFrameId(name, pin.FrameType.BODY)]
 
 
-@pytest.mark.parametrize("seed", some(2, range(8)))
+@pytest.mark.parametrize("seed", some(1, range(8)))
 def test_links_are_where_pinocchio_has_them(seed, tmp_path):
     rng = np.random.default_rng(seed)
     text, cuts, home = random_tree(rng)

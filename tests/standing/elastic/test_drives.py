@@ -212,7 +212,7 @@ def test_no_rise_time_is_named_where_nothing_rings():
     assert (stiff.modes, stiff.rise, stiff.peak.value) == ((), None, 0.0)
 
 
-@pytest.mark.parametrize("speeds", [False, True])
+@pytest.mark.parametrize("speeds", some(1, [False, True]))
 def test_samples_ring_as_the_ramps_do(speeds):
     robot, motion = plan_of("A")
     times = np.linspace(0, motion.end, 400)

@@ -180,7 +180,7 @@ def test_the_last_of_two_near_jumps_overshoots_alone(close_jumps):
     assert found.tip.value >= float(cases.tip_ratio(least)) > 1
 
 
-@pytest.mark.parametrize("seed", some(2, range(4)))
+@pytest.mark.parametrize("seed", some(1, range(4)))
 def test_no_admissible_delays_are_worse_than_the_check_says(close_jumps, seed):
     """Random motions with jumps close together; every joint late and overshooting by itself."""
     robot, motion = close_jumps
