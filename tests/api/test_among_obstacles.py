@@ -41,6 +41,7 @@ def test_a_motion_around_a_wall_is_proved(plan):
     assert plan.executions[0].controller == "cubic"
 
 
+@pytest.mark.slow
 def test_of_the_path_and_the_smoothed_one_the_better_motion_is_the_plan(plan):
     smooth = Plan.of(plan.planned, smooth=True)
     path = smooth.planned.options["path"]

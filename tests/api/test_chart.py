@@ -68,14 +68,14 @@ def test_the_seed_decides(chart):
 
 def test_text_files_and_json(tmp_path, capsys):
     folder = tmp_path / "chart"
-    arguments = ["chart", str(TASK), "--samples", "200", "--out", str(folder)]
+    arguments = ["chart", str(TASK), "--samples", "60", "--out", str(folder)]
     assert main(arguments) == 0
     text = capsys.readouterr().out
     head, *lines = text.splitlines()
     assert head.startswith(
         "kit arm on a tripod   LOAD CHART, static, within 'workshop' uncertainty (default)"
     )
-    assert head.endswith("of 200 postures, seed 0.")
+    assert head.endswith("of 60 postures, seed 0.")
     assert all(len(line) <= 80 for line in lines if not line.startswith("wrote"))
     assert main([*arguments, "--json"]) == 0  # replaces what it wrote
     answer = json.loads(capsys.readouterr().out)

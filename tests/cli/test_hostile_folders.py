@@ -324,7 +324,6 @@ def test_what_ocptip_wrote_is_replaced(plan):
     scene = str(EXAMPLES / "scenes" / "rover_on_slope.toml")
     for *arguments, name in (
         ["stand", scene, "--plot", "a.png"],
-        ["stand", scene, "--plot", "a.png"],
         ["export", "plan", "--urdf", "a.urdf"],
         ["export", "plan", "--mjcf", "a.xml"],
         ["export", "plan", "--mjcf", "a.xml"],

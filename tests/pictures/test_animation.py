@@ -58,7 +58,6 @@ def test_two_plans_side_by_side(tmp_path, few_frames, capsys):
     assert first.shape[1] == 800
     for half in (slice(0, 400), slice(400, 800)):  # both move
         assert np.abs(first[:, half] - second[:, half]).max() > 100
-    assert main(["view", str(tmp_path / "one"), "--movie", str(file)]) == 0  # its own file is replaced
     file.write_bytes(b"a holiday")
     assert main(["view", str(tmp_path / "one"), "--movie", str(file)]) == 2
 

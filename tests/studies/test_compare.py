@@ -57,6 +57,7 @@ def test_every_method_improves_and_says_what_it_did(short):
         assert r["status"]
 
 
+@pytest.mark.slow
 def test_energy_and_check_are_those_of_the_motion_written(short):
     _, records, _ = short
     r = records["A", 0, "nelder-mead"]
@@ -69,12 +70,14 @@ def test_energy_and_check_are_those_of_the_motion_written(short):
     assert r["inside_bounds"]
 
 
+@pytest.mark.slow
 def test_cma_gets_ten_times_the_time_of_ours(short):
     pytest.importorskip("cma")
     _, records, _ = short
     assert records["A", 0, "cma"]["limit_s"] == pytest.approx(10 * records["A", 0, "ours"]["cpu_s"])
 
 
+@pytest.mark.slow
 def test_rows_compare_with_ours_from_the_same_start(short):
     _, records, rows = short
     by_method = {row["method"]: row for row in rows}
@@ -91,6 +94,7 @@ def test_rows_compare_with_ours_from_the_same_start(short):
     assert row["times_longer"] == (pytest.approx(within[0] / 0.05) if within else None)
 
 
+@pytest.mark.slow
 def test_files_are_there_and_nothing_is_printed_but_the_table(short, capsys):
     out, _, _ = short
     for name in ("compare_energies.png", "compare_convergence.png", "compare_motions.png"):
@@ -103,6 +107,7 @@ def test_files_are_there_and_nothing_is_printed_but_the_table(short, capsys):
     assert len([line for line in printed.out.splitlines() if line.startswith("| A |")]) == 1
 
 
+@pytest.mark.slow
 def test_goes_on_after_a_kill_in_the_middle_of_a_line(short, tmp_path, monkeypatch):
     out, records, _ = short
     text = (out / "runs.jsonl").read_text()
@@ -121,6 +126,7 @@ def test_goes_on_after_a_kill_in_the_middle_of_a_line(short, tmp_path, monkeypat
     assert (tmp_path / "runs.jsonl").read_text() == text
 
 
+@pytest.mark.slow
 def test_other_settings_need_another_folder(short, capsys):
     out, _, _ = short
     assert study.main(command(out, "--methods", "nelder-mead", "--seed", "3")) == 1

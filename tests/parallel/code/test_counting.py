@@ -56,6 +56,7 @@ def test_motor_forces_stay_cheap(kind):
     assert count.others == 0
 
 
+@pytest.mark.slow
 def test_hexapod_stays_cheap():
     robot = golden("6UPS").robot
     force = lean_function(robot, form="X", dynpar=3).count

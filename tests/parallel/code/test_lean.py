@@ -142,7 +142,7 @@ def _power_functions():
     return lean_function(robot, ("tau", "M", "qd"), form="A"), ParallelRobot(robot)
 
 
-@pytest.mark.parametrize("kind", some(1, ["6UPS", "3RPR", "4PRRR"]))
+@pytest.mark.parametrize("kind", some(1, ["3RPR", "6UPS", "4PRRR"]))
 def test_drives_friction_and_external_wrench(kind):
     state = random_state(kind, 7)
     rng = np.random.default_rng(11)

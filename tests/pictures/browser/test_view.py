@@ -256,7 +256,7 @@ def test_view_of_a_scene(tmp_path, capsys):
 
 def test_view_of_a_placement(tmp_path, capsys):
     path = EXAMPLES / "tasks/place_incline.toml"
-    result = place(load_placement(path).problem, starts=1)
+    result = place(load_placement(path).problem, starts=1, samples=100)
     write_placement(tmp_path, result_to_dict("incline", result))
     assert main(["view", str(tmp_path), "--task", str(path), "--html", str(tmp_path / "p.html")]) == 0
     assert (tmp_path / "p.html").is_file()

@@ -5,6 +5,7 @@ from studies.indices.designs.optimal_platforms import ctn_optimal_main, ctn_opti
 from studies.indices.designs.optimal_search import classify, search_optimal
 
 
+@pytest.mark.slow
 def test_random_starts_find_no_third_family():
     """Every regular solution belongs to L_H or L_S, and both are found."""
     search = search_optimal(20, seed=1)

@@ -109,6 +109,7 @@ def test_no_ellipsoid_is_better_for_special_members(t):
     assert 0.8 * bound < found <= bound + 1e-9
 
 
+@pytest.mark.slow
 def test_six_legs_without_symmetry_that_are_optimal_and_isotropic_are_equal(tmp_path):
     found = anchor_ellipsoids.search(6, 1, True, np.random.default_rng(8))
     optimal = anchor_ellipsoids.search(6, 1, False, np.random.default_rng(5))

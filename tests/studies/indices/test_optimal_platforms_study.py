@@ -30,6 +30,7 @@ def test_every_family_is_checked(small):
         assert row["smallest_singular_value"] > 1e-6
 
 
+@pytest.mark.slow
 def test_search_and_workspaces_are_reported(small):
     _, data = small
     assert data["search"]["families"]["other"] == 0
@@ -61,6 +62,7 @@ def test_height_and_rotations_of_the_flight_simulator():
         assert values[120] == pytest.approx(0.687121499, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_files_are_written(small):
     out, data = small
     assert (out / "optimal_platforms_moved.png").stat().st_size > 50_000

@@ -60,6 +60,7 @@ def test_paths_are_smooth_and_start_and_end_at_rest(path):
     assert np.abs(zdd[[0, -1]]).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["delta", "hexapod"])
 def test_scenes_can_be_read_and_stand(small, name):
     out, _ = small

@@ -16,6 +16,7 @@ def _line(monkeypatch, capsys) -> list[str]:
     return lines[0].split()
 
 
+@pytest.mark.slow
 def test_energy_of_bodies_and_springs_stays(monkeypatch, capsys):
     name, drift, way, cpu = _line(monkeypatch, capsys)
     assert name == "five_bar"

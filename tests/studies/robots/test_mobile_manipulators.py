@@ -9,6 +9,7 @@ from tests.task_files.test_examples_of_init import cart, folded_arm, written
 pytest.importorskip("trimesh")
 
 
+@pytest.mark.slow
 def test_a_cart_goes_through_the_study(tmp_path, capsys):
     from studies.mobile_manipulators.run import main
 

@@ -48,6 +48,7 @@ def test_positions_integrate_from_accelerations_rest_to_rest(task, found):
     np.testing.assert_allclose(motion.inside(x)[0][:, 1], motion.angles[1:], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_energy_is_that_of_the_library_and_below_the_reference(task, found):
     case, robot = task
     edges = np.linspace(0, found.motion.duration, 6001)
@@ -59,6 +60,7 @@ def test_energy_is_that_of_the_library_and_below_the_reference(task, found):
     assert found.energy < 0.9 * robot.energy(case.reference_motion(limits.speed, limits.acceleration))
 
 
+@pytest.mark.slow
 def test_limits_hold_at_nodes_and_in_between(task, found):
     _, robot = task
     nodes = [x.reshape(-1, 6) for x in found.motion.inside(NODES)]

@@ -288,6 +288,7 @@ def test_slower_plan_has_as_much_more_headroom(study):
     assert ours["raised_m"] == pytest.approx(printed["raised_m"], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_study_tells_what_it_found(study):
     """5 % faster separates the contacts of B and C, as in the experiment; a clamp saves time."""
     out, data = study
