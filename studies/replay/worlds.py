@@ -27,7 +27,9 @@ def random_world(robot: Robot, tolerance: Uncertainty, rng: np.random.Generator,
     factors = [1 + tolerance.arm_mass * share() for _ in range(robot.arm.links)]
     low, high = tolerance.masses(robot.support.mass)[0], tolerance.masses(robot.support.mass)[-1]
     base = (low + high + (high - low) * share()) / 2 / robot.support.mass
-    held = [1 + tolerance.payload_mass * share()] if robot.payload else []
+    loads = bool(robot.without_objects().payload) + len(robot.carried)
+    held = [1 + tolerance.payload_mass * share() for _ in range(loads)]
+    shifts = [np.array(tolerance.payload_center) * share((3,)) for _ in robot.carried]
     return World(
         tilt=float(tolerance.tilt * (1 if corner else rng.random())),
         downhill=float(rng.uniform(-np.pi, np.pi)),
@@ -36,26 +38,32 @@ def random_world(robot: Robot, tolerance: Uncertainty, rng: np.random.Generator,
         speed=float(1 + tolerance.speed * share()),
         masses=tuple(float(f) for f in (base, *factors, *held)),
         late=tuple(float(x) for x in tolerance.delay * (1 + share((robot.n,))) / 2),
+        shifts=tuple(map(tuple, np.array(shifts).tolist())),
     )
 
 
 def worst_worlds(
-    robot: Robot, motion: Trajectory, tolerance: Uncertainty
+    robot: Robot,
+    motion: Trajectory,
+    tolerance: Uncertainty,
+    interface: int = 0,
+    instants: int = INSTANTS,
+    exact: int = EXACT,
 ) -> dict[str, tuple[World, str, float]]:
     """The worlds of the least moment about a tipping axis, N m, and of the greatest GT; name and value.
 
-    Without pushes.
+    Without pushes, of one of the robot's `interfaces`.
     """
-    cases = worst_case_of(robot, tolerance)
-    looked = on_time(motion, tolerance, np.linspace(0, motion.end, INSTANTS))
+    cases = worst_case_of(robot, tolerance, interface)
+    looked = on_time(motion, tolerance, np.linspace(0, motion.end, instants))
     looked = looked.joined(jump_states(motion, tolerance))
     s, times, max_delay = looked.s, looked.times, looked.max_delay
     estimated = cases.estimated_moments(s, max_delay)
-    rows, axes = np.unravel_index(np.argsort(estimated, axis=None)[:EXACT], estimated.shape)
+    rows, axes = np.unravel_index(np.argsort(estimated, axis=None)[:exact], estimated.shape)
     tip = cases.moments(s[rows], axes, max_delay=max_delay[rows])
     k = int(np.argmin(tip.values))
     found = {"tips": (rows[k], tip.theta[k], tip.values[k])}
-    rows = np.argsort(-cases.estimated_slip(s, max_delay))[:EXACT]
+    rows = np.argsort(-cases.estimated_slip(s, max_delay))[:exact]
     slip = cases.slip(s[rows], max_delay=max_delay[rows])
     k = int(np.argmax(slip.values))
     found["slips"] = (rows[k], slip.theta[k], slip.values[k])
@@ -78,8 +86,16 @@ def _world(own: Deviations, motion: Trajectory, state: np.ndarray, time: float, 
     gravity, change = robot.support.gravity, part.get("gravity", np.zeros(3))
     down, tilted = (x / np.linalg.norm(x) for x in (gravity, gravity + change))
     factors = [1 + part.get("base_mass", np.zeros(1)), 1 + part.get("arm_mass", np.zeros(robot.arm.links))]
-    if "payload_mass" in part:
-        factors.append(1 + part["payload_mass"])
+    shares, shifts = part.get("payload_mass", np.zeros(1)), np.zeros((len(robot.carried), 3))
+    if (carried := own.carried) is None:  # the base takes objects on the gripper as a part of the payload
+        factors.append(1 + np.full(bool(robot.without_objects().payload) + len(robot.carried), shares[0]))
+    else:
+        of_object = dict(zip(carried.bodies, 1 + shares, strict=True))
+        names = [one.object.name for one in robot.carried]
+        factors.append(np.ones(int(bool(robot.without_objects().payload))))
+        factors.append(np.array([of_object.get(name, 1.0) for name in names]))
+        rows = [names.index(name) for name in carried.bodies]
+        shifts[rows] = part.get("payload_center", np.zeros(3 * len(rows))).reshape(-1, 3)
     return World(
         tilt=float(np.arctan2(np.linalg.norm(np.cross(down, tilted)), down @ tilted)),
         downhill=float(np.arctan2(change[1], change[0])),
@@ -88,4 +104,5 @@ def _world(own: Deviations, motion: Trajectory, state: np.ndarray, time: float, 
         speed=float(np.sqrt(1 + part.get("speed", np.zeros(1))[0])),
         masses=tuple(np.concatenate(factors).tolist()),
         late=tuple(np.where(late, tolerance.delay, 0.0).tolist()),
+        shifts=tuple(map(tuple, shifts.tolist())),
     )

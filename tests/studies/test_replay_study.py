@@ -5,9 +5,16 @@ import pytest
 
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import WORKSHOP
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
+from studies.objects.replays import UNCERTAINTY, arrangements, text_of
 from studies.replay.run import CHUNK, FEET, markdown
 from studies.replay.tasks import on_feet, tasks
 from studies.replay.worlds import random_world, worst_worlds
+from tests.places import EXAMPLES
+
+START = np.array([1.2187, -2.374, -1.1654, 1.9687, -1.5708, 2.7895])  # the gripper points down
 
 
 @pytest.mark.parametrize("corner", [True, False])
@@ -38,6 +45,31 @@ def test_worst_worlds_are_the_tolerance_and_beyond():
     assert world.tilt == pytest.approx(1.1 * WORKSHOP.tilt)
     assert world.friction == pytest.approx(1 - 1.1 * 0.2)
     assert max(world.late) in (0.0, pytest.approx(0.011))
+
+
+def test_worlds_of_objects_are_corners_and_their_worst_ones():
+    robot = load_task(EXAMPLES / "tasks" / "ur5_cart.toml").robot.carrying(arrangements()["stack of two"])
+    world = random_world(robot, UNCERTAINTY, np.random.default_rng(0), corner=True)
+    assert len(world.masses) == 1 + robot.arm.links + 2
+    assert set(np.round(np.abs(np.array(world.masses[-2:]) - 1), 3)) == {0.05}
+    np.testing.assert_allclose(np.abs(world.shifts), 3e-3)
+    rest = [(RampCommand(angle, 1.0, 1.0),) for angle in START[1:]]
+    motion = Trajectory.from_profiles(START, [(RampCommand(0.3, 1.0, 1.0),), *rest])
+    worst, _, _ = worst_worlds(robot, motion, UNCERTAINTY, 1, 5, 2)["tips"]
+    assert {abs(round(share - 1, 3)) for share in worst.masses[-2:]} == {0.05}
+    assert np.all(np.abs(worst.shifts) <= 3e-3 + 1e-12)
+    assert np.any(worst.shifts)
+
+
+def test_table_of_objects():
+    kept = {"lift_m": 1e-5, "slide_m": 1e-4}
+    beyond = {"object": "tall", "1.1": {"stays": True}, "1.2": {"stays": False}}
+    row = {"plan": "", "objects": "tall box", "duration_s": 1.0, "beyond": [beyond, beyond]}
+    rows = [{**row, "worlds_seen": [kept, {**kept, "slide_m": 6e-4}]}]
+    text = text_of([*rows, {"plan": "two", "objects": "two glasses", "refused": "why"}], [])
+    assert "| tall box | 1 | 1.00 to 1.00 | 2 | 0.0100 | 0.6000 | 1 | 2 | 0 | 2 |" in text
+    assert "Of 2 worlds of 1 plans 1 have" in text
+    assert "two: no plan (why)" in text
 
 
 def test_tasks_have_their_feet():

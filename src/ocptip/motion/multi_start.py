@@ -46,7 +46,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.in_motion import worst_of_cases
 from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
-from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_cases_of
 from ocptip.trajectories.trajectory import Trajectory
 
 _ROUGHLY = 0.02  # share: how closely the factor of an uncertainty is known that a motion can have
@@ -404,12 +404,12 @@ def too_much(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> tu
 
 def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Callable[[Uncertainty], bool]:
     """Whether a motion keeps its contacts within an uncertainty."""
-    cases = worst_case_of(robot, limits.tolerance)
+    cases = worst_cases_of(robot, limits.tolerance)
     kinds = limits_of(robot, limits)
     times = motion.both_sides(SPACING)
 
     def kept(tolerance: Uncertainty) -> bool:
-        found = worst_of_cases(cases.within(tolerance), motion, times)
+        found = worst_of_cases([own.within(tolerance) for own in cases], motion, times)
         return all(worst.excess <= 0 for limit in kinds for worst in limit.within(found))
 
     return kept

@@ -5,8 +5,11 @@ import pytest
 
 from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.trajectory import Trajectory
 from studies.driving.run import rows_of
 from studies.driving.wheels import RADIUS, on_wheels, tips_at
+from studies.driving.whole_body import LIFTED, driven
 from tests.places import EXAMPLES
 from tests.quick import some
 
@@ -56,6 +59,21 @@ def test_wheels_lift_at_the_speed_of_the_envelope_in_a_curve(task):
         model, wheel_speeds, (begin, -begin / radius), 1.5 * (predicted - begin) / rate, found.contacts[0]
     )
     assert begin + rate * time == pytest.approx(predicted, rel=0.02)
+
+
+def test_a_whole_body_replay_lifts_wheels_beyond_the_braking_of_the_envelope_alone(task):
+    """The cart rolls along a diagonal with steered wheels and brakes as hard as it speeds up."""
+    robot, q, along = task.robot, task.start, np.array([1.0, 0.5]) / np.hypot(1.0, 0.5)
+    brake = Manoeuvres.accelerations(-np.array([[*along, 0.0]]), robot.support.gravity)
+    predicted = float(largest_manoeuvres(robot, q, brake).tip[0])
+    rest = [(RampCommand(angle, 1.0, 1.0),) for angle in q]
+    arm = Trajectory.from_profiles(q, rest)
+    for share, lifts in ((0.95, False), (1.1, True)):
+        a = share * predicted * along
+        moves = [(RampCommand(own * 0.36, own * 0.6, own),) for own in a]
+        base = Trajectory.from_profiles(np.r_[0, 0, 0, q], [*moves, (RampCommand(0.0, 1.0, 1.0),), *rest])
+        lift, _ = driven(robot, arm, base)
+        assert (lift > LIFTED) == lifts
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from ocptip.standing.parts import Part
 from ocptip.standing.simulation.elements import SENSOR
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.objects import predicted_objects
-from ocptip.standing.simulation.replay import Simulator
+from ocptip.standing.simulation.replay import PrescribedModel, Simulator
 from ocptip.standing.simulation.world import World
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.path import load_path
@@ -109,6 +109,20 @@ def test_keyframes_have_objects_in_their_places_as_fast_as_what_carries_them():
             ):
                 mujoco.mj_jac(model, data, jacobian, None, point, body[0])
             np.testing.assert_allclose((jacobians[0] - jacobians[1]) @ data.qvel, 0.0, atol=1e-9)
+
+
+def test_objects_have_their_own_masses_and_centres_in_a_world():
+    robot = TASK.robot.carrying([TALL, CRATE])
+    model = PrescribedModel(robot, swing(1.0), 4e-4)
+    masses = (1.0,) * (1 + robot.arm.links) + (1.1, 0.8)
+    shift = (3e-3, -2e-3, 1e-3)
+    there = model.compiled(World(masses=masses, shifts=(shift, (0.0, 0.0, 0.0))), None)
+    back = model.compiled(World(), None)
+    for name, factor, moved in (("tall", 1.1, TALL.rotation.T @ shift), ("crate", 0.8, np.zeros(3))):
+        own, nominal = there.body(f"object {name}"), back.body(f"object {name}")
+        assert own.mass[0] == pytest.approx(factor * nominal.mass[0])
+        np.testing.assert_allclose(own.inertia, factor * nominal.inertia)
+        np.testing.assert_allclose(own.ipos - nominal.ipos, moved, atol=1e-12)
 
 
 @pytest.mark.parametrize("payload", [None, Payload(0.7), Payload.box(0.7, (0.1, 0.2, 0.1))])

@@ -15,6 +15,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.reserves.minimax import ConeBatch
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import Limits
+from ocptip.standing.objects import Object
 from ocptip.standing.tolerance import SITE, WORKSHOP, Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.late_joints import jump_states, on_time
@@ -104,6 +105,15 @@ def test_how_much_of_a_tolerance_a_motion_can_have(task):
         scaled = dataclasses.replace(limits, tolerance=tolerance.scaled(factor))
         worst = check_motion(task.robot, motion, scaled).worst.values()
         assert all(own.excess <= 0 for own in worst if own.name.endswith("_worst_case")) == kept
+
+
+def test_motions_with_objects_keep_a_small_tolerance_as_a_whole():
+    task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    up = {"rotation": np.diag([1.0, -1.0, -1.0]), "position": (0.1, 0.0, -0.05)}
+    robot = task.robot.carrying([Object.box("tall", 0.5, (0.06, 0.06, 0.18), friction=0.9, **up)])
+    ramps = [(RampCommand(0.001, 0.05, 0.05),), *[(RampCommand(q, 1.0, 1.0),) for q in task.start[1:]]]
+    limits = dataclasses.replace(task.limits, tolerance=Uncertainty(tilt=np.radians(1.0)))
+    assert tolerable(robot, Trajectory.from_profiles(task.start, ramps), limits) == 1.0
 
 
 def test_verified_only_if_the_worst_case_is(task):

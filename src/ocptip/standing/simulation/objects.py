@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -101,6 +102,13 @@ def _pull(
     for body, site, place in ends:
         add(body, "site", name=f"{site}_pull", pos=text(place))
         add(tendon, "site", site=f"{site}_pull")
+
+
+def shift_centres(spec: Any, robot: Robot, shifts: Sequence[Sequence[float]]) -> None:
+    """Put the centres of mass of the first objects of an MjSpec off by shifts (3,), m, see `World.shifts`."""
+    for own, shift in zip(robot.carried, shifts, strict=False):
+        place = own.object.body.center_of_mass + own.rotation.T @ np.asarray(shift)
+        spec.body(OBJECT_BODY + own.object.name).ipos = place
 
 
 def object_states(robot: Robot, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -43,7 +43,7 @@ from ocptip.standing.simulation.mjcf import (
     springs_of,
     to_mjcf,
 )
-from ocptip.standing.simulation.objects import OBJECT_BODY, Moved, moved_objects
+from ocptip.standing.simulation.objects import OBJECT_BODY, Moved, moved_objects, shift_centres
 from ocptip.standing.simulation.world import World, with_more
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -327,6 +327,7 @@ class PrescribedModel:
                 if one is self._payload and payload is not None:
                     mass, one.ipos, inertia, one.iquat = principal(held_body(self.robot.arm, payload))
                     one.mass, one.inertia = factor * mass, factor * inertia
+        shift_centres(self._spec, self.robot, world.shifts or np.zeros((len(self.robot.carried), 3)))
         try:
             return self._spec.compile()
         except ValueError as error:
@@ -334,12 +335,12 @@ class PrescribedModel:
 
 
 def _parts(spec: Any) -> list[list[Any]]:
-    """Bodies of the base, of each link with the rotors on it, and of the payload."""
+    """Bodies of the base, of each link with the rotors on it, of the payload, and of each object."""
     parts: list[list[Any]] = [[]]
     for body in spec.bodies:
         if body.name == BASE or body.name.startswith(FOOT_BODY):
             parts[0].append(body)
-        elif body.name.startswith("link") or body.name == PAYLOAD:
+        elif body.name.startswith(("link", OBJECT_BODY)) or body.name == PAYLOAD:
             parts.append([body])
     for body in spec.bodies:
         if body.name.endswith(" rotor"):

@@ -40,8 +40,9 @@ class World:
         payload: kg more at the TCP.
         friction: factor on all coefficients.
         speed: factor.
-        masses: factors on the masses of base, links and payload, in this order; those left out: 1.
+        masses: factors on the masses of base, links, payload and objects, in this order; those left out: 1.
         late: s, delay of each joint; empty: none.
+        shifts: m, by which the centre of mass of each object is off, axes of what carries it; empty: none.
     """
 
     stiffness: float | None = None
@@ -53,6 +54,7 @@ class World:
     speed: float = 1.0
     masses: tuple[float, ...] = ()
     late: tuple[float, ...] = ()
+    shifts: tuple[tuple[float, float, float], ...] = ()
 
     def text(self) -> str:
         """In words; empty where nothing differs."""
@@ -74,7 +76,7 @@ class World:
         return ", ".join(parts)
 
     def robot(self, robot: Robot) -> Robot:
-        """The robot there, but for the factors on masses."""
+        """The robot there, but for the factors on masses and shifted centres."""
         arm, own = robot.arm, robot.support
         if self.payload:
             arm = arm.with_payload(with_more(arm.payload, self.payload))
@@ -102,7 +104,7 @@ class World:
         return {key: self.friction * value for key, value in named if key.startswith("friction")}
 
     def parts(self, parts: Sequence[Part]) -> tuple[Part, ...]:
-        """The parts of the motion in this scenario, without the factors on masses."""
+        """The parts of the motion in this scenario, without the factors on masses and shifted centres."""
         there = [part.time_scaled(1 / self.speed) for part in parts]
         return tuple(replace(part, robot=self.robot(part.robot)) for part in there)
 

@@ -40,10 +40,11 @@ class Deviations:
         low, high: (size,) ends of those that are intervals; zero for tilts and pushes.
         intervals: numbers of those that are intervals.
         places: slices of theta by name.
+        carried: the object of an interface other than the base.
     """
 
     def __init__(self, robot: Robot, tolerance: Uncertainty, interface: int = 0) -> None:
-        self.robot, self._carried = robot, robot.carried[interface - 1] if interface else None
+        self.robot, self.carried = robot, robot.carried[interface - 1] if interface else None
         self.places: dict[str, slice] = {}
         for name, (least, _) in self._ends(tolerance).items():
             self.places[name] = slice(self.size, self.size + len(least))
@@ -97,7 +98,7 @@ class Deviations:
         return np.zeros((count, self.size)) if self._nominal is None else self._nominal.copy()
 
     def _set(self, tolerance: Uncertainty) -> None:
-        held = self._carried or self.robot.payload
+        held = self.carried or self.robot.payload
         self.tolerance, ends = tolerance.of(held), self._ends(tolerance)
         self._nominal: np.ndarray | None = None
         self._gravity: np.ndarray = self.robot.support.gravity
@@ -124,8 +125,8 @@ class Deviations:
             "speed": (pace[:1], pace[1:]),
             "delay": (np.zeros(robot.n), np.full(robot.n, late)),
         }
-        if self._carried:
-            count = len(self._carried.bodies)
+        if self.carried:
+            count = len(self.carried.bodies)
             bodies, inside = np.full(count, own.payload_mass), np.tile(inside, count)
             ends = {"payload_mass": (-bodies, bodies), "payload_center": (-inside, inside)} | {
                 name: ends[name] for name in ("speed", "delay")
@@ -135,9 +136,9 @@ class Deviations:
         found = {
             name: pair
             for name, pair in ends.items()
-            if np.any(pair) or name == "extra_mass" or (self._carried and name == "payload_mass")
+            if np.any(pair) or name == "extra_mass" or (self.carried and name == "payload_mass")
         }  # one at least
-        pushes = {} if self._carried else {"push": own.push, "base_push": own.base_push}
+        pushes = {} if self.carried else {"push": own.push, "base_push": own.base_push}
         sizes = {"gravity": own.tilt, **pushes}
         sizes["gravity"] += robot.drive_profile is not None  # see `on_slopes`
         return found | {name: (np.zeros(3), np.zeros(3)) for name, size in sizes.items() if size}
@@ -163,11 +164,11 @@ class Deviations:
         q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
         pace = 1 + part("speed", 1)  # speed squared
         qd, qdd = cs.sqrt(pace) * qd, pace * qdd
-        if self._carried:
-            motion = carrier_expressions(robot.arm, gravity, q, qd, qdd, base)[self._carried.carrier]
-            count = len(self._carried.bodies)
+        if self.carried:
+            motion = carrier_expressions(robot.arm, gravity, q, qd, qdd, base)[self.carried.carrier]
+            count = len(self.carried.bodies)
             shares, shifts = part("payload_mass", count), part("payload_center", 3 * count)
-            return s, theta, self._carried.deviated(motion, shares, shifts)
+            return s, theta, self.carried.deviated(motion, shares, shifts)
         arm = robot.arm.with_payload(None)
         bodies = []
         if (payload := robot.payload) is not None:
@@ -291,7 +292,7 @@ class Deviations:
     @property
     def _bodies(self) -> tuple[str, ...]:
         """What is uncertain as a payload is, in words."""
-        return tuple(self._carried.bodies) if self._carried else ("payload",)
+        return tuple(self.carried.bodies) if self.carried else ("payload",)
 
     # --- words --------------------------------------------------------------------------------------------
 

@@ -8,8 +8,8 @@ with all joints on time, see `maximum_torques`; distances with joints that are d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.late_joints import DelayedStates, base_steps, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
-from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
+from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_cases_of
 from ocptip.trajectories.trajectory import Trajectory
 
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
@@ -174,11 +174,7 @@ def worst_within(
     Raises:
         InputError: the robot is no arm.
     """
-    found, objects = worst_of_cases(worst_case_of(robot, tolerance), motion, times), {}
-    for k, footing in enumerate(robot.interfaces[1:], 1):
-        contacts = worst_contacts(worst_case_of(robot, tolerance, k), motion, times)
-        objects[footing.name] = {name: contacts[name] for name in ("tip", "slip")}
-    return replace(found, objects=objects)
+    return worst_of_cases(worst_cases_of(robot, tolerance), motion, times)
 
 
 def worst_of_sampled(at: Sampled, tolerance: Uncertainty) -> WithinTolerance:
@@ -188,14 +184,21 @@ def worst_of_sampled(at: Sampled, tolerance: Uncertainty) -> WithinTolerance:
     return at.memo[tolerance]
 
 
-def worst_of_cases(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> WithinTolerance:
-    """The worst values of a motion of an arm within the uncertainty of `cases`."""
+def worst_of_cases(interfaces: Sequence[WorstCase], motion: Trajectory, times: np.ndarray) -> WithinTolerance:
+    """The worst values of a motion of an arm within the uncertainty of the cases of all its interfaces."""
+    cases, *of_objects = interfaces
     tolerance = cases.deviations.tolerance
     acting = cases.deviations.robot.during(motion)
     torque = _worst_torque(acting, motion, tolerance, times)
     gap = _smallest_gap(acting, motion, tolerance, times)
     exact, found = acting.arm.has_springs and not tolerance.springs, worst_contacts(cases, motion, times)
-    return WithinTolerance(tolerance=tolerance, torque=torque, gap=gap, exact_springs=exact, **found)
+    objects = {}
+    for own in of_objects:
+        contacts = worst_contacts(own, motion, times)
+        objects[own.footing.name] = {name: contacts[name] for name in ("tip", "slip")}
+    return WithinTolerance(
+        tolerance=tolerance, torque=torque, gap=gap, exact_springs=exact, objects=objects, **found
+    )
 
 
 def worst_contacts(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> dict[str, Any]:

@@ -368,3 +368,8 @@ class WorstCase:
 def worst_case_of(robot: StandingMechanism, tolerance: Uncertainty, interface: int = 0) -> WorstCase:
     """That of a robot, made once."""
     return WorstCase(robot, tolerance, interface)
+
+
+def worst_cases_of(robot: StandingMechanism, tolerance: Uncertainty) -> list[WorstCase]:
+    """Those of all `interfaces` of a robot."""
+    return [worst_case_of(robot, tolerance, k) for k in range(len(robot.interfaces))]
