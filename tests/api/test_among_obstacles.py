@@ -26,6 +26,10 @@ pytest.importorskip("ompl")
 BESIDE = WALL.replace("0.75, 0.0", "0.75, -0.9")
 
 
+def joined(text):
+    return " ".join(text.split())
+
+
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     return ocptip.plan(task_file(tmp_path_factory.mktemp("wall")), seed=1)
@@ -183,3 +187,17 @@ def test_a_time_limit_interrupts_and_leaves_no_trace():
         pass
     assert signal.getsignal(signal.SIGALRM) == before
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
+
+
+def test_where_a_search_has_no_time_a_slow_motion_is_the_plan(tmp_path, monkeypatch):
+    def too_slow(*_):
+        raise PlanningError("direct method: no verified motion in the given time")
+
+    task = task_among(tmp_path, BESIDE)
+    monkeypatch.setattr("ocptip.api.plan.searched", too_slow)
+    plan = ocptip.plan(task, seconds=60.0)
+    assert plan.verified
+    assert plan.motion.goal == pytest.approx(task.goal)
+    assert "the search gave no motion; this one is the joints in step" in joined(PlanReport(plan).to_text())
+    with pytest.raises(ocptip.NoPlanError, match="in the given time"):
+        ocptip.plan(task)

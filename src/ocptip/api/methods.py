@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
-from typing import Literal, TypeVar, cast
+from typing import Literal, cast
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from ocptip.retiming import among
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.velocity_profiles import checked_rise_times
 
-T = TypeVar("T")
 Method = Literal["direct", "path", "smooth"]
 
 ALONG_PATH: tuple[Method, ...] = ("path", "smooth")
@@ -84,7 +83,7 @@ def searched(
         methods = methods_for(task, budget.given) if method is None else (method,)
     try:
         found = _first_of(methods, task, budget, direct, seed, say)
-        if method is not None or budget.given or task.is_cycle:
+        if method is not None or task.is_cycle:
             return found
         carries = len(task.robot.interfaces) > 1
         cancelled = task.segments[0].task.limits.cancel is not None and not found.motion.rise_times
@@ -93,7 +92,8 @@ def searched(
         why = ", which keeps objects as level as start and goal" if carries else ", to compare"
         say(f"timing the straight line{why} ...")
         try:
-            return among.no_worse_than_line(found)
+            with interrupted_after(budget.left):
+                return among.no_worse_than_line(found)
         except KeyboardInterrupt:
             say("interrupted; the plan without the line is kept")
             return found
@@ -203,15 +203,6 @@ def _require_path(task: Task, method: Method) -> None:
         raise InputError(f"method: {method} needs collision geometry; there is none")
 
 
-def in_time(compute: Callable[[], T], otherwise: T, budget: TimeBudget) -> T:
-    """The result of a computation, or something else if the time is up before."""
-    try:
-        with interrupted_after(budget.left):
-            return compute()
-    except TimeIsUpError:
-        return otherwise
-
-
 def prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:
     """The task whose plans suit the controller, and keep their limits in the stops asked for."""
     if stops:
@@ -262,7 +253,8 @@ def executed(
             run = execute(robot, motion, limits, runner, step=step, first=first)
         prove = partial(certified, robot, run.motion, run.check, limits)
         without = replace(run.check, proof_out_of_time=run.check.certificate is None)
-        executions.append(replace(run, check=in_time(prove, without, budget)))
+        share = 0.5 if limits.stoppable else 1.0  # the checks of stops follow
+        executions.append(replace(run, check=budget.within(prove, without, share=share)))
     return executions
 
 
@@ -282,7 +274,7 @@ def better_smoothed(
         return None if plan is None else (plan, run(plan))
 
     objective, before = planned.task.segments[0].task.objective, executions[0].check
-    found = in_time(smoother, None, budget)
+    found = budget.within(smoother, None)
     path = {**planned.options["path"], "smoothed": False}
     if found is not None:
         after = found[1][0].check

@@ -22,7 +22,6 @@ from ocptip.api.methods import (
     Runner,
     better_smoothed,
     executed,
-    in_time,
     of_segments,
     prepared,
     searched,
@@ -48,14 +47,16 @@ from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance,
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
 from ocptip.motion.plan import plan_motion
+from ocptip.motion.planner.random_start import SLOWER
 from ocptip.motion.stops.cancels import SafeDecelerations
 from ocptip.motion.stops.check import (
+    Stops,
     cancels_by_segment,
     cancels_to_dict,
     stops_by_segment,
     stops_to_dict,
 )
-from ocptip.motion.summary import CheckedMotion, brief
+from ocptip.motion.summary import STOPS, CheckedMotion, brief
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
 from ocptip.motion.violations import sentence, stated
@@ -63,6 +64,7 @@ from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.plan import draw_plan
 from ocptip.pictures.plan_curves import seen_plan
 from ocptip.pictures.stops import draw_stops
+from ocptip.retiming import among
 from ocptip.standing.at_rest.sensitivity import Reserves, Sensitivity, motion_sensitivities
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.mechanism import StandingMechanism
@@ -105,7 +107,6 @@ class Plan(CheckedMotion):
         rate: float | None = None,
         rise_time: float | None = None,
         time_scale: Sequence[float] = (),
-        price: Mapping[str, Any] | None = None,
         sensitivities: bool = False,
         stage: Callable[[str], None] | None = None,
         budget: TimeBudget | None = None,
@@ -127,23 +128,34 @@ class Plan(CheckedMotion):
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
         pairs = zip(executions, checked.segments, strict=True)
         say("checking stops and cancels ...")
-        stops = stops_by_segment(task, motion, checked)
-        known = any(own.decelerations for own in stops.values())
-        cancels = {} if known else cancels_by_segment(task, motion)
+        stops, cancels = dict[str, Stops](), dict[str, SafeDecelerations]()
+        if any(segment.task.limits.stoppable for segment in task.segments):
+            stops = budget.within(partial(stops_by_segment, task, motion, checked), stops, STOPS)
         say("finding which deviations lose no contact ...")
+        robust = budget.within(partial(robustness, task, motion), (), "robustness")
+        scaled = budget.within(
+            lambda: tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
+            (),
+            "time scales" * bool(time_scale),
+        )
+        if STOPS not in budget.left_out and not any(own.decelerations for own in stops.values()):
+            compute = partial(cancels_by_segment, task, motion)
+            cancels = budget.within(compute, cancels, "safe decelerations of cancels")
+        changes: tuple[Sensitivity, ...] = ()
+        if sensitivities:
+            compute = partial(sensitivities_of, task.segments[0].task, motion.segments[0])
+            changes = budget.within(compute, changes, "sensitivities")
         return cls(
             planned,
             tuple(replace(run, check=own) for run, own in pairs),
-            tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
-            price or {},
-            cancels,
+            scaled,
+            cancels=cancels,
             task=planned.task,
             checked=checked,
-            robustness=robustness(task, motion),
+            robustness=robust,
             stops=stops,
-            sensitivities=sensitivities_of(task.segments[0].task, motion.segments[0])
-            if sensitivities
-            else (),
+            sensitivities=changes,
+            left_out=tuple(budget.left_out),
         )
 
     @property
@@ -192,6 +204,7 @@ class Plan(CheckedMotion):
             **stops,
             **cancels_to_dict(self.task, self.cancels),
             **({"sensitivities": changes} if changes else {}),
+            **({"left_out": list(self.left_out)} if self.left_out else {}),
         }
 
     def save(
@@ -245,10 +258,12 @@ class NoPlanError(PlanningError):
         without_stops: the plan of the same task that need not be stopped; None: none, or not asked for.
         broken: the limits which that one breaks in stops.
         largest: the largest uncertainty with which there is a motion; None: not asked for.
+        cancels: which decelerations are safe in a slow motion, and what helps; empty: not asked for.
     """
 
     largest: LargestTolerance | None = None
     broken: tuple[Worst, ...] = ()
+    cancels: str = ""
 
     def __init__(self, message: str, task: Task, without_stops: MotionPlan | None = None) -> None:
         super().__init__(message)
@@ -263,6 +278,8 @@ class NoPlanError(PlanningError):
         if (plan := self.without_stops) is not None:
             costs = {"energy_J": plan.energy, "duration_s": plan.duration}
             data["without_stops"] = {**costs, "violations": stated(self.broken)}
+        if self.cancels:
+            data["cancels"] = self.cancels
         if self.largest is not None:
             data["largest_tolerance"] = self.largest.to_dict()
         return data
@@ -314,8 +331,9 @@ def plan(
         method: "direct" searches velocity profiles from start to goal, "path" times a path among obstacles
             (needs OMPL), "smooth" also smooths it and takes the better motion; None: what suits the task,
             and with `seconds` paths are smoothed.
-        seconds: of wall time, after which the best verified motion so far is the plan; a proof that is not
-            finished is left out.
+        seconds: of wall time for search and checks. The search takes most of it; the best verified motion
+            until then is the plan. Checks and proofs that are not complete at the end are left out, see
+            `left_out`.
         progress: called as progress(done, steps, minimum cost of a verified plan so far or None).
         stage: called with what is done after the search.
 
@@ -336,7 +354,7 @@ def plan(
     if (alone := base_alone(task)) and stage:
         stage(f"{alone}: perhaps there is no plan ...")
     how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
-    budget = TimeBudget(seconds)
+    budget, search = (TimeBudget(limit) for limit in _limits(seconds))
     if controller == "quintic":
         if method in ALONG_PATH:
             raise InputError(
@@ -347,12 +365,16 @@ def plan(
         direct = partial(plan_motion, task, progress=progress, prove=certified, stage=stage, **how)
         if task.is_cycle:
             direct = partial(direct, segment=of_segments(method, seed, stage or silent))
-        planned = searched(task, method, budget, direct, seed, stage or silent)
+        planned = _searched(task, method, budget, search, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)
         refusal = NoPlanError("; ".join(filter(None, (f"{error}", alone))), task, other)
+        if not task.is_cycle and task.segments[0].task.limits.cancel is not None:
+            (stage or silent)("finding which cancels a slow motion allows ...")
+            refusal.cancels = budget.within(partial(_cancels, task), "")
         if isinstance(error, ToleranceError) and largest_uncertainty:
-            refusal.largest = _largest(cast(MotionTask, task), error, how, stage)
+            largest = partial(_largest, cast(MotionTask, task), error, how, stage)
+            refusal.largest = budget.within(largest, None)
         raise refusal from error
     except InputError:
         error = (
@@ -367,19 +389,23 @@ def plan(
         what = "a segment had" if task.is_cycle else "there was"
         raise KeyboardInterrupt(f"before {what} a verified plan") from None
     along_path = planned.options.get("method") == "path"
-    if stage and not along_path and any(one.task.limits.stoppable for one in task.segments):
-        stage("planning without stops, to compare the cost ...")
-    price = {} if along_path else price_of_stops(planned, _without_stops(task, how, budget))
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
     smooth = along_path and (method == "smooth" or (method is None and budget.given))
-    how_run = {
-        "price": price,
-        "sensitivities": sensitivities,
-        "stage": stage,
-        "budget": budget,
-        "smooth": smooth,
-    }
-    return Plan.of(planned, **known, **how_run)
+    how_run = {"sensitivities": sensitivities, "stage": stage, "budget": budget, "smooth": smooth}
+    found = Plan.of(planned, **known, **how_run)
+    if along_path or not any(one.task.limits.stoppable for one in task.segments):
+        return found
+    if stage:
+        stage("planning without stops, to compare the cost ...")
+    price = price_of_stops(planned, _without_stops(task, how, budget))
+    return replace(found, price=price, left_out=tuple(budget.left_out))
+
+
+def _limits(seconds: float | None) -> tuple[float | None, float | None]:
+    """Time limits, s, of the search with the checks, and of the search; files are written after both."""
+    if seconds is None:
+        return None, None
+    return seconds - min(5.0, 0.05 * seconds), max(0.7 * seconds, seconds - 120.0)
 
 
 def base_alone(task: Task) -> str:
@@ -402,15 +428,61 @@ def silent(text: str) -> None:
     """Show nothing, where nobody wants to know what is done next."""
 
 
+def _searched(
+    task: Task,
+    method: Method | None,
+    budget: TimeBudget,
+    search: TimeBudget,
+    direct: Callable[[], MotionPlan],
+    seed: int,
+    say: Callable[[str], None],
+) -> MotionPlan:
+    """The plan of a search; where that has none in its time, or for cancels or objects, a slow motion."""
+    try:
+        return searched(task, method, search, direct, seed, say)
+    except PlanningError as error:
+        hard = (
+            budget.given or task.segments[0].task.limits.cancel is not None or len(task.robot.interfaces) > 1
+        )
+        if method is not None or task.is_cycle or not hard or isinstance(error, ToleranceError):
+            raise
+        say(f"{error}")
+        say("checking a slow motion of all joints in step ...")
+        slow = budget.within(partial(among.slow_plan, cast(MotionTask, task), seed=seed), None, "slow motion")
+        if slow is None:
+            why = "could not be checked in the time" if budget.left_out else "breaks limits"
+            raise PlanningError(f"{error}; a slow motion of all joints in step {why}") from error
+        return slow
+
+
 def _without_stops(task: Task, how: Mapping[str, Any], budget: TimeBudget) -> MotionPlan | None:
     """The plan that need not be stopped, of as many starts; None: not asked for, no time, or none."""
     if not any(segment.task.limits.stoppable for segment in task.segments):
         return None
     try:
         plain_task = task.each(lambda own: replace(own, limits=own.limits.without_stops))
-        return in_time(partial(plan_motion, plain_task, **how), None, budget)
+        return budget.within(partial(plan_motion, plain_task, **how), None, "cost of stops")
     except PlanningError:
         return None
+
+
+def _cancels(task: Task) -> str:
+    """Which decelerations are safe in the slowest synchronised default motion, and what helps."""
+    own, slowest = task.segments[0].task, SLOWER[-1]
+    rates = own.robot.limits.speed / slowest, own.robot.limits.acceleration / slowest**2
+    motion = Trajectory.ending_together(own.start, own.goal, [None] * own.robot.n, *rates)
+    found = cancels_by_segment(task, motion).get("")
+    if found is None:
+        return ""
+    text = f"even slowly, joints in step from start to goal in {motion.end:.3g} s: {found.text}"
+    if found.minimum is not None:
+        return f"{text}. Plan with --deceleration in that range"
+    if len(own.robot.interfaces) > 1:
+        text += (
+            ". Joints that stop one by one tilt what objects stand on: plan with --stop-safe path, and let "
+        )
+        return f"{text}the controller stop along the path"
+    return text
 
 
 def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, Any]:

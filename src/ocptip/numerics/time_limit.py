@@ -5,11 +5,13 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from ocptip.basics.errors import InputError
+
+T = TypeVar("T")
 
 
 class TimeIsUpError(KeyboardInterrupt):
@@ -55,13 +57,34 @@ class TimeBudget:
 
     Attributes:
         given: whether there is a limit.
+        left_out: names of the computations that the limit, or an interrupt, ended.
     """
 
     def __init__(self, seconds: float | None) -> None:
-        self.given = seconds is not None
+        self.given, self.left_out = seconds is not None, list[str]()
         self._end = float("inf") if seconds is None else time.perf_counter() + seconds
 
     @property
     def left(self) -> float:
         """s; infinite without a limit."""
         return max(self._end - time.perf_counter(), 0.0)
+
+    def within(self, compute: Callable[[], T], otherwise: T, name: str = "", share: float = 1.0) -> T:
+        """The result of a computation, or something else if the time is up before.
+
+        A user's interrupt ends the computation as well, and leaves no time for later ones.
+
+        Args:
+            compute: the computation.
+            otherwise: the result without it.
+            name: of the computation in `left_out`; empty: the caller says what is left out.
+            share: of the time left that the computation may take.
+        """
+        try:
+            with interrupted_after(share * self.left):
+                return compute()
+        except KeyboardInterrupt as stopped:
+            if not isinstance(stopped, TimeIsUpError):
+                self._end = 0.0
+            self.left_out += [name] * bool(name)
+            return otherwise

@@ -1,4 +1,6 @@
-"""Plans a motion along a path, timed so that all limits hold: among obstacles, or the straight line."""
+"""Plans a motion along a path, timed so that all limits hold: among obstacles, or the straight line; and the
+slow motion that is left where searches give none.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +12,17 @@ from typing import cast
 import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.motion.check import check_motion
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.paths.search import search_path
 from ocptip.motion.paths.smoothing import smoothed_path
+from ocptip.motion.planner.random_start import SLOWER, pace_that_stands
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import broken_words
 from ocptip.retiming.retime import retime
+from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.trajectories.path_fit import FittedPath, rounded_lines
+from ocptip.trajectories.trajectory import Trajectory
 
 NODES = 60
 """Intervals between nodes of the timing: 0.3 % of the duration, for a third of the time."""
@@ -65,6 +71,29 @@ def no_worse_than_line(plan: MotionPlan) -> MotionPlan:
         return replace(plan, seconds=seconds)
     path = {"made_of": "the straight line of the joints", "searched_s": plan.seconds}
     return replace(line, seconds=seconds, options={**plan.options, "method": "path", "path": path})
+
+
+def slow_plan(task: MotionTask, *, seed: int = 0) -> MotionPlan | None:
+    """The synchronised default motion, as slow as its limits ask for; None: no speed keeps them.
+
+    All joints take one trapezoidal profile each, and end together. No search is needed, so that this is a
+    plan where the time of a search was too short.
+    """
+    began = time.perf_counter()
+    robot, rise = task.robot, task.rise_times or 0.0
+    fastest = Trajectory.ending_together(
+        task.start, task.goal, [None] * robot.n, robot.limits.speed, robot.limits.acceleration
+    )
+    stands = pace_that_stands(robot, fastest, limits_of(robot, task.limits, task.optimised), SLOWER)
+    for pace in dict.fromkeys((stands or SLOWER[-1], SLOWER[-1])):
+        motion = fastest.time_scaled(pace)
+        if np.any(rise):
+            motion = motion.with_rise_times(np.array(rise))
+        checked = check_motion(robot, motion, task.limits)
+        if checked.verified:
+            how = {"starts": (), "best": 0, "seed": seed, "interrupted": True, "options": {"slow": True}}
+            return MotionPlan(task, motion, checked, seconds=time.perf_counter() - began, **how)
+    return None
 
 
 def smoothed_plan(plan: MotionPlan, *, deadline: float = math.inf) -> MotionPlan | None:

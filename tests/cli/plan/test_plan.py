@@ -30,6 +30,7 @@ from ocptip.motion.files.output import plan_to_dict
 from ocptip.motion.objective import ENERGY, TIME, priced
 from ocptip.motion.stops.check import cancels_by_segment
 from ocptip.motion.tolerated import robustness
+from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
 from ocptip.robots.payload import Payload
@@ -168,6 +169,28 @@ def test_stages_after_the_search_are_shown(planner):
     Plan.of(planner.result, stage=shown.append)
     assert shown[0] == "proving what is run ..."
     assert shown[1:] == ["checking stops and cancels ...", "finding which deviations lose no contact ..."]
+
+
+def test_without_time_checks_are_left_out_and_named(planner):
+    plan = Plan.of(stand_in_plan("C"), budget=TimeBudget(0.0), time_scale=[0.99])
+    assert plan.left_out == ("robustness", "time scales", "safe decelerations of cancels")
+    assert plan.verified
+    assert "not done, the time was up: robustness, time scales, safe decel" in PlanReport(plan).to_text()
+    assert plan.to_dict()["left_out"] == list(plan.left_out)
+    unknown = replace(plan, left_out=("stops",))
+    assert not unknown.verified
+    assert unknown.headline.endswith("; stops NOT CHECKED, the time was up")
+
+
+def test_an_interrupt_ends_one_check_and_those_after_it():
+    def interrupted():
+        raise KeyboardInterrupt
+
+    budget = TimeBudget(None)
+    assert budget.within(interrupted, "without", "first") == "without"
+    assert budget.within(lambda: "made", "without", "second") == "without"
+    assert budget.left_out == ["first", "second"]
+    assert TimeBudget(None).within(lambda: "made", "without", "first") == "made"
 
 
 def test_options_reach_the_planner(planner, capsys, tmp_path):

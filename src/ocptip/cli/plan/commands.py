@@ -95,7 +95,7 @@ COMMANDS = (
                 argument(
                     "--seconds",
                     "S",
-                    "time after which the best verified motion so far is the plan, s",
+                    "time for search and checks, s; checks that it does not leave time for are named",
                     type=float,
                 ),
                 argument("--starts", "N", "random initial motions (default: 8)", type=int, default=8),

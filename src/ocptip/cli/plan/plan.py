@@ -111,6 +111,8 @@ def _no_plan(task: Task, error: NoPlanError) -> Answer:
         lines.append(("stops", f"{plain}: {'; '.join(map(sentence, error.broken))}"))
     if not task.is_cycle:
         tolerance = tolerance.of(task.robot.payload)
+    if error.cancels:
+        lines.append(("cancels", error.cancels))
     if tolerance.given:
         lines.append(("within", f"{tolerance}; --tolerance none plans for the nominal model"))
     if not task.is_cycle:
@@ -122,6 +124,6 @@ def progress_bar(task: Task) -> Progress:
     """Bar that shows the minimum cost so far."""
     unit = task.objective.unit
     best = f"best{' of this segment' * task.is_cycle} {{:.{3 if unit == 's' else 1}f}} {unit}"
-    first = "comparing postures ..." if task.is_cycle else "building the optimisation problem ..."
+    first = "comparing postures ..." if task.is_cycle else "checking the task, building the program ..."
     what = "starts" if task.is_cycle else "steps"
     return Progress(sys.stderr, first, "no verified plan yet", best, what)

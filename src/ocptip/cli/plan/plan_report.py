@@ -73,6 +73,7 @@ class PlanReport(GatedReport):
         """Verdict, margins, robustness; with -v details of the search. ASCII only, but for names."""
         plan, motion = self.plan, self.plan.planned
         more = [self._interrupted()] if motion.interrupted else []
+        more += [f"not done, the time was up: {', '.join(plan.left_out)}"] if plan.left_out else []
         parts = zip(plan.task.segments, motion.parts, strict=False)
         more += [f"{_path(own)}{_of(s.name)}" for s, own in parts if "path" in own.options]
         more += [] if all(run.controller == "ramps" for run in plan.executions) else [self._controller()]
@@ -104,7 +105,7 @@ class PlanReport(GatedReport):
         plan, whole = self.plan.planned, self.plan.check
         if not plan.complete:
             return f"INCOMPLETE ({len(plan.parts)} of {len(plan.task.segments)} segments){whole.scope}"
-        if whole.verified and not self.kept and not any(own.violations for own in self.plan.stops.values()):
+        if whole.verified and not all(run.verified for run in self.plan.executions):
             return "LIMITS BROKEN in trajectory.json"
         return self.plan.headline
 
@@ -121,6 +122,8 @@ class PlanReport(GatedReport):
 
     def _interrupted(self) -> str:
         plan = self.plan.planned
+        if "slow" in plan.options:
+            return "the search gave no motion; this one is the joints in step, so slow that all limits hold"
         if plan.complete:
             return "interrupted: this is the best of the starts that had finished"
         left = ", ".join(s.name for s in plan.task.segments[len(plan.parts) :])
