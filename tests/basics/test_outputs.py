@@ -182,7 +182,7 @@ def test_figures_of_others_stay(tmp_path):
     [
         ("a.html", f"<meta content='{MARK}'>", True),
         ("a.json", json.dumps({"versions": {"ocptip": "1"}}), True),
-        ("a.json", json.dumps({"format": "ocptip certificate 3"}), True),
+        ("a.json", json.dumps({"format": "ocptip certificate 4"}), True),
         ("a.json", json.dumps({"versions": ["ocptip"]}), False),
         ("a.json", "[" * 100_000, False),
         ("robot.urdf", "<robot/>", False),

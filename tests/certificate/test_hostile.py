@@ -302,7 +302,7 @@ def _judged_within(data, ends, bound):
     count = len(rows.number)
     forces = [[[[f, 0.0, 0.0] for f in _weights()]]] * 2
     named = {"forces": [forces] * count, "weights": [[[1.0, 1.0]] * 3] * count}
-    data["cover_within"] = {"ends": ends, "apart": [[0]] * (len(ends) - 1), **named}
+    data["cover_within"] = {"ends": ends, "apart": [list(range(late.joints))] * (len(ends) - 1), **named}
     return _judged(data)
 
 

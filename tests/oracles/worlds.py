@@ -23,6 +23,7 @@ class Worlds:
         base: (N,) factor of the base's mass.
         centre: (N, 3), m, shift of the base's centre of mass.
         pace: (N,) factor of the speed.
+        rush: (N,) factor of the speed of the base.
         gravity: (N, 3), m/s^2.
         push, base_push: (N, 3), N, at the gripper and at the base's centre of mass.
     """
@@ -34,6 +35,7 @@ class Worlds:
     base: np.ndarray
     centre: np.ndarray
     pace: np.ndarray
+    rush: np.ndarray
     gravity: np.ndarray
     push: np.ndarray
     base_push: np.ndarray
@@ -61,6 +63,7 @@ class ArmOnBase:
         self.base = {
             key: np.array(model["base"][key], dtype=float) for key in ("mass", "center_of_mass", "gravity")
         }
+        self.base["inertia"] = np.array(model["base"].get("inertia", np.zeros((3, 3))))
         self.links = len(self.arm["masses"])
         held = model["payload"]
         self.held = (
@@ -76,6 +79,7 @@ class ArmOnBase:
             "base": (1 + low, 1 + high),
             "centre": (-np.array(tolerance["center_of_mass"]), np.array(tolerance["center_of_mass"])),
             "pace": (1 - pace, 1 + pace),
+            "rush": (1 - tolerance.get("drive_speed", 0.0), 1 + tolerance.get("drive_speed", 0.0)),
         }
 
     # --- worlds -------------------------------------------------------------------------------------------
@@ -85,7 +89,7 @@ class ArmOnBase:
         one, three = np.ones(count), np.zeros((count, 3))
         gravity = np.tile(self.base["gravity"], (count, 1))
         links = np.ones((count, self.links))
-        return Worlds(links, one, three, 0 * one, one, three, one, gravity, three, three)
+        return Worlds(links, one, three, 0 * one, one, three, one, one, gravity, three, three)
 
     def corners(self, count, rng):
         """Random corners: everything at an end at once, tilt and pushes full, in any direction."""
@@ -118,8 +122,18 @@ class ArmOnBase:
 
     # --- physics ------------------------------------------------------------------------------------------
 
-    def moved(self, q, qd, qdd):
-        """Of each link R (N, 3, 3), place, angular velocity and its change, acceleration of its origin."""
+    def driven(self, q, qd, qdd, velocities, rates):
+        """`moved` in some worlds, on a base with velocities and their rates of change (N, 3) in its axes."""
+
+        def moved(worlds):
+            pace, rush = worlds.pace[:, None], worlds.rush[:, None]
+            return self.moved(q, pace * qd, pace**2 * qdd, rush * velocities, rush**2 * rates)
+
+        return moved
+
+    def moved(self, q, qd, qdd, velocities=None, rates=None):
+        """Of each link R (N, 3, 3), place, angular velocity and its change, acceleration of its origin; first
+        of the base where it drives, with velocities and their rates of change (N, 3)."""
         arm, count = self.arm, len(q)
         value, rate, change = (x @ arm["ratios"].T for x in (q, qd, qdd))
         value = value + arm["shift"]
@@ -127,6 +141,13 @@ class ArmOnBase:
         p = np.broadcast_to(arm["mount_position"], (count, 3))
         omega = domega = accel = np.zeros((count, 3))
         found = []
+        if velocities is not None:
+            none, (x, y, w) = np.zeros(count), velocities.T
+            omega, domega = (np.stack([none, none, v[:, 2]], axis=1) for v in (velocities, rates))
+            accel = np.stack([rates[:, 0] - w * y, rates[:, 1] + w * x, none], axis=1)
+            still = np.broadcast_to(np.eye(3), (count, 3, 3))
+            found.append((still, np.zeros((count, 3)), omega, domega, accel))
+            accel = accel + np.cross(domega, p) + np.cross(omega, np.cross(omega, p))
         for i in range(self.links):
             lever = R @ arm["offsets"][i - 1] if i else np.zeros((count, 3))
             R = R @ arm["rotations"][i]
@@ -150,7 +171,7 @@ class ArmOnBase:
 
     def tool(self, moved):
         """(N, 3): the gripper point, base frame."""
-        R, p, *_ = moved[-1]
+        R, p, *_ = (moved(self.nominal(self.count)) if callable(moved) else moved)[-1]
         return p + R @ self.arm["offsets"][-1]
 
     def wrench(self, worlds, moved, acting):
@@ -162,6 +183,10 @@ class ArmOnBase:
             acting: (N, 12) of what acts on the gripper, about it: in base axes, in those of the last link.
         """
         about, arm, fast = self.base["center_of_mass"], self.arm, worlds.pace[:, None] ** 2
+        driven, self.count = callable(moved), len(worlds.pace)
+        if driven:
+            moved, fast = moved(worlds), np.ones((self.count, 1))
+            of_base, *moved = moved
         force, moment = np.zeros((2, *worlds.gravity.shape))
 
         def body(link, weight, centre, inertia):
@@ -179,6 +204,13 @@ class ArmOnBase:
                 change = np.einsum("nij,nj->ni", turned, domega) + gyro
                 moment = moment - factor[:, None] * fast * change
 
+        if driven:
+            links, moved = moved, [of_base]
+            inertia = worlds.base, self.base["inertia"]
+            body(0, worlds.base * self.base["mass"], about + worlds.centre, inertia)
+            weight = (worlds.base * self.base["mass"])[:, None] * worlds.gravity  # counted again below
+            force, moment = force - weight, moment - np.cross(worlds.centre, weight)
+            moved = links
         for k in range(self.links):
             factor = worlds.links[:, k]
             body(k, factor * arm["masses"][k], arm["centres"][k], (factor, arm["inertias"][k]))

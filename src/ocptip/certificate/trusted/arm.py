@@ -17,6 +17,11 @@ Turns = list[tuple[Form, tuple[Form, Form] | None]]
 
 
 Motion = tuple[Form, Form, Form]
+"""Of a frame, in its axes: acceleration and angular acceleration, (3, N); products (6, N) of its angular
+velocity."""
+
+Driven = tuple[Form, Motion]
+"""Of a base that drives, in its axes: angular velocity (3, N), and its motion."""
 
 PROCESS = "process_in_base", "process_on_link"
 """Keys of what acts on the gripper, about it, (6,) each: in base axes, and in those of the last link."""
@@ -123,12 +128,15 @@ class Arm:
         at_zero, stiffness = (own[:, None] for own in self._springs)
         return q * stiffness + -at_zero
 
-    def loads(self, q: Form, turns: Turns, qd: Form, qdd: Form, ends: np.ndarray) -> tuple[Form, Form]:
-        """Torques (m, N) and the wrench (6, N) on the base about its centre of mass, without its weight.
+    def loads(
+        self, q: Form, turns: Turns, qd: Form, qdd: Form, ends: np.ndarray, driven: Driven | None = None
+    ) -> tuple[Form, Form]:
+        """Torques (m, N) and the wrench (6, N) on the base about its centre of mass, without what it needs
+        itself.
 
-        q (m, N) are coordinates, turns of them; ends (2, N), s: from when to when.
+        q (m, N) are coordinates, turns of them; ends (2, N), s: from when to when; driven: None: it rests.
         """
-        moved = self.accelerations(turns, qd, qdd, self.gravity)
+        moved = self.accelerations(turns, qd, qdd, self.gravity, driven)
         own = zip(self.masses, self.centres, self.inertias, moved, strict=True)
         forces, moments = zip(
             *(inertial(m, centre, inertia, at) for m, centre, inertia, at in own), strict=True
@@ -184,15 +192,36 @@ class Arm:
         size = np.abs(left) + np.abs(right) + np.max(np.abs(own), axis=0, initial=0.0)[:, None]
         return Form.of(middle, half, radius=off + U * size)
 
-    def accelerations(self, turns: Turns, qd: Form, qdd: Form, gravity: np.ndarray) -> list[Motion]:
-        """Motion of each link's frame, in its axes: acceleration less gravity, angular acceleration, (3, N),
-        and the products (6, N) of its angular velocity.
+    def shares(
+        self, turns: Turns, qd: Form, qdd: Form, driven: Driven | None
+    ) -> list[tuple[list[Motion], Driven | None]]:
+        """Motions of the links' frames without gravity, and of the base, as a sum.
+
+        It is of what is proportional to the square of the joints' speeds, to these times those of the base,
+        and to the square of the base's speeds; of a base that rests it is the first alone.
         """
+        none = np.zeros(3)
+        joints = self.accelerations(turns, qd, qdd, none)
+        if driven is None:
+            return [(joints, None)]
+        both = self.accelerations(turns, qd, qdd, none, driven)
+        base = self.accelerations(turns, qd * 0.0, qdd * 0.0, none, driven)
+        rows = zip(both, joints, base, strict=True)
+        mixed = [_less(*own) for own in rows]
+        return [(joints, None), (mixed, None), (base, driven)]
+
+    def accelerations(
+        self, turns: Turns, qd: Form, qdd: Form, gravity: np.ndarray, driven: Driven | None = None
+    ) -> list[Motion]:
+        """Motion of each link's frame, accelerations less gravity."""
         speeds, changes = linear(self.ratios, qd), linear(self.ratios, qdd)
         count = qd.r.shape[-1]
         omega = domega = Form.of(np.zeros((3, count)))
         acceleration = Form.of(np.broadcast_to(-gravity[:, None], (3, count)))
         squares = Form.of(np.zeros((6, count)))
+        if driven is not None:
+            omega, (origin, domega, squares) = driven
+            acceleration = acceleration + origin + _swing(self.mount, domega, squares)
         found = []
         for i in range(self.n):
             if i or self.slides[i]:
@@ -209,7 +238,7 @@ class Arm:
             else:
                 domega = _plus(domega, cross, changes[i])
                 omega = _plus(omega, None, speeds[i])
-            squares = omega[[0, 1, 2, 0, 0, 1]] * omega[[0, 1, 2, 1, 2, 2]]
+            squares = _products(omega)
             found.append((acceleration, domega, squares))
         return found
 
@@ -251,6 +280,15 @@ class Arm:
         return out
 
 
+def driven(velocities: Form, rates: Form) -> Driven:
+    """Of a base with velocities forward, sideways and turning, in its axes, and rates of change, (3, N)."""
+    v, w = velocities[:2], velocities[2]
+    nothing = w * 0.0
+    omega = stack(nothing, nothing, w)
+    acceleration = stack(rates[0] - v[1] * w, rates[1] + v[0] * w, nothing)
+    return omega, (acceleration, stack(nothing, nothing, rates[2]), _products(omega))
+
+
 def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray, at: Motion) -> tuple[Form, Form]:
     """Force and moment (3, N), about its frame's origin, that a body in a frame that moves so needs."""
     acceleration, domega, squares = at
@@ -266,6 +304,15 @@ def turned(R: Form, v: Form) -> Form:
 def crossed(a: Form, b: Form) -> Form:
     """a x b, (3, N) each."""
     return a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]]
+
+
+def _less(whole: Motion, *parts: Motion) -> Motion:
+    a, b, c = (x - y - z for x, y, z in zip(whole, *parts, strict=True))
+    return a, b, c
+
+
+def _products(omega: Form) -> Form:
+    return omega[[0, 1, 2, 0, 0, 1]] * omega[[0, 1, 2, 1, 2, 2]]
 
 
 def _swing(lever: np.ndarray, domega: Form, squares: Form) -> Form:

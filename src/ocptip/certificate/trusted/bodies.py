@@ -1,4 +1,5 @@
-"""Bodies of an arm within a tolerance, over intervals of time: how heavy they may be, and what they need.
+"""Bodies of an arm and its base within a tolerance, over intervals of time: how heavy they may be, and what
+they need.
 
 Plain data and NumPy only.
 """
@@ -7,12 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, Motion, crossed, inertial, times_rows, turned
-from ocptip.certificate.trusted.forms import Form
+from ocptip.certificate.trusted.arm import Arm, Driven, Motion, crossed, inertial, times_rows, turned
+from ocptip.certificate.trusted.forms import Form, joined
+from ocptip.certificate.trusted.plain import DRIVE_SPEED
+
+Part = tuple[Form, Form, Form]
+"""Of a body: mass times place, kg m, from the reference point; force and moment that its motion needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +26,7 @@ class Body:
     """Something on link k: its weight is from low to high; what it needs per weight, forms (3, N), base axes.
 
     Attributes:
-        k: of which link.
+        k: of which link; -1: of the base.
         low, high: of its weight.
         mass: kg.
         lever: mass times place, kg m, from the reference point.
@@ -56,11 +62,8 @@ def bodies(
     still, second = np.zeros((3, 3)), []
 
     def body(k: int, low: float, high: float, mass: float, centre: np.ndarray, inertia: np.ndarray) -> Body:
-        R, p = frames[k]
-        origin = p - arm.about[:, None]
-        force, moment = (turned(R, part) for part in inertial(mass, centre, inertia, moved[k]))
-        lever = (origin + times_rows(R, centre)) * mass
-        return Body(k, low, high, mass, lever, force, moment + crossed(origin, force))
+        own = part_of(frames[k], moved[k], arm.about, mass, centre, inertia)
+        return Body(k, low, high, mass, *own)
 
     for k, (mass, centre, inertia) in enumerate(zip(arm.masses, arm.centres, arm.inertias, strict=True)):
         found.append(body(k, 1 - e, 1 + e, mass, centre, inertia))
@@ -73,19 +76,107 @@ def bodies(
         found.append(held)
         half = np.array(tolerance["payload_center"], dtype=float)
         if np.any(half):
-            (R, p), most = frames[last], mass * (1 + h)
-            place = p - arm.about[:, None] + times_rows(R, centre)
-            needs = turned(R, inertial(1.0, centre, still, moved[last])[0])
-            adds = Form.of(np.zeros(place.r.shape)), *moved[last][1:]  # what shifts add to the acceleration
-            axes = np.array(payload["axes"], dtype=float).T
-            sides = [times_rows(R, axis) for axis in axes]
-            swings = [turned(R, inertial(1.0, axis, still, adds)[0]) for axis in axes]
-            for i in np.flatnonzero(half):
-                force = swings[i] * most
-                moment = crossed(place, force) + crossed(sides[i], needs) * most
-                found.append(Body(last, -half[i], half[i], 0.0, sides[i] * most, force, moment))
-                second += [
-                    crossed(sides[i], swings[j]) * (most * half[i] * half[j]) for j in np.flatnonzero(half)
-                ]
+            axes, sides = np.array(payload["axes"], dtype=float).T, np.flatnonzero(half)
+            own = frames[last], moved[last], arm.about, mass * (1 + h), centre
+            parts, products = shifted(*own, axes[sides], half[sides])
+            second += products
+            for size, part in zip(half[sides], parts, strict=True):
+                found.append(Body(last, -size, size, 0.0, *part))
     found.append(body(last, 0.0, tolerance["extra_mass"], 1.0, arm.offsets[-1], still))
     return found, second
+
+
+def base_bodies(
+    base: Mapping[str, Any],
+    tolerance: Mapping[str, Any],
+    shifts: np.ndarray,
+    driven: Driven | None,
+    none: Form,
+) -> tuple[list[Body], list[Form]]:
+    """The base and, last, its centre of mass anywhere in its box, axis by axis, about its nominal place; and
+    moments (3, N) that are of second order in that.
+
+    Args:
+        base, tolerance: of a certificate.
+        shifts: (axes, 3), m, half sides of the box.
+        driven: how it drives; None: it rests.
+        none: (3, N), zero.
+    """
+    (low, high), mass = tolerance["base_mass"], float(base["mass"])
+    most, second = mass * (1 + high), []
+    levers = [Form.of(np.broadcast_to(most * shift[:, None], none.r.shape)) for shift in shifts]
+    parts: list[Part] = [(lever, none, none) for lever in (none, *levers)]
+    if driven is not None:
+        place, inertia = (np.array(base[key], dtype=float) for key in ("center_of_mass", "inertia"))
+        still = Form.of(np.broadcast_to(np.eye(3)[:, :, None], (3, *none.r.shape)))
+        own = (still, none), driven[1], place
+        _, force, moment = part_of(*own, mass, place, inertia)
+        moved, second = shifted(*own, most, place, shifts, np.ones(len(shifts)))
+        parts = [(none, force, moment), *moved]
+    weights = [(1 + low, 1 + high, mass), *[(-1.0, 1.0, 0.0)] * len(shifts)]
+    rows = zip(weights, parts, strict=True)
+    return [Body(-1, least, most, share, *part) for (least, most, share), part in rows], second
+
+
+def term_of(*shares: Body) -> tuple[float, float, float, Form]:
+    """Ends of its weight, mass and parts, see `within.Terms`, of a body whose motion is given in shares."""
+    body = shares[0]
+    needs = [x for share in shares for x in (-share.force, -share.moment)]
+    return body.low, body.high, body.mass, joined(body.lever, *needs)
+
+
+def part_of(
+    frame: tuple[Form, Form],
+    moved: Motion,
+    about: np.ndarray,
+    mass: float,
+    centre: np.ndarray,
+    inertia: np.ndarray,
+) -> Part:
+    """Of a body in a frame that moves so, about a reference point (3,)."""
+    R, p = frame
+    origin = p - about[:, None]
+    force, moment = (turned(R, part) for part in inertial(mass, centre, inertia, moved))
+    return (origin + times_rows(R, centre)) * mass, force, moment + crossed(origin, force)
+
+
+def shifted(
+    frame: tuple[Form, Form],
+    moved: Motion,
+    about: np.ndarray,
+    mass: float,
+    centre: np.ndarray,
+    axes: np.ndarray,
+    half: np.ndarray,
+) -> tuple[list[Part], list[Form]]:
+    """What a shift of a centre of mass by 1 m along each of some axes (k, 3) adds to a body.
+
+    Also moments (3, N) that are of second order in shifts of up to half, (k,), m.
+    """
+    (R, p), still = frame, np.zeros((3, 3))
+    place = p - about[:, None] + times_rows(R, centre)
+    needs = turned(R, inertial(1.0, centre, still, moved)[0])
+    adds = Form.of(np.zeros(place.r.shape)), *moved[1:]  # what shifts add to the acceleration
+    sides = [times_rows(R, axis) for axis in axes]
+    swings = [turned(R, inertial(1.0, axis, still, adds)[0]) for axis in axes]
+    parts, second = [], []
+    for i, side in enumerate(sides):
+        force = swings[i] * mass
+        parts.append((side * mass, force, crossed(place, force) + crossed(side, needs) * mass))
+        second += [crossed(side, swings[j]) * (mass * half[i] * half[j]) for j in range(len(half))]
+    return parts, second
+
+
+def paces(tolerance: Mapping[str, Any], drives: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Factors on the shares of `Arm.shares` at ends of the speed factors of arm and base, (ends, shares), and
+    by how much (shares,) they may differ from means of these.
+
+    The factor of the second share is a product x y of both speed factors. Over x^2 and y^2 it is more than
+    what is linear between the ends, by at most this.
+    """
+    speed, base = float(tolerance["speed"]), float(tolerance.get(DRIVE_SPEED, 0.0))
+    if not drives:
+        return np.array([[(1 - speed) ** 2], [(1 + speed) ** 2]]), np.zeros(1)
+    ends = product({1 - speed, 1 + speed}, {1 - base, 1 + base})
+    bent = 0.5 * (1 + speed) * base**2 + 0.5 * (1 + base) * speed**2
+    return np.array([[x * x, x * y, y * y] for x, y in ends]), np.array([0.0, 1.01 * bent, 0.0])

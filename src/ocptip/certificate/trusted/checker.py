@@ -11,7 +11,8 @@ A certificate is plain data:
 - `model`: the arm (link frames, inertias) or a program, what it holds, the base (mass, centre of mass,
   gravity), contacts with their force sets, what may collide, the joints' limits, points of links whose
   speeds are limited, as numbers;
-- `motion`: pieces of time, on each of which every joint's coordinate is a polynomial of u in [-1, 1];
+- `motion`: pieces of time, on each of which every joint's coordinate is a polynomial of u in [-1, 1]; if the
+  base drives, so are its velocities in its axes, which stay what they are before and after;
 - `tolerance`: how far the world may be off, or null;
 - `bounds`: what is claimed, one number each for the whole motion;
 - `cover`: per piece the ends -1 = u_0 < u_1 < ... = 1 of its intervals, contact forces at both ends of each,
@@ -51,6 +52,7 @@ from ocptip.certificate.trusted.plain import (
     LARGEST,
     NOTHING,
     POINTS,
+    VELOCITIES,
     MalformedError,
     numbers,
     require,
@@ -65,7 +67,7 @@ from ocptip.certificate.trusted.plain import (
 from ocptip.certificate.trusted.program import require_program
 from ocptip.certificate.trusted.sharing import Sharing
 
-FORMAT = "ocptip certificate 3"
+FORMAT = "ocptip certificate 4"
 CLAIMS = ("GN", "GT", "torque_ratio", "clearance")
 CLAIMS_WITHIN = ("GN_worst_case", "GT_worst_case")
 CLAIMS_OF_CONTACTS = "contacts within tolerance", "tip-over within tolerance"
@@ -142,6 +144,9 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         require(data["tolerance"] is None, "tolerance: of a program nothing is known")
     require_motion(motion, len(model["limits"]["speed"]))
     require_process(model["arm"], motion)
+    if VELOCITIES in motion:
+        rigid = model["arm"] is not None and "inertia" in model["base"]
+        require(rigid, f"{VELOCITIES}: an arm, and the inertia of the base are expected")
     cancels = [names for names in COVERS_OF_CANCELS.values() if bounds.keys() & set(names)]
     within = () if (tolerance := data["tolerance"]) is None else CLAIMS_WITHIN
     if tolerance is not None:
@@ -243,8 +248,8 @@ def _problems_of_cancels(
     """The problems of claims about a cancelled motion, and the number of boxes."""
     model, motion, bounds, own = data["model"], data["motion"], data["bounds"], data[cover]
     tolerance = data["tolerance"] if cover == WITHIN_CANCEL else NOTHING
-    if tolerance is None or model["arm"] is None:
-        raise MalformedError(f"{cover}: of an arm, within a tolerance")
+    if tolerance is None or model["arm"] is None or VELOCITIES in motion:
+        raise MalformedError(f"{cover}: of an arm on a base that rests, within a tolerance")
     claims: dict[str, float] = {key: bounds[name] for key, name in zip(CLAIMS_WITHIN, claimed, strict=True)}
     sharing = Sharing(model, motion, tolerance, claims)
     cancelled = Cancelled(motion, model[DECELERATIONS], sharing.late)

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, Turns, skew
+from ocptip.certificate.trusted.arm import Arm, Driven, Turns, driven, inertial, skew
 from ocptip.certificate.trusted.contacts import Contacts
 from ocptip.certificate.trusted.distances import Directions, Frame, distances
 from ocptip.certificate.trusted.drives import Drives
-from ocptip.certificate.trusted.forms import Form, U, dot, known, linear, polynomial, stack
+from ocptip.certificate.trusted.forms import Form, U, dot, joined, known, linear, polynomial, stack
 from ocptip.certificate.trusted.late import Late
-from ocptip.certificate.trusted.plain import POINTS
+from ocptip.certificate.trusted.plain import POINTS, VELOCITIES
 from ocptip.certificate.trusted.program import run
 
 TORQUES = "torque_ratio_worst_case"
@@ -34,7 +34,8 @@ ANGLE = 1e-7  # rad or m, likewise
 
 
 class Intervals:
-    """Coordinates, speeds and accelerations of a motion over intervals, forms (n, N); ends (2, N), s.
+    """Coordinates, speeds and accelerations of a motion over intervals, forms (n, N); ends (2, N), s; how the
+    base drives, or None.
 
     Args:
         motion: of a certificate.
@@ -46,16 +47,20 @@ class Intervals:
         self, motion: Mapping[str, Any], piece: np.ndarray, start: np.ndarray, end: np.ndarray
     ) -> None:
         times = np.array(motion["times"], dtype=float)[piece]
-        c = np.moveaxis(np.array(motion["angles"], dtype=float)[piece], 0, 2)  # (n, degrees, N)
         middle = 0.5 * (start + end)
         u = Form.of(middle, 0.5 * (end - start) * (1 + U) + U)  # a little further than both ends
         half_time = 0.5 * (times[:, 1] - times[:, 0])
         rate = np.where(half_time > 0, 1 / np.where(half_time > 0, half_time, 1.0), 0.0)
-        values = []
-        for order in range(3):
-            values.append(polynomial(c, u) * rate**order)
-            c = c[:, 1:] * np.arange(1, c.shape[1])[:, None]
-        self.q, self.qd, self.qdd = values
+
+        def derivatives(key: str, orders: int) -> list[Form]:
+            c, values = np.moveaxis(np.array(motion[key], dtype=float)[piece], 0, 2), []  # (n, degrees, N)
+            for order in range(orders):
+                values.append(polynomial(c, u) * rate**order)
+                c = c[:, 1:] * np.arange(1, c.shape[1])[:, None] if c.shape[1] > 1 else 0.0 * c
+            return values
+
+        self.q, self.qd, self.qdd = derivatives("angles", 3)
+        self.driven = driven(*derivatives(VELOCITIES, 2)) if VELOCITIES in motion else None
         self.times = 0.5 * (times[:, 0] + times[:, 1]) + middle * half_time
         half = 0.5 * (end - start) * half_time
         self.ends = np.stack([self.times - half, self.times + half])
@@ -106,6 +111,7 @@ class Checker:
         self.bounds, base = bounds, model["base"]
         gravity, about = (np.array(base[key], dtype=float) for key in ("gravity", "center_of_mass"))
         self.contacts = Contacts(model, bounds["GN"])
+        self._base = base
         self.weight = np.concatenate([base["mass"] * gravity, np.zeros(3)])
         self.arm = None if model["arm"] is None else Arm(model["arm"], gravity, about)
         self.program = None if self.arm else model["program"]
@@ -125,7 +131,7 @@ class Checker:
         late, late_speeds = self._late_states(at)
         if self.arm is not None:
             turns = self.arm.turns(at.q)
-            torques, wrench = self.arm.loads(at.q, turns, at.qd, at.qdd, at.ends)
+            torques, wrench = self.arm.loads(at.q, turns, at.qd, at.qdd, at.ends, at.driven)
             if len(self.pairs):
                 frames = self.arm.frames(turns)
             if self._points:
@@ -142,6 +148,8 @@ class Checker:
             torques, wrench = stack(*found[:n]), stack(*found[n : n + 6])
             further = stack(*found[n + 6 :]) if found[n + 6 :] else None
         wrench = wrench + self.weight[:, None]
+        if at.driven is not None:
+            wrench = wrench - self._base_inertia(at.driven)
         return Loads(torques, wrench, frames, late, late_turns, speeds, further)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
@@ -160,7 +168,7 @@ class Checker:
         found = self.contact_margins(loads.wrench, forces)
         found["torque"] = 1 - _share(loads.torques, bounds["torque_ratio"] * limits["torque"])
         if self._drives is not None:
-            most = self._drives.greatest(at.q, at.qd, at.qdd, at.ends) / limits["torque"][:, None]
+            most = self._drives.greatest(at.q, at.qd, at.qdd, at.ends, at.driven) / limits["torque"][:, None]
             found["torque within tolerance"] = 1 - np.max(most, axis=0) / bounds[TORQUES] * (1 + U)
         found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
         found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
@@ -184,13 +192,20 @@ class Checker:
             found["singularity, motor speed"] = np.min(slack, axis=0)
         return {name: known(value) for name, value in found.items()}
 
+    def _base_inertia(self, driven: Driven) -> Form:
+        """(6, N): what the motion of the base needs, about its centre of mass."""
+        place, inertia = (np.array(self._base[key], dtype=float) for key in ("center_of_mass", "inertia"))
+        force, moment = inertial(float(self._base["mass"]), place, inertia, driven[1])
+        return joined(force, moment - linear(skew(place), force))
+
     def _late_states(self, at: Intervals) -> tuple[Form, Form] | tuple[None, None]:
         if self._late is None:
             return None, None
         if not self._late.delay:
             return at.q, at.qd
         blur = U * (1 + np.abs(at.ends).sum(axis=0))  # times are rounded
-        return self._late.places(at.ends[0] - blur, at.ends[1] + blur)
+        q, qd = self._late.places(at.ends[0] - blur, at.ends[1] + blur)
+        return q[: len(at.q.r)], qd[: len(at.q.r)]  # of a base that drives nothing is asked here
 
     def _point_speeds(self, turns: Turns, qd: Form) -> np.ndarray:
         """The largest share of their limits that speeds of points reach, (N,), from above."""

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, crossed, times_rows, turned
-from ocptip.certificate.trusted.bodies import bodies
+from ocptip.certificate.trusted.arm import Arm, Driven, crossed, times_rows, turned
+from ocptip.certificate.trusted.bodies import bodies, paces
 from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, linear, stack
 from ocptip.certificate.trusted.plain import SPRING_SHARE
 
@@ -31,41 +31,55 @@ class Drives:
         self._own, self._payload = tolerance, model["payload"]
         self._gravity = np.array(model["base"]["gravity"], dtype=float)
         self._arm = Arm(model["arm"], np.zeros(3), np.zeros(3))
-        speed = tolerance["speed"]
-        self._paces = ((1 - speed) ** 2, (1 + speed) ** 2)
 
-    def greatest(self, q: Form, qd: Form, qdd: Form, ends: np.ndarray) -> np.ndarray:
+    def greatest(
+        self, q: Form, qd: Form, qdd: Form, ends: np.ndarray, driven: Driven | None = None
+    ) -> np.ndarray:
         """(n, N): upper bounds of the torques' absolute values, N m or N; q, qd, qdd (n, N).
 
-        ends (2, N), s: from when to when, for what acts on the gripper.
+        ends (2, N), s: from when to when, for what acts on the gripper; driven: None: the base rests.
         """
         arm = self._arm
         turns = arm.turns(q)
         frames = arm.frames(turns)[1:]
-        moved = arm.accelerations(turns, qd, qdd, np.zeros(3))
-        found, second = bodies(arm, self._payload, self._own, frames, moved)
+        factors, bent = paces(self._own, driven is not None)
+        shares = [
+            bodies(arm, self._payload, self._own, frames, moved)
+            for moved, _ in arm.shares(turns, qd, qdd, driven)
+        ]
+        found = shares[0][0]
         along, about = self._screws(frames)  # (links, 3, N): a torque is about . moment + along . force
         last, origin = frames[-1]
         tool = origin + times_rows(last, arm.offsets[-1])
         force, moment = (-turned(last, part) for part in arm.process_load(turns, ends))
         process = _of_joints(along, about, force[None], (moment + crossed(origin, force))[None])[:, 0]
         moved = np.array([[i <= body.k for body in found] for i in range(arm.n)], dtype=float)[:, :, None]
-        parts = [stack(*(getattr(body, name) for body in found)) for name in ("force", "moment", "lever")]
-        pace = _of_joints(along, about, parts[0], parts[1]) * moved  # (links, bodies, N)
+        needs = [
+            [stack(*(getattr(body, name) for body in own)) for name in ("force", "moment")]
+            for own, _ in shares
+        ]
+        moving = [_of_joints(along, about, *own) * moved for own in needs]  # (links, bodies, N)
+        lever = stack(*(body.lever for body in found))
         masses = np.array([body.mass for body in found])[:, None]
         pulls = [
-            -(_cross(about, parts[2], axis) + along[:, axis][:, None] * masses) * moved for axis in range(3)
+            -(_cross(about, lever, axis) + along[:, axis][:, None] * masses) * moved for axis in range(3)
         ]
         pushes = [_cross(about, tool[None], axis)[:, 0] + along[:, axis] for axis in range(3)]
-        turning = about[:, None] * stack(*second)[None] if second else None
-        loose = 0.0 if turning is None else np.sum(turning.size + turning.r, axis=(1, 2))
-        own = [self._coordinates(form) for form in (pace, *pulls, *pushes, process)]
-        own.append(qdd * arm.armature[:, None])
+        loose = np.zeros(moving[0].r[:, 0].shape)
+        for most, (_, second) in zip(np.max(factors, axis=0), shares, strict=True):
+            if second:
+                turning = about[:, None] * stack(*second)[None]
+                loose += most * np.sum(turning.size + turning.r, axis=(1, 2))
+        own = [self._coordinates(form) for form in (*pulls, *pushes, process)]
+        moving = [self._coordinates(form) for form in moving]
+        rotor = qdd * arm.armature[:, None]
         weights = np.array([(body.low, body.high) for body in found]).T[:, :, None]
         springs = arm.against_springs(q)
         off = springs * np.full((len(arm.armature), 1), float(self._own.get(SPRING_SHARE, 0.0)))
-        found = self._greatest(weights, own[0], own[1:4], own[4:7], own[7] + springs, own[8], off)
-        return found + self._paces[1] * (np.abs(arm.ratios.T) @ np.broadcast_to(loose, pace.r[:, 0].shape))
+        found = self._greatest(
+            weights, moving, own[:3], own[3:6], own[6] + springs, rotor, off, factors, bent
+        )
+        return found + np.abs(arm.ratios.T) @ loose
 
     def _coordinates(self, form: Form) -> Form:
         """Torques, or their parts, of joints, (links, ...), as those of the drives' coordinates."""
@@ -86,49 +100,58 @@ class Drives:
     def _greatest(
         self,
         weights: np.ndarray,
-        pace: Form,
+        moving: list[Form],
         pulls: list[Form],
         pushes: list[Form],
         process: Form,
         rotor: Form,
         springs: Form,
+        factors: np.ndarray,
+        bent: np.ndarray,
     ) -> np.ndarray:
         """The closed form.
 
         Args:
             weights: (2, bodies, 1), minimum and maximum.
-            pace: (n, bodies, N), proportional to the square of the speed factor.
+            moving: shares (n, bodies, N) of what motion asks for, see `Arm.shares`.
             pulls: three of these, by the components of gravity.
             pushes: three (n, N), by those of a push at the gripper.
             process, rotor: (n, N), constant, springs included, and proportional to the square of the speed
                 factor for rotors.
             springs: (n, N), by which these may be off, of either sign.
+            factors, bent: see `paces`; the first factor is the square of the speed factor.
         """
         g, tilt, push = self._gravity, float(self._own["tilt"]), float(self._own["push"])
         mean, half = 0.5 * (weights[0] + weights[1]), 0.5 * (weights[1] - weights[0])
         off = float(np.linalg.norm(g)) * tilt * (1 + U)  # by so much gravity changes at most
-        forms = (pace, *pulls, *pushes, process, rotor, springs)
+        forms = (*pulls, *pushes, process, rotor, springs)
         at = [np.tensordot(BERNSTEIN, form.c, axes=1) for form in forms]
-        pulled, level = np.stack(at[1:4]), sum(g[axis] * at[1 + axis] for axis in range(3))
+        shares = np.stack([np.tensordot(BERNSTEIN, form.c, axes=1) for form in moving])
+        pulled, level = np.stack(at[:3]), sum(g[axis] * at[axis] for axis in range(3))
         y = np.sum(mean * pulled, axis=3)  # (3, nodes, n, N)
         along, across = np.tensordot(g, y, axes=1), np.linalg.norm(np.cross(y, g, axis=0), axis=0)
-        pushed = push * np.linalg.norm(np.stack(at[4:7]), axis=0) + np.abs(at[9])
+        pushed = push * np.linalg.norm(np.stack(at[3:6]), axis=0) + np.abs(at[8])
         turned_by = np.sum(half * off * np.linalg.norm(pulled, axis=0), axis=2)
         best = np.full(along.shape, -np.inf)
-        for p in self._paces:
-            still = p * (np.sum(mean * at[0], axis=2) + at[8]) + at[7]
-            spread = np.sum(half * np.abs(p * at[0] + level), axis=2) + turned_by + pushed
+        for own in factors:
+            moved = np.tensordot(own, shares, axes=1)
+            still = np.sum(mean * moved, axis=2) + own[0] * at[7] + at[6]
+            spread = np.sum(half * np.abs(moved + level), axis=2) + turned_by + pushed
             for sign in (1.0, -1.0):
                 best = np.maximum(best, sign * still + _over_cap(sign * along, across, tilt) + spread)
         most = np.maximum(np.abs(weights[0]), np.abs(weights[1]))
-        far, fast = np.abs(g) + off, self._paces[1]
+        far, fast = np.abs(g) + off, np.max(factors, axis=0)
 
         def whole(of: Callable[[Form], np.ndarray]) -> np.ndarray:
-            bodies = fast * of(pace) + sum(f * of(own) for f, own in zip(far, pulls, strict=True))
-            rest = of(process) + fast * of(rotor) + push * sum(map(of, pushes)) + of(springs)
+            bodies = sum(f * of(own) for f, own in zip((*fast, *far), (*moving, *pulls), strict=True))
+            rest = of(process) + fast[0] * of(rotor) + push * sum(map(of, pushes)) + of(springs)
             return np.sum(most * bodies, axis=1) + rest
 
         error, size = whole(lambda form: form.r), whole(lambda form: form.size)
+        # Factors that are not between their ends alone, see `paces`.
+        error += np.sum(
+            most * sum(b * (own.size + own.r) for b, own in zip(bent, moving, strict=True)), axis=1
+        )
         return (np.max(best, axis=0) + error) * (1 + U) + 16 * U * size
 
 

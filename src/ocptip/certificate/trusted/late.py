@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.trusted.forms import Form, K, U, joined, length, polynomial
-from ocptip.certificate.trusted.plain import require
+from ocptip.certificate.trusted.plain import VELOCITIES, require
 
 SLACK = (
     1e-9  # s: delays are looked at a little further than declared, so that rounded times count for nothing
@@ -91,9 +91,12 @@ class Late:
         delay: s, of every joint by itself, at most.
         overshoot: share of its height by which an acceleration step is exceeded.
 
+    A base that drives has three more joints, the integrals of its velocities: on time, with overshoot.
+
     Attributes:
         delay: a little more, s; 0 without delay and overshoot.
-        joints: number of them.
+        joints: number of them, those of a base that drives last.
+        delayed: number of those that may be delayed: the others, which are last, have no e.
         events: (E,) times between pieces, s.
         start, end: s: everything rests before, and from then on.
     """
@@ -101,8 +104,15 @@ class Late:
     def __init__(self, motion: Mapping[str, Any], delay: float, overshoot: float) -> None:
         self._times = np.array(motion["times"], dtype=float)
         self._c = np.array(motion["angles"], dtype=float)
+        self.delayed = self._c.shape[1]
+        if VELOCITIES in motion:
+            self._times[[0, -1], [0, 1]] += -REST, REST  # the base may drive before and after the motion
+            own = np.pad(self._c, ((0, 0), (0, 0), (0, K - self._c.shape[2])))
+            self._c = np.concatenate([own, _integrated(motion[VELOCITIES], self._times)], axis=1)
         self.joints = self._c.shape[1]
         self.delay = delay + SLACK if delay or overshoot else 0.0
+        self._delays = np.full(self.joints, self.delay)
+        self._delays[self.delayed :] = SLACK if overshoot else 0.0
         self.overshoot = overshoot
         self.events = self._times[:-1, 1]
         self.start = 0.0 if self.delay else -REST
@@ -165,8 +175,8 @@ class Late:
         self, joint: int, start: float, end: float, inside: range, jumping: np.ndarray, smooth: np.ndarray
     ) -> list[_Branch]:
         """The cases of one joint from start to end, s; the rest is its part of `_changes`."""
-        d, events, least = self.delay, self.events, _SMALL * self._peaks[joint]
-        jumps = [k for k, own in zip(inside, jumping.tolist(), strict=True) if own]
+        d, events, least = float(self._delays[joint]), self.events, _SMALL * self._peaks[joint]
+        jumps = [k for k, own in zip(inside, jumping.tolist(), strict=True) if own and events[k] > start - d]
         low, high, found = (start - d, end - d), (start, end), []
         loose, rounded, sums = smooth, 0.0, {}  # sums: over steps that end at an event, by where they begin
         for k in jumps:
@@ -306,7 +316,8 @@ class Late:
         """Coordinates, speeds and accelerations for any T in the delay, forms (boxes,) in s and e; and by how
         much accelerations may be off by themselves."""
         first, last = np.array([(box.start, box.end) for box in boxes]).T
-        middle, half = 0.5 * (first + last - self.delay), 0.5 * (last - first + self.delay)
+        delay = self._delays[[box.joint for box in boxes]]
+        middle, half = 0.5 * (first + last - delay), 0.5 * (last - first + delay)
         owner = np.repeat(np.arange(len(boxes)), [len(box.branches) for box in boxes])
         parts = [part for box in boxes for part in box.branches]
         piece, joints = np.array([(part.piece, part.joint) for part in parts]).T
@@ -317,7 +328,7 @@ class Late:
                 [max(part.low + part.high) for part in parts],
             )
         )
-        size = U * (np.abs(first) + np.abs(last) + self.delay)[owner]
+        size = U * (np.abs(first) + np.abs(last) + delay)[owner]
 
         def within(origin: np.ndarray, rate: np.ndarray) -> Form:
             """T from low to high, less an origin, times a rate."""
@@ -327,8 +338,8 @@ class Late:
         rate = self._rate[piece]
         u, z = within(0.5 * self._times[piece].sum(axis=1), rate), within(middle[owner], 1 / half[owner])
         c = np.zeros((length(1), len(boxes)))
-        c[1], c[K] = 0.5 * (last - first) / half, 0.5 * self.delay / half
-        at = Form(c, U * (np.abs(first) + np.abs(last) + self.delay) / half)
+        c[1], c[K] = 0.5 * (last - first) / half, 0.5 * delay / half
+        at = Form(c, U * (np.abs(first) + np.abs(last) + delay) / half)
         own, found, spread = self._c[piece, joints], [], np.zeros(len(boxes))
         for order in range(3):
             value = polynomial(own.T, u) * rate**order + np.array(
@@ -356,22 +367,32 @@ class Late:
                 for form in states
             ]
         boxed, found = spread[index] > 0, []
-        m = n + int(np.max(np.count_nonzero(boxed, axis=0)))
+        late, own = self.delayed, index[self.delayed :]
+        m = late + int(np.max(np.count_nonzero(boxed, axis=0)))
         for form in states:
-            c = np.zeros((length(m), n, count))
+            c, r = np.zeros((length(m), n, count)), form.r[index]
             c[:K] = form.c[:K, index]
+            r[late:] = (r[late:] + np.abs(form.c[K:]).sum(axis=0)[own]) * (1 + U)
             square = K + 2 * m
-            for j in range(n):
+            for j in range(late):
                 c[K + j, j], c[K + m + j, j] = form.c[K, index[j]], form.c[K + 1, index[j]]
                 c[square, j] = form.c[K + 2, index[j]]
                 square += m - j
-            found.append(Form(c, form.r[index]))
+            found.append(Form(c, r))
         joint, row = np.nonzero(boxed)
         if not len(joint):
             return found
-        number = K + n - 1 + np.cumsum(boxed, axis=0)[joint, row]
+        number = K + late - 1 + np.cumsum(boxed, axis=0)[joint, row]
         found[2].c[number, joint, row] = spread[index[joint, row]]
         return found
+
+
+def _integrated(velocities: Any, times: np.ndarray) -> np.ndarray:
+    """(pieces, 3, 6): integrals of velocities (pieces, 3, degrees), polynomials of u in times (pieces, 2)."""
+    v = np.array(velocities, dtype=float)
+    half, found = 0.5 * np.diff(times, axis=1)[:, :, None], np.zeros((len(v), 3, K))
+    found[:, :, 1 : 1 + v.shape[2]] = half * v / np.arange(1, 1 + v.shape[2])
+    return found
 
 
 def _line(value: Form, z: Form, owner: np.ndarray, degree: int) -> np.ndarray:

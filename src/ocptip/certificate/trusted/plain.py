@@ -24,6 +24,11 @@ DECELERATIONS = "decelerations_on_cancel"
 """Key of what joints decelerate by when a motion is cancelled, (m,), rad/s^2 or m/s^2."""
 SPRING_SHARE = "springs"
 """Key of a tolerance: share of itself by which the torque of a spring may be off; 0 where it is missing."""
+DRIVE_SPEED = "drive_speed"
+"""Key of a tolerance: share by which a base drives faster or slower on its course; 0 where it is missing."""
+VELOCITIES = "base_velocities"
+"""Key of a motion while the base drives: its velocities forward and sideways, m/s, and turning, rad/s, in
+base axes, by pieces as the angles are."""
 _SHARE = 0.999  # relative, at most
 _BOXES = ("center_of_mass", "payload_center")
 _MOST = {
@@ -76,6 +81,7 @@ def require_model(model: Mapping[str, Any]) -> None:
     numbers("mass of the base", base["mass"], (), 0.0)
     numbers("center_of_mass", base["center_of_mass"], (3,))
     numbers("gravity", base["gravity"], (3,))
+    numbers("inertia of the base", base.get("inertia", np.eye(3)), (3, 3))
     if base["reference_moment"] is not None:
         numbers("reference_moment", base["reference_moment"], (), 1e-9)
     _require_contacts(model["contacts"])
@@ -127,6 +133,7 @@ def _require_arm(arm: Mapping[str, Any], held: Mapping[str, Any] | None, m: int)
 
 def require_motion(motion: Mapping[str, Any], joints: int) -> None:
     """Raise MalformedError unless these are polynomials of pieces of time, at rest first and last."""
+    require(set(motion) <= {"times", "angles", VELOCITIES}, "motion: others are expected")
     times = numbers("times", motion["times"], (None, 2))
     require(times <= LONGEST, f"times: none may be later than {LONGEST:g} s")
     c = numbers("angles", motion["angles"], (len(times), joints, None))
@@ -139,6 +146,12 @@ def require_motion(motion: Mapping[str, Any], joints: int) -> None:
     order, sign = np.arange(c.shape[2]), (-1.0) ** np.arange(c.shape[2])
     gaps = np.sum(np.abs((c @ sign)[1:] - c.sum(axis=2)[:-1]), axis=0)
     speeds = np.sum(np.abs((rate * (c @ (order * -sign)))[1:] - (rate * (c @ order))[:-1]), axis=0)
+    if VELOCITIES in motion:
+        v = numbers(VELOCITIES, motion[VELOCITIES], (len(times), 3, None))
+        require(1 <= v.shape[2] <= 5, f"{VELOCITIES}: one to five coefficients are expected")
+        require(not np.any(v[[0, -1], :, 1:]), f"{VELOCITIES}: constant before and after the motion")
+        steps = np.sum(np.abs((v @ (-1.0) ** np.arange(v.shape[2]))[1:] - v.sum(axis=2)[:-1]), axis=0)
+        require(steps <= 100 * JUMP, f"{VELOCITIES}: pieces do not meet, steps add up to {np.max(steps):.3g}")
     add_up = f"gaps add up to {np.max(gaps):.3g} and {np.max(speeds):.3g} per s"
     require((gaps <= JUMP) & (speeds <= 100 * JUMP), f"motion: pieces do not meet, {add_up}")
 
@@ -153,10 +166,10 @@ def require_process(arm: Mapping[str, Any] | None, motion: Mapping[str, Any]) ->
 
 def require_tolerance(tolerance: Mapping[str, Any]) -> None:
     """Raise MalformedError unless this says of every quantity how far it may be off."""
-    known = set(tolerance) - {SPRING_SHARE}
+    known = set(tolerance) - {SPRING_SHARE, DRIVE_SPEED}
     require(known == {*_MOST, *_BOXES, "base_mass"}, "tolerance: other quantities are expected")
-    springs = numbers(SPRING_SHARE, tolerance.get(SPRING_SHARE, 0.0), (), 0.0)
-    require(springs <= _SHARE, f"{SPRING_SHARE}: more than {_SHARE:g}")
+    for key in (SPRING_SHARE, DRIVE_SPEED):
+        require(numbers(key, tolerance.get(key, 0.0), (), 0.0) <= _SHARE, f"{key}: more than {_SHARE:g}")
     for key, most in _MOST.items():
         require(numbers(key, tolerance[key], (), 0.0) <= most, f"{key}: more than {most:g}")
     for key in _BOXES:

@@ -41,7 +41,7 @@ class Sharing:
         bounds: Mapping[str, float],
     ) -> None:
         self.contacts = Contacts(model, bounds["GN_worst_case"], 1 - tolerance["friction"])
-        self._share, self._within = bounds["GT_worst_case"], Within(model, tolerance)
+        self._share, self._within = bounds["GT_worst_case"], Within(model, tolerance, motion)
         self.late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"])
 
     def terms(self, rows: Rows) -> Terms:

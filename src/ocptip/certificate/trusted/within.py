@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, crossed, turned
-from ocptip.certificate.trusted.bodies import bodies
+from ocptip.certificate.trusted.arm import Arm, crossed, driven, turned
+from ocptip.certificate.trusted.bodies import base_bodies, bodies, paces, term_of
 from ocptip.certificate.trusted.forms import (
     BERNSTEIN,
     ORDER,
@@ -34,6 +34,7 @@ from ocptip.certificate.trusted.forms import (
     stack,
 )
 from ocptip.certificate.trusted.late import Rows
+from ocptip.certificate.trusted.plain import VELOCITIES
 
 _NODES = np.linspace(-1.0, 1.0, ORDER + 1)  # Bernstein coefficients of s
 _AT_ONCE = 8000  # functionals times rows
@@ -50,8 +51,8 @@ class Terms:
         low, high: (T,) ends of the weights.
         masses: (T,) kg: times gravity it is a term's force.
         process: forms (6, R): what acts on the gripper, for any speed factor and any weights.
-        parts: forms (T, 9, R): first moment about the reference point, kg m, and the wrench that its motion
-            needs, at speed factor 1.
+        parts: forms (T, 3 + 6 G, R): first moment about the reference point, kg m, and the wrench that its
+            motion needs, in G shares, at speed factors of 1.
         tool: index of the term of a unit mass at the gripper.
         gravity: (3,), m/s^2.
         size, error: (6, R) bounds of absolute values of the wrench, and of errors.
@@ -109,29 +110,39 @@ class Terms:
         weight = np.sum(0.5 * (self.low + self.high) * self.masses) * self.gravity
         moment = np.cross(c[:3], self.gravity, axisa=0, axisc=0)
         own = np.einsum("k,kir->ir", powers, self.process.c[:K])
-        return own + np.concatenate([weight[:, None] + c[3:6], moment + c[6:]])
+        needed = self.needed(c)
+        return own + np.concatenate([weight[:, None] + needed[:3], moment + needed[3:]])
+
+    @staticmethod
+    def needed(c: np.ndarray, factors: np.ndarray | None = None) -> np.ndarray:
+        """(..., 6, R): the sum of shares of parts (..., 3 + 6 G, R) times factors (G,), 1 by default."""
+        shares = np.split(c[..., 3:, :], (c.shape[-2] - 3) // 6, axis=-2)
+        factors = np.ones(len(shares)) if factors is None else factors
+        return np.sum([factor * share for factor, share in zip(factors, shares, strict=True)], axis=0)
 
 
 class Within:
     """Minimum values of functionals of the wrench.
 
     Args:
-        model, tolerance: of a certificate.
+        model, tolerance, motion: of a certificate; without motion the base rests.
     """
 
-    def __init__(self, model: Mapping[str, Any], tolerance: Mapping[str, Any]) -> None:
+    def __init__(
+        self, model: Mapping[str, Any], tolerance: Mapping[str, Any], motion: Mapping[str, Any] | None = None
+    ) -> None:
         base = model["base"]
-        self._own = tolerance
+        self._own, self._drives = tolerance, motion is not None and VELOCITIES in motion
         half = np.array(tolerance["center_of_mass"], dtype=float)
         self._shifts = np.diag(half)[half > 0]  # (axes, 3) m, of the base's centre of mass: the last terms
         self._gravity = np.array(base["gravity"], dtype=float)
         self._about = np.array(base["center_of_mass"], dtype=float)
-        self._mass, self._payload = float(base["mass"]), model["payload"]
+        self._base, self._payload = base, model["payload"]
         self._arm = Arm(model["arm"], np.zeros(3), self._about)
         self._size = float(np.linalg.norm(self._gravity))
         self._tilt = float(tolerance["tilt"])
-        speed = tolerance["speed"]
-        self._paces = ((1 - speed) ** 2, (1 + speed) ** 2)
+        self._paces, self._bent = paces(tolerance, self._drives)
+        self._fastest = np.max(self._paces, axis=0)
         self._off = self._size * self._tilt * (1 + U)  # by so much gravity changes at most
 
     # --- what the wrench is made of -----------------------------------------------------------------------
@@ -142,26 +153,24 @@ class Within:
         return Terms.joined([self._terms_of(group) for group in groups or [at]])
 
     def _terms_of(self, at: Rows) -> Terms:
-        own, arm = self._own, self._arm
-        turns = arm.turns(at.q)
+        own, arm, n = self._own, self._arm, len(self._arm.armature)
+        q, qd, qdd = at.q[:n], at.qd[:n], at.qdd[:n]
+        drives = driven(at.qd[n:], at.qdd[n:]) if self._drives else None
+        turns = arm.turns(q)
         frames = arm.frames(turns)[1:]
-        moved = arm.accelerations(turns, at.qd, at.qdd, np.zeros(3))
         nothing = Form.of(np.zeros((3, at.q.r.shape[-1])))
-        own_bodies, second = bodies(arm, self._payload, own, frames, moved)
-        found = [
-            (body.low, body.high, body.mass, joined(body.lever, -body.force, -body.moment))
-            for body in own_bodies
-        ]
+        of_bodies, of_base, second = [], [], []
+        for moved, base in arm.shares(turns, qd, qdd, drives):
+            rows, products = bodies(arm, self._payload, own, frames, moved)
+            base_rows, more = base_bodies(self._base, own, self._shifts, base, nothing)
+            of_bodies, of_base, second = [*of_bodies, rows], [*of_base, base_rows], [*second, products + more]
+        found = [term_of(*same) for same in zip(*of_bodies, strict=True)]
         tool = len(found) - 1
-        if second:
-            loose = sum(moment.size + moment.r for moment in second)
-            moment = Form.of(np.zeros(nothing.r.shape), radius=loose)
-            found.append((1.0, 1.0, 0.0, joined(nothing, nothing, moment)))
-        low, high = own["base_mass"]
-        found.append((1 + low, 1 + high, self._mass, joined(nothing, nothing, nothing)))
-        for shift in self._shifts:
-            lever = Form.of(np.broadcast_to(self._mass * (1 + high) * shift[:, None], nothing.r.shape))
-            found.append((-1.0, 1.0, 0.0, joined(lever, nothing, nothing)))
+        if any(second):
+            loose = [sum((m.size + m.r for m in products), nothing.r) for products in second]
+            turning = [Form.of(np.zeros(nothing.r.shape), radius=own) for own in loose]
+            found.append((1.0, 1.0, 0.0, joined(nothing, *(x for m in turning for x in (nothing, m)))))
+        found += [term_of(*same) for same in zip(*of_base, strict=True)]
         ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
         process = joined(nothing, nothing)
         if any(np.any(own) for own in arm.process):
@@ -174,13 +183,15 @@ class Within:
         """With bounds of the terms for any speed factor and any tilt of gravity."""
         low, high, masses = ends
         most = np.maximum(np.abs(low), np.abs(high))[:, None, None]
-        fast, off, push = self._paces[1], np.full(3, self._off), np.full(3, self._own["push"])
+        fast, off, push = self._fastest, np.full(3, self._off), np.full(3, self._own["push"])
         gravity = np.abs(self._gravity) + off
         first, size = np.abs(parts.c[0]), (parts.size + parts.r) * (1 + U)
         half = size - first + U * first
         middle, spread = self._middle(masses, parts.c[0]), _wrench(half, gravity, fast, 0.0 * masses)
         spread = spread + _wrench(first, off, fast - 1, masses)
         error = np.sum(most * _wrench(parts.r, gravity, fast, 0.0 * masses), axis=0)
+        if np.any(self._bent):  # no factor of shares is between its ends alone
+            error += np.sum(most * _wrench(size, 0.0 * gravity, self._bent, 0.0 * masses), axis=0)
         error[3:] += _around(parts.r[tool, :3], push)
         at_base = np.full(3, self._own["base_push"])
         forces = np.broadcast_to((push + at_base)[:, None], error[3:].shape)
@@ -197,10 +208,10 @@ class Within:
         return Terms(low, high, masses, parts, process, *own)
 
     def _middle(self, masses: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """(T, 6, R): wrenches of terms (T, 9, R) as they are in the middle."""
-        weight = (masses[:, None] * self._gravity)[:, :, None]
+        """(T, 6, R): wrenches of terms (T, 3 + 6 G, R) as they are in the middle."""
+        weight, needed = (masses[:, None] * self._gravity)[:, :, None], Terms.needed(c)
         moment = np.cross(c[:, :3], self._gravity, axisa=1, axisc=1)
-        return np.concatenate([weight + c[:, 3:6], moment + c[:, 6:]], axis=1)
+        return np.concatenate([weight + needed[:, :3], moment + needed[:, 3:]], axis=1)
 
     # --- what is worst ------------------------------------------------------------------------------------
 
@@ -291,19 +302,22 @@ class Within:
     def _weighted(self, terms: Terms, h: np.ndarray, constant: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(A, R): with weights (T, A, R), but for errors."""
         c = np.moveaxis(terms.parts.c, (3, 1), (0, 3)).reshape(len(h[0, 0]), -1, len(weights))
-        sums = (c @ np.moveaxis(weights, 2, 0)).reshape(len(c), -1, 9, len(h))  # (R, coefficients, 9, A)
-        sums = np.moveaxis(sums, 0, -1)
+        shares = len(self._fastest)
+        sums = (c @ np.moveaxis(weights, 2, 0)).reshape(len(c), -1, 3 + 6 * shares, len(h))
+        sums = np.moveaxis(sums, 0, -1)  # (coefficients, 3 + 6 G, A, R)
         lever = sums[:, :3], terms.parts.c[:, terms.tool, :3, None]
         force, turn = np.moveaxis(h[:, :3], 1, 0), np.moveaxis(h[:, 3:], 1, 0)  # (3, A, R)
-        X = np.empty((len(sums), 8, *sums.shape[2:]))  # with the pace, gravity, a push at the tool, nothing
-        X[:, 0] = np.einsum("air,miar->mar", h, sums[:, 3:])
+        # with the paces, gravity, a push at the tool, nothing
+        X = np.empty((len(sums), shares + 7, *sums.shape[2:]))
+        for k in range(shares):
+            X[:, k] = np.einsum("air,miar->mar", h, sums[:, 3 + 6 * k : 9 + 6 * k])
         for k in range(3):
             i, j = (k + 1) % 3, (k + 2) % 3
-            for place, arm in zip((1, 4), lever, strict=True):
+            for place, arm in zip((shares, shares + 3), lever, strict=True):
                 X[:, place + k] = turn[i] * arm[:, j] - turn[j] * arm[:, i]
-        X[:, 7] = np.einsum("air,mir->mar", h, terms.process.c)
-        X[0, 1:4] += np.einsum("tar,t->ar", weights, terms.masses) * force
-        X[0, 4:7] += force
+        X[:, -1] = np.einsum("air,mir->mar", h, terms.process.c)
+        X[0, shares : shares + 3] += np.einsum("tar,t->ar", weights, terms.masses) * force
+        X[0, shares + 3 : shares + 6] += force
         ends = 0.5 * ((1 - _NODES)[:, None, None] * constant[0] + (1 + _NODES)[:, None, None] * constant[1])
         return np.min(self._least_at_nodes(X) + ends, axis=0)
 
@@ -327,9 +341,9 @@ class Within:
 
     def _least_at_nodes(self, X: np.ndarray) -> np.ndarray:
         """Minimum values (vertices, A, R) over speed factor, gravity, pushes at the tool and numbers e."""
-        m, i, j = numbers_of(len(X))
-        at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, 8, A, R)
-        push_, free = np.s_[:, 4:7], np.s_[:, 7]
+        (m, i, j), g = numbers_of(len(X)), len(self._fastest)
+        at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, G + 7, A, R)
+        pull_, push_, free = np.s_[:, g : g + 3], np.s_[:, g + 3 : g + 6], np.s_[:, -1]
         by_node = _NODES.reshape(-1, 1, 1, 1)
         slopes = [X[K + k] + by_node * X[K + m + k] for k in range(m)]
         bends = X[K + 2 * m :]
@@ -337,9 +351,9 @@ class Within:
         reach = np.linalg.norm(at[push_], axis=1)
         unit = at[push_] / np.maximum(reach, 1e-300)[:, None]
         pushed = [slope[free] - push * np.sum(unit * slope[push_], axis=1) for slope in slopes]
-        tilted = self._off * np.linalg.norm(bends[:, 1:4], axis=1)
+        tilted = self._off * np.linalg.norm(bends[pull_], axis=1)
         turns = [
-            self._off * np.linalg.norm(slope[:, 1:4], axis=1)
+            self._off * np.linalg.norm(slope[pull_], axis=1)
             + np.sum(tilted[i == k], axis=0)
             + np.sum(tilted[j == k], axis=0)
             for k, slope in enumerate(slopes)
@@ -352,19 +366,21 @@ class Within:
         lost = lost + np.sum(np.abs(bends[free]), axis=0)
         best, gravity = np.full(reach.shape, np.inf), self._gravity
         for pace in self._paces:
-            here, found = at[:, :4].copy(), at[free] - push * reach - lost
-            bent = pace * bends[:, 0] + np.tensordot(gravity, bends[:, 1:4], axes=(0, 1))
+            here, found = at[:, : g + 3].copy(), at[free] - push * reach - lost
+            level = np.concatenate([pace, gravity])
+            bent = np.tensordot(level, bends[:, : g + 3], axes=(0, 1))
             linear = [
-                pace * slope[:, 0] + np.tensordot(gravity, slope[:, 1:4], axes=(0, 1)) + other
+                np.tensordot(level, slope[:, : g + 3], axes=(0, 1)) + other
                 for slope, other in zip(slopes, pushed, strict=True)
             ]
             sides, beyond = _sides(linear, bent, i, j)
             for side, slope, other, turn, more in zip(sides, slopes, pushed, turns, beyond, strict=True):
                 found = found + side * other - 2 * np.maximum(turn + more, 0.0)
-                here += side[:, None] * slope[:, :4]
+                here += side[:, None] * slope[:, : g + 3]
             for bend, first, second in zip(bends, i, j, strict=True):
-                here += (sides[first] * sides[second])[:, None] * bend[:4]
-            best = np.minimum(best, pace * here[:, 0] + self._under_cap(here[:, 1:]) + found)
+                here += (sides[first] * sides[second])[:, None] * bend[: g + 3]
+            moving = np.tensordot(pace, here[:, :g], axes=(0, 1))
+            best = np.minimum(best, moving + self._under_cap(here[:, g:]) + found)
         return best
 
     def _under_cap(self, y: np.ndarray) -> np.ndarray:
@@ -416,11 +432,12 @@ def _sides(
     return list(sides), beyond
 
 
-def _wrench(sizes: np.ndarray, gravity: np.ndarray, pace: float, masses: np.ndarray) -> np.ndarray:
-    """(T, 6, R): what wrenches of terms can be at most, whose numbers are at most sizes (T, 9, R)."""
-    force = pace * sizes[:, 3:6] + (masses[:, None] * gravity)[:, :, None]
+def _wrench(sizes: np.ndarray, gravity: np.ndarray, factors: np.ndarray, masses: np.ndarray) -> np.ndarray:
+    """(T, 6, R): what wrenches of terms can be at most, whose numbers are at most sizes (T, 3 + 6 G, R)."""
+    needed = Terms.needed(sizes, factors)
+    force = needed[:, :3] + (masses[:, None] * gravity)[:, :, None]
     moment = np.stack([_around(lever, gravity) for lever in sizes[:, :3]])
-    return np.concatenate([force, pace * sizes[:, 6:] + moment], axis=1)
+    return np.concatenate([force, needed[:, 3:] + moment], axis=1)
 
 
 def _around(lever: np.ndarray, force: np.ndarray) -> np.ndarray:

@@ -1,0 +1,182 @@
+"""Proofs of a base that drives: the mass of the page on proofs by hand, on a base that speeds up."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from ocptip.certificate.trusted.described import Checker, Intervals
+from ocptip.certificate.trusted.late import Late
+from tests.certificate.test_hostile import _certificate, _judged, _judged_within, _set, _within
+from tests.certificate.test_within_attacked import NONE, driving
+from tests.certificate.test_within_in_balls import _random_model, _random_motion
+from tests.oracles.worlds import ArmOnBase
+
+LEFT = 6.867  # N m about the rear line at rest; 1 m/s^2 forward takes 2 kg * 0.5 m of it
+
+
+def _index(moment):
+    return 0.49 / (0.49 + moment)
+
+
+def _driving(data, rate, spin=0.0):
+    """The same on a base that speeds up while the motion lasts, and turns all the time."""
+    data = copy.deepcopy(data)
+    end = data["motion"]["times"][-1][0]
+    rows = []
+    for a, b in data["motion"]["times"]:
+        middle = np.clip(0.5 * (a + b), 0, end)
+        rows.append([[rate * middle, rate * 0.5 * (b - a)], [0.0, 0.0], [spin, 0.0]])
+    data["motion"]["base_velocities"] = rows
+    data["model"]["base"]["inertia"] = np.diag([0.1, 0.1, 0.2]).tolist()
+    data["bounds"] |= {"GT": 0.9, "torque_ratio": 0.5}
+    return data
+
+
+@pytest.mark.parametrize(("moment", "holds"), [(2.866, True), (2.868, False)])
+def test_a_base_that_speeds_up_by_hand(moment, holds):
+    """At 4 m/s^2 the front foot carries little; friction speeds 5 kg up by 20 N."""
+    data = _driving(_certificate(), 4.0)
+    front = (LEFT - 4) / 0.4
+    normal = np.array([0.5 * (5 * 9.81 - front)] * 2 + [front])
+    forces = np.column_stack([normal, 20 * normal / (5 * 9.81), 0 * normal]).tolist()
+    data["cover"][1] = {**data["cover"][1], "forces": [[[forces], [forces]]]}
+    data["bounds"]["GN"] = _index(moment)
+    verdict = _judged(data)
+    assert ("tip-over" in str(verdict.problems)) != holds
+    assert not any("contacts" in problem for problem in verdict.problems), verdict.problems
+
+
+def test_the_uncertainty_of_the_speed_and_the_overshoot_of_a_base_by_hand():
+    """Faster by 3 %: 1.03^2 of 4 m/s^2. A step of 3 m/s^2 that overshoots by as much: 6 m/s^2."""
+    for rate, worst, more in ((4.0, 4 * 1.03**2, {"drive_speed": 0.03}), (3.0, 6.0, {"overshoot": 1.0})):
+        for slack, holds in ((0.01, True), (-0.01, False)):
+            data = _driving(_within([1e-9], 0.01, **more), rate)
+            data["bounds"]["GN"] = _index(LEFT - rate - 0.1)
+            end = data["motion"]["times"][-1][0]
+            ends = [0.0, end + 2e-9] if "overshoot" in more else [-1.0, 0.0, end, end + 1.0]
+            problems = str(_judged_within(data, ends, _index(LEFT - worst - slack)).problems)
+            assert ("tip-over within tolerance" in problems) != holds, (problems, more)
+
+
+def test_nominal_wrenches_are_those_of_an_independent_model():
+    rng = np.random.default_rng(2)
+    for _ in range(4):
+        model = _random_model(rng)
+        n = len(model["arm"]["armature"])
+        model, motion = driving(model, _random_motion(n, rng), rng)
+        model["base"]["reference_moment"] = 1.0
+        frame = np.roll(np.eye(3), 1, axis=0).T.tolist()
+        places = [[0.3, 0.3, 0.0], [-0.3, 0.3, 0.0], [0.0, -0.3, 0.0]]
+        contacts = {"positions": places, "frames": [frame] * 3, "sets": [[[0.0, None, 0.0, 0.5]]] * 3}
+        keys = ("angle_min", "angle_max", "speed", "acceleration", "torque")
+        limits = dict.fromkeys(keys, [None] * n)
+        model |= {"contacts": contacts, "bodies": [], "pairs": [], "limits": limits}
+        checker = Checker(model, {"GN": 0.5, "GT": 0.5})
+        piece, u = rng.integers(1, 5, 6), rng.uniform(-0.9, 0.9, 6)
+        at = Intervals(motion, piece, u - 1e-6, u + 1e-6)
+        own = ArmOnBase(model, NONE)
+        times = np.array(motion["times"])[piece]
+        half = 0.5 * (times[:, 1] - times[:, 0])
+        c = np.polynomial.Polynomial
+        rows = [[c(row) for row in motion["base_velocities"][k]] for k in piece]
+        v = np.array([[p(x) for p in row] for row, x in zip(rows, u, strict=True)])
+        dv = np.array([[p.deriv()(x) / h for p in row] for row, x, h in zip(rows, u, half, strict=True)])
+        moved = own.driven(*(form.c[0].T for form in (at.q, at.qd, at.qdd)), v, dv)
+        acting = [np.asarray(own.arm.get(k, np.zeros(6))) for k in ("process_in_base", "process_on_link")]
+        found = own.wrench(own.nominal(6), moved, np.tile(np.concatenate(acting), (6, 1)))
+        wrench = checker.loads(at).wrench
+        np.testing.assert_allclose(wrench.c[0].T, found, rtol=1e-9, atol=1e-9)
+        assert np.all(wrench.r <= 1e-6 * (1 + np.abs(wrench.c[0])))
+
+
+def test_rows_hold_every_state_of_a_base_that_drives():
+    rng = np.random.default_rng(5)
+    motion = driving(_random_model(rng), _random_motion(3, rng), rng)[1]
+    for k, row in enumerate(motion["base_velocities"]):  # steps of the accelerations
+        row[0] = [0.1 * k, 0.05 if 0 < k < len(motion["times"]) - 1 else 0.0, 0.0, 0.0]
+    late = Late(motion, 0.01, 0.5)
+    ends = np.linspace(-0.5 * late.delay, late.end, 60)
+    apart = rng.random((len(ends) - 1, late.joints)) < 0.5
+    low, high = np.full((2, 2, len(ends) - 1, 3), np.inf)
+    for rows in late.rows(ends[:-1], ends[1:], apart):
+        for k, form in enumerate((rows.qd, rows.qdd)):
+            least, most = form.range
+            np.minimum.at(low[k], rows.interval, least[3:].T)
+            np.minimum.at(high[k], rows.interval, -most[3:].T)
+    times = np.array(motion["times"])
+    for t in rng.uniform(0, times[-1, 1], 200):
+        piece = int(np.searchsorted(times[:-1, 1], t))
+        half = 0.5 * (times[piece, 1] - times[piece, 0])
+        u = (t - 0.5 * times[piece].sum()) / half
+        interval = np.searchsorted(ends, t) - 1
+        for axis, row in enumerate(motion["base_velocities"][piece]):
+            p = np.polynomial.Polynomial(row)
+            for k, value in enumerate((p(u), p.deriv()(u) / half)):
+                assert low[k, interval, axis] <= value + 1e-9
+                assert -high[k, interval, axis] >= value - 1e-9
+
+
+def _without_inertia(data):
+    del data["model"]["base"]["inertia"]
+
+
+def _stepping(data):
+    """Speeds that step, without accelerations."""
+    data["motion"]["base_velocities"] = [[[v], [0.0], [0.0]] for v in (0.0, 1.0, 0.0)]
+
+
+def _still_braking(data):
+    data["motion"]["base_velocities"][-1][0][1] = -1.0
+
+
+def _short(data):
+    del data["motion"]["base_velocities"][0]
+
+
+def _cancelled(data):
+    data["model"]["decelerations_on_cancel"] = [1.5]
+    data["bounds"] |= {"GN_cancel": 0.9, "GT_cancel": 0.9, "angle_margin_cancel": 0.0}
+    data["cover_cancel"] = {"trees": ["."] * 2, "forces": [], "weights": []}
+
+
+_CHANGES = {
+    "no inertia": _without_inertia,
+    "steps of speeds": _stepping,
+    "no end": _still_braking,
+    "a piece less": _short,
+    "cancels": _cancelled,
+    **{
+        f"{place} = {value!r}": lambda data, place=place, value=value: _set(place, value, data)
+        for place, value in (
+            ("motion.base_velocities", []),
+            ("motion.base_velocities", None),
+            ("motion.base_velocities.1", [[0.0, 0.06]] * 2),
+            ("motion.base_velocities.1.0.1", 0.12),
+            ("motion.base_velocities.1.0.1", -0.06),
+            ("motion.velocities", [[0.0]]),
+            ("model.base.inertia", [1.0, 1.0, 1.0]),
+            ("tolerance", {"drive_speed": -0.5}),
+        )
+    },
+}
+
+
+def test_the_certificate_while_driving_holds():
+    assert _judged(_driving(_certificate(), 0.5, 0.3)).holds
+
+
+@pytest.mark.parametrize("name", _CHANGES)
+def test_it_is_refused(name):
+    data = _driving(_certificate(), 0.5, 0.3)
+    _CHANGES[name](data)
+    verdict = _judged(data)
+    assert not verdict.holds
+    assert verdict.problems
+
+
+@pytest.mark.parametrize(("rate", "spin"), [(3.5, 0.0), (-14.0, 0.0), (0.5, 7.0)])
+def test_a_profile_that_loses_a_contact_is_refused(rate, spin):
+    """The forces named hold the weight at rest; corrected, they are more than these contacts bear."""
+    data = _driving(_certificate(), rate, spin)
+    assert not _judged(data).holds
