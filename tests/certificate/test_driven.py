@@ -1,12 +1,22 @@
 """Proofs of a base that drives: the mass of the page on proofs by hand, on a base that speeds up."""
 
 import copy
+from functools import cache
 
 import numpy as np
 import pytest
 
-from ocptip.certificate.trusted.described import Checker, Intervals
+from ocptip.certificate.checks import certified
+from ocptip.certificate.trusted.checker import check_certificate
+from ocptip.certificate.trusted.described import TORQUES, Checker, Intervals
 from ocptip.certificate.trusted.late import Late
+from ocptip.motion.check import check_motion
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.torques import maximum_torques
+from ocptip.trajectories.drive_profile import DriveProfile
+from ocptip.trajectories.trajectory import Trajectory
 from tests.certificate.test_hostile import _certificate, _judged, _judged_within, _set, _within
 from tests.certificate.test_within_attacked import NONE, driving
 from tests.certificate.test_within_in_balls import _random_model, _random_motion
@@ -180,3 +190,118 @@ def test_a_profile_that_loses_a_contact_is_refused(rate, spin):
     """The forces named hold the weight at rest; corrected, they are more than these contacts bear."""
     data = _driving(_certificate(), rate, spin)
     assert not _judged(data).holds
+
+
+# --- a robot ------------------------------------------------------------------------------------------------
+
+_UNCERTAIN = Uncertainty(
+    tilt=0.005, friction=0.1, drive_speed=0.05, speed=0.03, base_mass=0.05, center_of_mass=(0.01, 0.0, 0.01)
+)
+
+
+@cache
+def _proved():
+    """An arm that moves on a base that drives an arc and brakes after the arm has come to rest."""
+    task = experiment_task("A")
+    start = np.asarray(task.segments[0].task.start, dtype=float)
+    rise = np.array([0.0, 0.2, 0.4, 0.6])
+    course = np.array([[0.0, 0, 0], [0.16, 0, 0.1], [0.16, 0, 0.1], [0, 0, 0]])
+    robot = task.robot.driving(DriveProfile.of_velocities(rise, course))
+    goal = start + 0.02 * np.arange(1, len(start) + 1)
+    motion = Trajectory.from_points(np.array([0.0, 0.35]), np.array([start, goal]))
+    limits = Limits(clearance=0.0, tolerance=_UNCERTAIN)
+    return robot, motion, certified(robot, motion, check_motion(robot, motion, limits), limits)
+
+
+def test_a_motion_while_the_base_drives_is_proved():
+    robot, _, checked = _proved()
+    assert checked.headline == "PROVED for the given uncertainty", checked.certificate
+    data = checked.certificate.data
+    assert data["motion"]["times"][-1][1] == robot.acts.end
+    assert check_certificate(data).holds
+
+
+def _worlds(data, robot, motion, count, rng):
+    """States, what acts, and a model of worlds within the uncertainty, at random instants of a proof."""
+    events = np.concatenate([motion.event_times, robot.acts.knots])
+    times = np.concatenate([rng.uniform(0, robot.acts.end, count), events + 2e-7, events - 2e-7])
+    states, acting = motion.states(times), robot.acting(times)
+    v = robot.drive_profile.velocities.at(times, range(2))
+    own = ArmOnBase(data["model"], data["tolerance"])
+    return times, states, acting, own, own.driven(*states, *v)
+
+
+def test_no_world_is_worse_than_is_proved():
+    """Tipping moments at the worst world of each axis, and both indices of the contact solver at corners."""
+    robot, motion, checked = _proved()
+    data, rng = checked.certificate.data, np.random.default_rng(3)
+    times, _, _, own, moved = _worlds(data, robot, motion, 25, rng)
+    bounds, none = data["bounds"], np.zeros((len(times), 12))
+    checker = Checker(data["model"], bounds, data["tolerance"], data["motion"])
+    least, wrenches = np.inf, []
+    for axis, added in zip(checker.contacts.axes, checker.contacts.added, strict=True):
+        h = np.tile(axis, (len(times), 1))
+        worlds, values = own.least(h, own.corners(len(times), rng), moved, none)
+        least = min(least, float(np.min(values + added)))
+        wrenches += [own.wrench(world, moved, none) for world in (worlds, own.corners(len(times), rng))]
+    unit = robot.tip_over.reference_moment
+    needed = unit * (1 / bounds["GN_worst_case"] - 1)
+    assert needed <= least <= needed + 0.05 * unit
+    weakest = robot.weakest(_UNCERTAIN)
+    every = np.concatenate(wrenches)
+    used = weakest.slip.evaluate(weakest.contact_states(every), derivatives=False).slip_ratio
+    assert 0.8 * bounds["GT_worst_case"] <= np.max(used) <= bounds["GT_worst_case"]
+    nominal = own.wrench(own.nominal(len(times)), moved, none)
+    used = robot.slip.evaluate(robot.contact_states(nominal), derivatives=False).slip_ratio
+    assert np.max(used) <= bounds["GT"]
+
+
+def test_the_independent_model_of_a_base_that_drives_is_that_of_the_robot():
+    robot, motion, checked = _proved()
+    args = checked.certificate.data, robot, motion, 10, np.random.default_rng(1)
+    times, states, acting, own, moved = _worlds(*args)
+    found = own.wrench(own.nominal(len(times)), moved, np.zeros((len(times), 12)))
+    np.testing.assert_allclose(found, robot.loads(*states, acting)[1], rtol=1e-9, atol=1e-9)
+
+
+def test_torques_within_the_uncertainty_are_bounded_closely():
+    robot, motion, checked = _proved()
+    _, states, acting, _, _ = _worlds(checked.certificate.data, robot, motion, 60, np.random.default_rng(5))
+    share = np.max(maximum_torques(robot, _UNCERTAIN, *states, acting) / robot.limits.torque)
+    bound = checked.certificate.data["bounds"][TORQUES]
+    assert bound * 0.99 <= share <= bound
+
+
+def _other_profile(factor, data):
+    v = np.array(data["motion"]["base_velocities"])
+    data["motion"]["base_velocities"] = (factor * v).tolist()
+
+
+def _no_profile(data):
+    del data["motion"]["base_velocities"]
+
+
+def _as_light(data):
+    data["model"]["base"]["mass"] *= 0.8
+
+
+_OTHERS = {
+    "faster": lambda data: _other_profile(1.1, data),
+    "backwards": lambda data: _other_profile(-1.0, data),
+    "faster and slower": lambda data: _set("tolerance.drive_speed", 0.3, data),
+    "a lighter base": _as_light,
+}
+
+
+@pytest.mark.parametrize("name", _OTHERS)
+def test_a_proof_of_another_profile_is_refused(name):
+    data = copy.deepcopy(dict(_proved()[2].certificate.data))
+    _OTHERS[name](data)
+    assert "digest" in str(check_certificate(data).problems)
+    assert not _judged(data).holds
+
+
+def test_a_proof_whose_profile_was_dropped_is_refused():
+    data = copy.deepcopy(dict(_proved()[2].certificate.data))
+    _no_profile(data)
+    assert check_certificate(data).problems == ("the motion is not that of the digest",)

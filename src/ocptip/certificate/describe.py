@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from ocptip.certificate.trusted.arm import PROCESS, SPRINGS, TIMES
-from ocptip.certificate.trusted.plain import DECELERATIONS, POINTS, SPRING_SHARE
+from ocptip.certificate.trusted.plain import DECELERATIONS, DRIVE_SPEED, POINTS, SPRING_SHARE, VELOCITIES
 from ocptip.contact.support import Support
 from ocptip.numerics.jit.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
@@ -23,27 +23,31 @@ from ocptip.robots.kinematics import TCP, joint_names, link_frames
 from ocptip.standing.arm import Robot
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty
+from ocptip.trajectories.drive_profile import DriveProfile
+from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ocptip.standing.platform import StandingParallelRobot
 
 _ALIKE = 1e-6  # of accelerations
+_STILL = 1e-13  # m/s or rad/s: less is rounding
 _HALVED, _MOST = 6, 4000  # times pieces are halved that bend too much; pieces of a motion
 _ARM = "rotations offsets masses centres inertias slides armature mount_position mount_rotation"
 _LIMITS = "angle_min angle_max speed acceleration torque"
 
 
-def motion_data(motion: Trajectory) -> dict[str, Any]:
+def motion_data(motion: Trajectory, profile: DriveProfile | None = None) -> dict[str, Any]:
     """Pieces of a motion: between its switching times, and the rest before and after it.
 
     Of each piece `times`, (2,), s, and `angles`, (n, 6): coefficients of 1, u, u^2 ... with u from -1 to 1
     over the piece, rad or m. They are those of the motion, moved to the middle of the piece: exact up to
     rounding for polynomials of degree 5. Pieces of higher degree are cut until they are as near to such ones
     as `unlike` wants them, if few halvings are enough. Switching times within 0.1 us are one, so a joint's
-    polynomial may end as much before its piece.
+    polynomial may end as much before its piece. While the base drives a profile, pieces end where those of
+    its velocities do, and the motion ends when both rest.
     """
-    ends = motion.intervals
+    ends = motion.intervals if profile is None else _cut(motion, profile)
     angles, off = _polynomials(motion, ends)
     for _ in range(_HALVED):
         short = off > _least_difference(motion)
@@ -55,11 +59,34 @@ def motion_data(motion: Trajectory) -> dict[str, Any]:
         angles, off = _polynomials(motion, ends)
     rest = np.zeros((2, *angles.shape[1:]))
     rest[:, :, 0] = motion.start, motion.goal
-    outside = np.array([[0.0, 0.0], [motion.end, motion.end]])
+    outside = np.array([[0.0, 0.0], [ends[-1, 1], ends[-1, 1]]])
     return {
+        **({} if profile is None else {VELOCITIES: _velocities(profile, ends).tolist()}),
         "times": np.concatenate([outside[:1], ends, outside[1:]]).tolist(),
         "angles": np.concatenate([rest[:1], angles, rest[1:]]).tolist(),
     }
+
+
+def _cut(motion: Trajectory, profile: DriveProfile) -> np.ndarray:
+    """(pieces, 2), s: intervals of a motion, cut where pieces of a profile end, to the end of both."""
+    breaks, end = profile.velocities.breaks, max(motion.end, profile.end)
+    every = np.unique(np.concatenate([np.ravel(motion.intervals), [0.0, end], breaks]))
+    every = every[np.append(True, np.diff(every) > MERGE)]
+    every[-1] = end  # the last of those that are merged
+    return np.column_stack([every[:-1], every[1:]])
+
+
+def _velocities(profile: DriveProfile, ends: np.ndarray) -> np.ndarray:
+    """(pieces + 2, 3, degrees): coefficients in u of the base's velocities, with those before and after."""
+    middle, half = ends.mean(axis=1), 0.5 * np.diff(ends, axis=1)
+    orders = range(len(profile.velocities.derivatives))
+    values = profile.velocities.at(middle, orders)
+    c = np.stack([value * half**k / factorial(k) for k, value in zip(orders, values, strict=True)], axis=-1)
+    c[np.abs(c) < _STILL] = 0.0
+    rest = np.zeros((2, *c.shape[1:]))
+    for row, side in ((rest[0], 0.0), (rest[1], profile.end)):
+        row[:, 0] = profile.velocities.at([side], range(1), "left" if side == 0.0 else "right")[0][0]
+    return np.concatenate([rest[:1], c, rest[1:]])
 
 
 def _polynomials(motion: Trajectory, intervals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,6 +166,7 @@ def model_data(
             "center_of_mass": support.center_of_mass.tolist(),
             "gravity": support.gravity.tolist(),
             "reference_moment": robot.tip_over.reference_moment,
+            **({"inertia": support.inertia.tolist()} if robot.acts.end else {}),
         },
         "contacts": {
             "positions": (support.arms + support.center_of_mass).tolist(),
@@ -240,7 +268,25 @@ def tolerance_data(tolerance: Uncertainty, support: Support) -> dict[str, Any]:
         "payload_center": list(map(float, tolerance.payload_center)),
         **{name: float(getattr(tolerance, name)) for name in _SHARES_AND_SIZES},
         **({SPRING_SHARE: float(tolerance.springs)} if tolerance.springs else {}),
+        **({DRIVE_SPEED: float(tolerance.drive_speed)} if tolerance.drive_speed else {}),
     }
+
+
+def drive_words(motion: Mapping[str, Any]) -> str:
+    """How the base drives during the motion of a certificate, in words; "" where it rests."""
+    if VELOCITIES not in motion:
+        return ""
+    times, c = np.array(motion["times"])[1:-1], np.array(motion[VELOCITIES])[1:-1]
+    u = np.linspace(-1, 1, 21)[:, None] ** np.arange(c.shape[2])
+    v, rate = (
+        c @ u.T,
+        (c[:, :, 1:] * np.arange(1, c.shape[2])) @ u[:, :-1].T / (0.5 * np.diff(times))[:, :, None],
+    )
+    most = [float(np.max(np.hypot(x[:, 0], x[:, 1]))) for x in (v, rate)]
+    return (
+        f"drives {times[-1, 1]:.4g} s, up to {most[0]:.3g} m/s and {np.max(np.abs(v[:, 2])):.3g} rad/s, "
+        f"speeds change by up to {most[1]:.3g} m/s^2"
+    )
 
 
 def tolerance_words(data: Mapping[str, Any]) -> str:
@@ -254,6 +300,7 @@ def tolerance_words(data: Mapping[str, Any]) -> str:
         payload_center=data["payload_center"],
         damping=None if swing is None else float(-swing / np.hypot(np.pi, swing)),
         springs=data.get(SPRING_SHARE, 0.0),
+        drive_speed=data.get(DRIVE_SPEED, 0.0),
         **{name: data[name] for name in _SHARES_AND_SIZES if name != "overshoot"},
     )
     uneven = [] if even else [f"base mass {100 * low:+.3g} to {100 * high:+.3g} %"]

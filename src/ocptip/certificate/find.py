@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 
 _LONGEST = 0.01  # s, of the first intervals
 _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are tried
+_ASIDE = 1e-6  # s beside a step of a base's acceleration
 _SHORTEST = 1e-5  # s: what is shorter is not divided
 _LOWER_AFTER = 2  # halvings of intervals that do not prove the clearance of delayed joints
 _HIGHER = 3  # times GT within a tolerance is claimed higher
@@ -139,8 +140,6 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     """Why no certificate can be made; empty if one can."""
     if robot.tip_over.free_rotation:
         return "contacts on one line"
-    if robot.acts.end:
-        return "proofs do not cover a base that drives"
     if np.any(np.isfinite(ForceSets(robot.support).along)):
         return "proofs do not cover wheels that roll"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
@@ -174,7 +173,7 @@ class _ProofSearch:
         cancel: Cancel | None,
     ) -> None:
         self.robot, self.bounds, self._least, self._fastest = robot, bounds, least, 0.0
-        self.motion = motion_data(motion)
+        self.motion = motion_data(motion, robot.acts.drive_profile)
         self.model = model_data(robot, self.motion["times"][-1][1], cancel)
         self._covers_of_cancels: dict[str, Any] = {}
         varying = robot.varying
@@ -321,7 +320,12 @@ class _ProofSearch:
     def _forces(self, piece: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
         """(rules, contacts, 3, N) that hold the wrench, and the wrench with each couple, by two rules."""
         left, right = np.array(self.motion["times"])[piece].T
-        acting = self.robot.acting(0.5 * (left + right) + 0.5 * (right - left) * u)
+        times = 0.5 * (left + right) + 0.5 * (right - left) * u
+        if self.robot.acts.end:  # where its acceleration steps, that of the piece
+            far = np.where(piece == 0, -_ASIDE, np.where(right > left, 0.0, _ASIDE))
+            near = np.minimum(_ASIDE, 0.25 * (right - left))
+            times = np.clip(times, left + near, right - near) + far
+        acting = self.robot.acting(times)
         wrenches = self.robot.loads(*states_at(self.motion, piece, u), acting)[1]
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.contacts.couples)])
         slip = self.robot.slip.evaluate(

@@ -162,15 +162,15 @@ class SearchWithin:
         """Further joints of intervals of some rows, those first whose accelerations tip the base most, up to
         `most` combinations.
         """
-        n, terms = self.sharing.late.joints, part.terms
+        late, terms = self.sharing.late, part.terms
         boxed = ~apart[rows.interval].T & (rows.branches > 1)  # (n, R)
         wanted = wanted & np.any(boxed, axis=0)
-        if not self.sharing.late.delay or not np.any(wanted):
+        if not late.delay or not np.any(wanted):
             return
-        c = terms.parts.c[K : K + numbers_of(len(terms.parts.c))[0], :, 3:]
+        c = terms.needed(terms.parts.c[K : K + numbers_of(len(terms.parts.c))[0]])
         wrenches = np.einsum("t,ktir->kir", 0.5 * (terms.low + terms.high), c)
         tips = np.abs(np.einsum("ai,kir->kar", self.sharing.contacts.axes, wrenches)).max(axis=1, initial=0.0)
-        number = n - 1 + np.cumsum(boxed, axis=0)
+        number = late.delayed - 1 + np.cumsum(boxed, axis=0)
         for row in np.flatnonzero(wanted):
             own, counts = apart[rows.interval[row]], rows.branches[:, row]
             some = np.flatnonzero(boxed[:, row])

@@ -13,7 +13,7 @@ from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import table, wrapped
 from ocptip.basics.write import versions
-from ocptip.certificate.describe import tolerance_words
+from ocptip.certificate.describe import drive_words, tolerance_words
 from ocptip.certificate.result import Certificate, claim_rows
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.command import Report, ResultReport
@@ -35,7 +35,8 @@ def run(options: Namespace) -> Report:
             raise InputError("--out: a certificate is checked, not written")
         verdict = check_certificate(data)
         planes = [one for one in data["model"]["bodies"] if "normal" in one] if verdict.holds else []
-        return VerdictReport(Path(options.motion).name, verdict, len(planes))
+        drives = drive_words(data["motion"]) if verdict.holds else ""
+        return VerdictReport(Path(options.motion).name, verdict, len(planes), drives)
     with naming_options("base", "rate", "rise_time"):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
         if task.is_cycle and options.out is not None:
@@ -60,11 +61,13 @@ class VerdictReport(Report):
         name: of the file.
         verdict: on its data.
         planes: half spaces among what may collide in it, such as floors.
+        drives: how the base drives, in words; "" where it rests.
     """
 
     name: str
     verdict: Verdict
     planes: int
+    drives: str
 
     @property
     def good(self) -> bool:
@@ -77,6 +80,7 @@ class VerdictReport(Report):
             "certificate": self.name,
             **vars(self.verdict),
             "planes": self.planes,
+            **({"base_drives": self.drives} if self.drives else {}),
             "versions": versions(),
         }
 
@@ -94,6 +98,8 @@ class VerdictReport(Report):
         lines = [f"{self.name}   PROVED for {scope}", "", *table(rows, left=(0, 1, 2))]
         proof = f"at every instant, rest before and after included ({self.verdict.intervals} intervals)"
         lines += ["", *wrapped("Proof", [proof])]
+        if self.drives:
+            lines += wrapped("Base", [self.drives])
         if tolerance is not None:
             lines += wrapped("Within", [tolerance_words(tolerance)])
         if "clearance" in self.verdict.bounds:
