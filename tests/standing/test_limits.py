@@ -50,11 +50,8 @@ class ShoulderLimit(QuantityLimit):
     def path_excess(self, at):
         return np.max(self.measure(at)) / self.largest - 1
 
-    def near(self, at, share):
-        return self.measure(at) >= share * self.largest
-
-    def use(self, at):
-        return self.measure(at)[:, 0] / self.largest
+    def uses(self, at):
+        return self.measure(at) / self.largest
 
     def bounds(self):
         return np.array([-np.inf]), np.array([1.0])

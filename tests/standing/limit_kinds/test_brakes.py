@@ -31,15 +31,15 @@ def test_slopes_and_curvature_against_differences(robot):
     q, qd, weights = states(robot)
     closing, n, step = closing_of(robot), robot.n, 1e-5
     torques = BrakeCheck(robot, Brakes((5.0,) * n, (30.0,) * n)).worst_corners(q, qd)[1][:, 0]
-    slopes, bends = (f(q, qd, torques, weights) for f in (closing.gradient, closing.hessian))
+    slopes, bends = (f(np.hstack([q, qd]), torques, weights) for f in (closing.gradient, closing.hessian))
     assert not slopes[:, 2 * n :].any()
     for j in range(2 * n):
         d = step * np.eye(2 * n)[j]
-        sides = [(q + sign * d[:n], qd + sign * d[n:]) for sign in (1, -1)]
-        values = [np.sum(weights * closing.wrenches(*side, torques), axis=1) for side in sides]
+        sides = [np.hstack([q + sign * d[:n], qd + sign * d[n:]]) for sign in (1, -1)]
+        values = [np.sum(weights * closing.wrenches(side, torques), axis=1) for side in sides]
         numeric = (values[0] - values[1]) / (2 * step)
         np.testing.assert_allclose(slopes[:, j], numeric, atol=3e-5 * np.abs(slopes).max())
-        found = [closing.gradient(*side, torques, weights) for side in sides]
+        found = [closing.gradient(side, torques, weights) for side in sides]
         numeric = (found[0] - found[1]) / (2 * step)
         np.testing.assert_allclose(bends[:, j], numeric, atol=1e-4 * np.abs(bends).max())
 
@@ -51,12 +51,14 @@ def test_worst_corners_are_worst_of_random_torques(robot):
     moments, torques = check.worst_corners(q, qd)
     slope, offset = robot.tip_over.affine_moments
     for axis in range(moments.shape[1]):
-        own = closing_of(robot).wrenches(q, qd, torques[:, axis]) @ slope.T + offset
+        own = closing_of(robot).wrenches(np.hstack([q, qd]), torques[:, axis]) @ slope.T + offset
         np.testing.assert_allclose(own[:, axis], moments[:, axis], atol=1e-8)
     rng = np.random.default_rng(1)
     for _ in range(30):
         some = -np.sign(qd) * rng.uniform(least, greatest, (len(q), robot.n))
-        assert np.all(closing_of(robot).wrenches(q, qd, some) @ slope.T + offset >= moments - 1e-8)
+        assert np.all(
+            closing_of(robot).wrenches(np.hstack([q, qd]), some) @ slope.T + offset >= moments - 1e-8
+        )
 
 
 def test_the_rest_after_a_stop_counts():

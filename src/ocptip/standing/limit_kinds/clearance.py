@@ -33,6 +33,7 @@ class ClearanceLimit(AskedLimit):
     name, result, setting = "clearance", "clearance_m", "clearance"
     least = of_place = True
     largest_step = 1e-3  # m
+    reach = 0.1
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
@@ -106,11 +107,8 @@ class ClearanceLimit(AskedLimit):
     def path_excess(self, at: Instants) -> float:
         return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._gaps(at) <= self.number + 0.01 * (1 - share)
-
-    def use(self, at: Instants) -> np.ndarray:
-        return 1 + GAP_SCALE * (self.number - self._smallest(at))
+    def uses(self, at: Instants) -> np.ndarray:
+        return 1 + GAP_SCALE * (self.number - self._gaps(at))
 
     def _gaps(self, at: Instants) -> np.ndarray:
         """(N, width), m, right as far as they matter."""

@@ -81,11 +81,8 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     def path_excess(self, at: Instants) -> float:
         return float(self.number - np.min(self.forces(at))) / self.unit
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.forces(at) - self.number <= (1 - share) * self.unit
-
-    def use(self, at: Instants) -> np.ndarray:
-        return 1 + (self.number - np.min(self.forces(at), axis=1)) / self.unit
+    def uses(self, at: Instants) -> np.ndarray:
+        return 1 + (self.number - self.forces(at)) / self.unit
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number / self.unit), np.full(self.width, np.inf)

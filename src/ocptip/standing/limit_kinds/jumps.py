@@ -116,7 +116,7 @@ class JumpLimit(AtJumps, NominalLimit):
     after_steps = True
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near_by_difference(self.quantity.badness(self._loads(at)), share)
+        return Limit.near(self, at, share)
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
         jumps = Jumps.of(at.motion)

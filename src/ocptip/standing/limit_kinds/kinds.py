@@ -67,11 +67,8 @@ class TorqueLimit(QuantityLimit, AskedLimit):
     def path_excess(self, at: Instants) -> float:
         return np.max(np.abs(at.torques) / self.units) / self.number - 1
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return np.abs(at.torques) >= share * self.number * self.units
-
-    def use(self, at: Instants) -> np.ndarray:
-        return self.measure(at)[:, 0] / self.number
+    def uses(self, at: Instants) -> np.ndarray:
+        return np.abs(at.torques) / self.units / self.number
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         allowed = np.full(self.width, self.number)
@@ -150,6 +147,7 @@ class AngleLimit(Limit):
     name = "angle"
     scenario = WHOLE
     of_place = True
+    reach = 0.2
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
@@ -191,17 +189,14 @@ class AngleLimit(Limit):
             )
         return found
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        slack = 0.2 * (1 - share)
-        near, joints = super().near(at, share), self.joints
-        q = at.angles[:, joints]
-        near[:, joints] = (q <= self._low[joints] + slack) | (q >= self._high[joints] - slack)
-        return near
+    def uses(self, at: Instants) -> np.ndarray:
+        uses = super().uses(at)
+        uses[:, self.joints] = self._beyond(at.angles)[:, self.joints]
+        return uses
 
-    def use(self, at: Instants) -> np.ndarray:
-        joints = self.joints
-        q = at.angles[:, joints]
-        return 1 + np.max(np.maximum(self._low[joints] - q, q - self._high[joints]), axis=1)
+    def _beyond(self, q: np.ndarray) -> np.ndarray:
+        """(N, n): 1 at the limit."""
+        return 1 + np.maximum(self._low - q, q - self._high)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low, self._high
@@ -248,13 +243,8 @@ class CancelAngleLimit(StateLimit, AngleLimit):
     def refusals(self, at: Instants) -> list[str]:
         return []
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        rests, slack = self._rests(at.angles, at.speeds), 0.2 * (1 - share)
-        return (rests <= self._low + slack) | (rests >= self._high - slack)
-
-    def use(self, at: Instants) -> np.ndarray:
-        rests = self._rests(at.angles, at.speeds)
-        return 1 + np.max(np.maximum(self._low - rests, rests - self._high), axis=1)
+    def uses(self, at: Instants) -> np.ndarray:
+        return self._beyond(self._rests(at.angles, at.speeds))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low + RESTS_INSIDE, self._high - RESTS_INSIDE
@@ -307,11 +297,8 @@ class CancelDurationLimit(StateLimit):
         value, joint = float(lasts[j]), self.robot.joint_label(j)
         return [Worst("duration_s_cancel", value, np.nan, longest, joint, value - longest)]
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return np.abs(at.speeds) >= share * self._fastest
-
-    def use(self, at: Instants) -> np.ndarray:
-        return np.max(np.abs(at.speeds) / self._fastest, axis=1)
+    def uses(self, at: Instants) -> np.ndarray:
+        return np.abs(at.speeds) / self._fastest
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         most = np.full(self.width, 1 - FURTHER_INSIDE)
@@ -363,11 +350,8 @@ class FurtherLimit(QuantityLimit):
     def path_excess(self, at: Instants) -> float:
         return float(np.max(self.measure(at), initial=-np.inf))
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.measure(at) >= share - 1
-
-    def use(self, at: Instants) -> np.ndarray:
-        return 1 + np.max(self.measure(at), axis=1, initial=-np.inf)
+    def uses(self, at: Instants) -> np.ndarray:
+        return 1 + self.measure(at)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         own = self._own

@@ -4,8 +4,8 @@ A limit has three sides. Each method's default says "nothing here", so that a ki
 
 - what happens: values at sampled instants (`measure`), the worst of a motion in the limit's scenario
   (`worst`), of a posture at rest (`refusals`), of a path (`path_excess`);
-- rows of a nonlinear program: at each node `width` of them, of which those near the limit take part (`near`,
-  `use`, `bounds`, `rows`, `jacobian`, `add_to_quantities`, `add_hessian`);
+- rows of a nonlinear program: at each node `width` of them, of which those near the limit take part (`uses`,
+  `bounds`, `rows`, `jacobian`, `add_to_quantities`, `add_hessian`);
 - search: numbers asked for that can be tightened (`AskedLimit`).
 
 The kinds and their list are in `kinds`.
@@ -116,6 +116,7 @@ class Limit:
         of_place: a matter of the angles only, whatever the timing.
         affine: rows of a program are affine in torques and wrench, and know nothing else of a state.
         width: number of rows at a node.
+        reach: rows take part from a use of 1 - (1 - share) reach on, where `share` is asked for.
         interface: of the robot's `interfaces`, whose contacts it is about; 0: the base.
     """
 
@@ -126,6 +127,7 @@ class Limit:
     of_motion = True
     of_place = affine = False
     width = interface = 0
+    reach = 1.0
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         self.robot, self.asked, self.joints = robot, asked, list(joints)
@@ -178,17 +180,17 @@ class Limit:
         """The limit for rows of a program near these instants of its nodes, smooth where it has kinks."""
         return self
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        """(N, width) True where the use of the limit is at least `share` (1: at the limit)."""
-        return np.zeros((len(at), self.width), dtype=bool)
-
     def uses(self, at: Instants) -> np.ndarray:
-        """(N, width): use of the limit by each row, 1 at the limit, more beyond; of nodes that deviate."""
-        raise NotImplementedError(f"{self.name}: no rows that deviate")
+        """(N, width): use of the limit by each row, 1 at the limit, more beyond."""
+        return np.full((len(at), self.width), -np.inf)
 
     def use(self, at: Instants) -> np.ndarray:
         """(N,): worst use of the limit, 1 at the limit, more beyond."""
-        return np.full(len(at), -np.inf)
+        return np.max(self.uses(at), axis=1, initial=-np.inf)
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        """(N, width) True where rows take part: their use of the limit is at least about `share`."""
+        return ~(self.uses(at) < 1 - (1 - share) * self.reach)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of the rows of a node, (width,) each."""

@@ -73,7 +73,24 @@ class ContactLimit(AskedLimit):
         return tuple(cls(robot, asked, joints, quantity, interface) for interface, quantity in pairs)
 
 
-class NominalLimit(WrenchLimit, ContactLimit):
+class ContactRowsLimit(ContactLimit):
+    """A quantity of the contacts with rows in programs, by how bad the loads of a node are."""
+
+    def badness(self, at: Instants, share: float) -> np.ndarray:
+        """(N, width) of the loads in this scenario; exact above about `share` of the limit."""
+        raise NotImplementedError(f"{self.name}: no rows")
+
+    def uses(self, at: Instants) -> np.ndarray:
+        return self.quantity.uses(self.badness(at, 1.0))
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self.quantity.near(self.badness(at, share), share)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.quantity.bounds()
+
+
+class NominalLimit(WrenchLimit, ContactRowsLimit):
     """A quantity of the contacts of the base or of an object, as the motion loads them."""
 
     takes_objects = True
@@ -109,14 +126,8 @@ class NominalLimit(WrenchLimit, ContactLimit):
     def half_spaces(self) -> np.ndarray | None:
         return self.quantity.half_spaces()
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near(self.quantity.badness(self._loads(at)), share)
-
-    def use(self, at: Instants) -> np.ndarray:
-        return self.quantity.use(self.quantity.badness(self._loads(at)))
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.quantity.bounds()
+    def badness(self, at: Instants, share: float) -> np.ndarray:
+        return self.quantity.badness(self._loads(at))
 
     def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)

@@ -103,11 +103,8 @@ class TipOverQuantity(ContactQuantity):
     def near(self, badness: np.ndarray, share: float) -> np.ndarray:
         return -badness * share <= self.least_moment
 
-    def near_by_difference(self, badness: np.ndarray, share: float) -> np.ndarray:
-        return -badness - self.least_moment <= (1 - share) * self.unit
-
-    def use(self, badness: np.ndarray) -> np.ndarray:
-        return 1 + (self.least_moment - np.min(-badness, axis=1, initial=np.inf)) / self.unit
+    def uses(self, badness: np.ndarray) -> np.ndarray:
+        return 1 + (self.least_moment + badness) / self.unit
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.least_moment / self.unit), np.full(self.width, np.inf)
@@ -233,11 +230,8 @@ class SlipQuantity(ContactQuantity):
         GT, slopes = self.footing.slip.evaluate(at.states).for_program()
         return GT[:, None], slopes[:, None]
 
-    def near(self, badness: np.ndarray, share: float) -> np.ndarray:
-        return ~(badness / self._bound < share)
-
-    def use(self, badness: np.ndarray) -> np.ndarray:
-        return badness[:, 0] / self._bound
+    def uses(self, badness: np.ndarray) -> np.ndarray:
+        return badness / self._bound
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self._bound])
@@ -299,7 +293,7 @@ class SlipQuantity(ContactQuantity):
     def brake_badness(
         self, check: BrakeCheck, closing: Closing, q: np.ndarray, qd: np.ndarray, share: float
     ) -> np.ndarray:
-        wrenches = closing.wrenches(q, qd, self.brake_torques(check, q, qd)[:, 0])
+        wrenches = closing.wrenches(np.hstack([q, qd]), self.brake_torques(check, q, qd)[:, 0])
         rows, GT = self.footing.slip.half_spaces(share * self.number), np.full(len(q), min(FAR, share / 2))
         GT *= self.number
         todo = np.arange(len(q)) if rows is None else np.flatnonzero(np.max(wrenches @ rows.T, axis=1) > 0)

@@ -90,16 +90,12 @@ class ContactQuantity(ABC):
         """Badness (P, width) in units of rows, and its slopes (P, width, 6) over the wrench."""
 
     @abstractmethod
+    def uses(self, badness: np.ndarray) -> np.ndarray:
+        """(N, width): use of the limit, 1 at the limit, more beyond."""
+
     def near(self, badness: np.ndarray, share: float) -> np.ndarray:
-        """(N, width) True where the use of the limit is at least `share` (1: at the limit)."""
-
-    def near_by_difference(self, badness: np.ndarray, share: float) -> np.ndarray:
-        """(N, width) True where the value is within (1 - share) units of its limit; by default see `near`."""
-        return self.near(badness, share)
-
-    @abstractmethod
-    def use(self, badness: np.ndarray) -> np.ndarray:
-        """(N,): worst use of the limit, 1 at the limit, more beyond."""
+        """(N, width) True where rows take part, which are asked for from a use `share` on."""
+        return ~(self.uses(badness) < share)
 
     @abstractmethod
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -13,22 +13,30 @@ for the curvature of GT over the wrench.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants, Loaded, wrenches_on
-from ocptip.standing.limit_kinds.limit import WHOLE, InstantAt, Sampled, StateLimit, TableLimit, Worst
-from ocptip.standing.limit_kinds.nominal import ContactLimit
+from ocptip.standing.limit_kinds.limit import (
+    WHOLE,
+    InstantAt,
+    Limit,
+    Sampled,
+    StateLimit,
+    TableLimit,
+    Worst,
+)
+from ocptip.standing.limit_kinds.nominal import ContactLimit, ContactRowsLimit
 from ocptip.standing.limit_kinds.rows import NEGLIGIBLE, NodeRows, RowNodes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_slopes
-from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, closing_of, stops_of_motion
+from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, Closing, closing_of, stops_of_motion
 from ocptip.standing.stops.by_cancel import (
     Cancel,
     CancelSlopes,
@@ -40,22 +48,72 @@ from ocptip.standing.stops.joint_stops import without_creep
 
 
 @dataclass(frozen=True, eq=False)
-class BrakeRows(NodeRows):
-    """Rows of stops: torques on the joints (rows, n), and weights of the wrench (rows, 6)."""
+class StoppedRows(NodeRows):
+    """Rows of one state of a stop: what is chosen, (rows, ...) each, and weights (rows, 6) of the wrench."""
 
-    torques: np.ndarray = field(default_factory=lambda: np.empty(0))
+    chosen: tuple[np.ndarray, ...] = ()
     weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
-class BrakeLimit(StateLimit, TableLimit, ContactLimit):
+class StoppedLimit(StateLimit, ContactLimit):
+    """Rows of one state of the stop that begins at a node, smooth as what is `chosen` for it is kept."""
+
+    of_motion = False
+
+    _fixed: tuple[np.ndarray, ...] | None = None  # (N, width, ...) each, of the nodes of a program
+
+    @property
+    def _slopes(self) -> Any:
+        """Wrenches in states of stops with derivatives: a `Closing` or `CancelSlopes`."""
+        raise NotImplementedError(f"{self.name}: no rows")
+
+    def _choose(self, s: np.ndarray, before: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+        """What makes each row the worst, (N, width, ...) each, of stops that begin in states (N, S).
+
+        Args:
+            s: states.
+            before: see `Instants.before`.
+        """
+        raise NotImplementedError(f"{self.name}: no rows")
+
+    def _values(
+        self, s: np.ndarray, k: np.ndarray, chosen: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Values (R,) of rows k and their slopes (R, 6) over the wrench."""
+        return self.quantity.rows(self._slopes.wrenches(s, *chosen), np.arange(len(k)), k)[:2]
+
+    def chosen(self, at: Instants) -> Limit:
+        other = copy(self)
+        other._fixed = self._choose(at.s, at.before)
+        return other
+
+    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+        i, k = np.nonzero(mask)
+        if self._fixed is not None:
+            chosen = tuple(part[i, k] for part in self._fixed)
+        else:
+            nodes, place = np.unique(i, return_inverse=True)
+            chosen = tuple(part[place, k] for part in self._choose(at.s[nodes]))
+        values, weights = self._values(at.s[i], k, chosen)
+        unit = self.quantity.unit
+        weights = weights / unit
+        gradient = self._slopes.gradient(at.s[i], *chosen, weights)
+        return StoppedRows(at, i, k, values / unit, gradient, chosen=chosen, weights=weights)
+
+    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        assert isinstance(rows, StoppedRows)
+        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
+        chosen = (part[some] for part in rows.chosen)
+        weights = on[some, None] * rows.weights[some]
+        return some, self._slopes.hessian(rows.at.s[rows.nodes[some]], *chosen, weights)
+
+
+class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     """One quantity during all stops by brakes."""
 
     words = "{} in stops by brakes", "{}_brakes"
-    of_motion = False
     scenario = WHOLE
     table, largest_step, rows_first = "brakes", 0.05, True
-
-    _fixed: np.ndarray | None = None  # (N, width, n) torques at the nodes of a program
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
@@ -86,49 +144,20 @@ class BrakeLimit(StateLimit, TableLimit, ContactLimit):
 
     # --- rows of a program --------------------------------------------------------------------------------
 
-    def chosen(self, at: Instants) -> BrakeLimit:
-        other = copy(self)
-        other._fixed = self._torques(at.angles, at.speeds)
-        return other
+    @property
+    def _slopes(self) -> Closing:
+        return closing_of(self._arm)
 
-    def _torques(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """(N, width, n) of the brakes on the joints, at which each row is worst; 0 for joints at rest."""
-        return self.quantity.brake_torques(self._check, q, qd)
+    def _choose(self, s: np.ndarray, before: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+        """(N, width, n) torques of the brakes on the joints; 0 for joints at rest."""
+        q, qd = np.split(s[:, : 2 * self.robot.n], 2, axis=1)
+        return (self.quantity.brake_torques(self._check, q, qd),)
 
-    def _badness(self, at: Instants, share: float) -> np.ndarray:
-        closing = closing_of(self._arm)
-        return self.quantity.brake_badness(self._check, closing, at.angles, at.speeds, share)
+    def badness(self, at: Instants, share: float) -> np.ndarray:
+        return self.quantity.brake_badness(self._check, self._slopes, at.angles, at.speeds, share)
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near_by_difference(self._badness(at, share), share)
-
-    def use(self, at: Instants) -> np.ndarray:
-        return self.quantity.use(self._badness(at, 1.0))
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.quantity.bounds()
-
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
-        q, qd, _ = at.motion_states
-        if self._fixed is not None:
-            torques = self._fixed[i, k]
-        else:
-            nodes, place = np.unique(i, return_inverse=True)
-            torques = self._torques(q[nodes], qd[nodes])[place, k]
-        closing = closing_of(self._arm)
-        wrenches, unit = closing.wrenches(q[i], qd[i], torques), self.quantity.unit
-        values, weights, _ = self.quantity.rows(wrenches, np.arange(len(k)), k)
-        weights = weights / unit
-        slopes = closing.gradient(q[i], qd[i], torques, weights)
-        return BrakeRows(at, i, k, values / unit, slopes, torques=torques, weights=weights)
-
-    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert isinstance(rows, BrakeRows)
-        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
-        q, qd, _ = (part[rows.nodes[some]] for part in rows.at.motion_states)
-        weights = on[some, None] * rows.weights[some]
-        return some, closing_of(self._arm).hessian(q, qd, rows.torques[some], weights)
+        return ~(self.quantity.uses(self.badness(at, share)) < share)
 
 
 STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
@@ -142,7 +171,7 @@ class StopRows(NodeRows):
     on_wrench: np.ndarray | None = None
 
 
-class StopLimit(StateLimit, TableLimit, ContactLimit):
+class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
     """One quantity during all stops along the path."""
 
     words = "{} in stops", "{}_stop"
@@ -191,18 +220,11 @@ class StopLimit(StateLimit, TableLimit, ContactLimit):
     def _slopes(self) -> StopSlopes:
         return stop_slopes(self.robot, self._time, self.interface)
 
-    def _badness(self, at: Instants) -> np.ndarray:
-        """(N, width), the worst of the stops."""
+    def badness(self, at: Instants, share: float) -> np.ndarray:
         if self not in at.memo:
             points = self._points(at)
             at.memo[self] = points.worst(self.quantity.exact(points))[0]
         return at.memo[self]
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near(self._badness(at), share)
-
-    def use(self, at: Instants) -> np.ndarray:
-        return self.quantity.use(self._badness(at))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, -np.inf), self.quantity.worst()
@@ -236,20 +258,6 @@ def cancel_of(robot: StandingMechanism, asked: Limits) -> tuple[Robot, Cancel]:
     return robot, asked.cancel
 
 
-@dataclass(frozen=True, eq=False)
-class CancelRows(NodeRows):
-    """Rows of stops: sign, moves, weights (rows, n) of their states, and weights of the wrench (rows, 6)."""
-
-    chosen: tuple[np.ndarray, ...] = ()
-    weights: np.ndarray = field(default_factory=lambda: np.empty(0))
-
-    def curvature(self, hessian: Callable[..., np.ndarray], on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows whose multiplier (rows,) counts, and their second derivatives times it."""
-        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
-        chosen = (part[some] for part in self.chosen)
-        return some, hessian(self.at.s[self.nodes[some]], *chosen, on[some, None] * self.weights[some])
-
-
 class _Stopped(Loaded):
     """States of the stops that begin at N nodes, with the wrenches on an interface."""
 
@@ -265,20 +273,24 @@ class _Stopped(Loaded):
 
     def worst(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Maximum of values (M, width) at each node, (N, width), and the number of its state."""
-        owner = self.states_of_stops.owner
-        greatest = np.full((self.count, values.shape[1]), -np.inf)
-        np.maximum.at(greatest, owner, values)
-        number = np.zeros(greatest.shape, dtype=int)
-        rows, places = np.nonzero(values == greatest[owner])
-        number[owner[rows], places] = rows
-        return greatest, number
+        return worst_by_owner(values, self.states_of_stops.owner, self.count)
 
 
-class CancelLimit(StateLimit, TableLimit, ContactLimit):
+def worst_by_owner(values: np.ndarray, owner: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Maximum of values (M, width) of each of `count` owners, and the number of its row, (N, width) each."""
+    greatest = np.full((count, values.shape[1]), -np.inf)
+    np.maximum.at(greatest, owner, values)
+    number = np.zeros(greatest.shape, dtype=int)
+    rows, places = np.nonzero(values == greatest[owner])
+    number[owner[rows], places] = rows
+    return greatest, number
+
+
+class CancelLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     """One quantity during all stops of a cancelled motion."""
 
     words = "{} in cancels", "{}_cancel"
-    of_motion, takes_objects = False, True
+    takes_objects = True
     scenario = WHOLE
     table, largest_step, rows_first = "cancel", 0.05, True
 
@@ -296,8 +308,6 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
 
     # --- rows of a program --------------------------------------------------------------------------------
 
-    _fixed: tuple[np.ndarray, ...] | None = None  # sign, moves, weights, (N, width, n) each
-
     @property
     def _arm(self) -> tuple[Robot, Cancel]:
         return cancel_of(self.robot, self.asked)
@@ -306,8 +316,9 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
     def _slopes(self) -> CancelSlopes:
         return cancel_slopes(self._arm[0], self._arm[1].decelerations, interface=self.interface)
 
-    def _stopped(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray) -> _Stopped:
+    def _stopped(self, s: np.ndarray) -> _Stopped:
         robot, cancel = self._arm
+        q, qd, _, process = np.split(s, robot.n * np.arange(1, 4), axis=1)
         return _Stopped(robot, cancel.states(q, qd), len(q), process, self.interface)
 
     def _worst_of(self, stops: _Stopped) -> tuple[np.ndarray, np.ndarray]:
@@ -323,48 +334,16 @@ class CancelLimit(StateLimit, TableLimit, ContactLimit):
         number = stops.worst(np.max(stops.wrenches @ rows.T, axis=1)[:, None])[1]
         return value(stops.some(number[:, 0])), number
 
-    def _chosen(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _choose(self, s: np.ndarray, before: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         """The worst states: sign, moves, weights, (N, width, n) each."""
-        stops = self._stopped(q, qd, process)
+        stops, qd = self._stopped(s), s[:, self.robot.n : 2 * self.robot.n]
         number, at = self._worst_of(stops)[1], stops.states_of_stops
         sign = np.repeat(np.sign(without_creep(qd))[:, None], number.shape[1], axis=1)
         return sign, at.moves[number].astype(float), at.weights[number]
 
-    def chosen(self, at: Instants) -> CancelLimit:
-        other = copy(self)
-        other._fixed = self._chosen(at.angles, at.speeds, at.process)
-        return other
-
-    def _badness(self, at: Instants) -> np.ndarray:
+    def badness(self, at: Instants, share: float) -> np.ndarray:
         """(N, width), the worst of the stop that begins there."""
         key = self.name, self.asked.cancel and self.asked.cancel.decelerations
         if key not in at.memo:
-            at.memo[key] = self._worst_of(self._stopped(at.angles, at.speeds, at.process))[0]
+            at.memo[key] = self._worst_of(self._stopped(at.s))[0]
         return at.memo[key]
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near(self._badness(at), share)
-
-    def use(self, at: Instants) -> np.ndarray:
-        return self.quantity.use(self._badness(at))
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.quantity.bounds()
-
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
-        if self._fixed is not None:
-            chosen = tuple(part[i, k] for part in self._fixed)
-        else:
-            nodes, place = np.unique(i, return_inverse=True)
-            q, qd, _ = at.motion_states
-            chosen = tuple(part[place, k] for part in self._chosen(q[nodes], qd[nodes], at.process[nodes]))
-        slopes, unit = self._slopes, self.quantity.unit
-        wrenches = slopes.wrenches(at.s[i], *chosen)
-        values, weights, _ = self.quantity.rows(wrenches, np.arange(len(k)), k)
-        gradient = slopes.gradient(at.s[i], *chosen, weights / unit)
-        return CancelRows(at, i, k, values / unit, gradient, chosen=chosen, weights=weights / unit)
-
-    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert isinstance(rows, CancelRows)
-        return rows.curvature(self._slopes.hessian, on)

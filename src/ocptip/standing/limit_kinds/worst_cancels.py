@@ -9,14 +9,11 @@ the deviations. So rows are smooth, with exact derivatives (the curvature of GT 
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import ORDINARY, Sampled, Worst
-from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
-from ocptip.standing.limit_kinds.stops import CancelLimit, CancelRows, cancel_of
+from ocptip.standing.limit_kinds.stops import CancelLimit, StoppedLimit, cancel_of, worst_by_owner
 from ocptip.standing.limit_kinds.worst_case import WorstCaseLimit
 from ocptip.standing.limits import WITHIN_OF, Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -31,14 +28,11 @@ _Chosen = tuple[np.ndarray, ...]
 """Sign, moves, weights, share, fixed, theta: see `CancelSlopes`."""
 
 
-class WorstCancelLimit(WorstCaseLimit):
+class WorstCancelLimit(StoppedLimit, WorstCaseLimit):
     """One quantity in cancelled motions within the uncertainty."""
 
     words = "{} in cancels within tolerance", "{}_cancel_worst_case"
     node_kinds: tuple[int, ...] = (ORDINARY,)
-    of_motion = False
-
-    _fixed: _Chosen | None = None  # (N, width, n) or (N, width, size) each, of the nodes of a program
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
@@ -80,25 +74,20 @@ class WorstCancelLimit(WorstCaseLimit):
         at = cancel.states(q, qd)
         options, parts = self._options(at, qd, qdd, cancel.rates(qd), qdd if before is None else before)
         badness, number = self.quantity.worst_of_options(self.cases, options, acting[at.owner])
-        greatest = np.full((len(s), self.width), -np.inf)
-        np.maximum.at(greatest, at.owner, badness)
-        state = np.zeros(greatest.shape, dtype=int)
-        rows, places = np.nonzero(badness == greatest[at.owner])
-        state[at.owner[rows], places] = rows
-
+        state = worst_by_owner(badness, at.owner, len(s))[1]
         number = number[state, np.arange(self.width)]  # (N, width, n)
         own = state[:, :, None], np.arange(n), number
         sign = np.repeat(np.sign(without_creep(qd))[:, None], self.width, axis=1)
         share, fixed = np.moveaxis(parts[own], -1, 0)
         chosen = sign, at.moves[state].astype(float), at.weights[state], share, fixed
-        node, k = (part.ravel() for part in np.indices(greatest.shape))
+        node, k = (part.ravel() for part in np.indices(state.shape))
         flat = tuple(part.reshape(len(node), n) for part in chosen)
         size = self.cases.deviations.size
         stopped = self._slopes.states(s[node], *flat, np.zeros((len(node), size)))
         late = options[own][..., 3].reshape(len(node), n)
         theta = self.quantity.worst_within(self.cases, stopped, k, late)
         values = self.quantity.within(self._smooth, stopped, k, theta).values
-        return values.reshape(greatest.shape), (*chosen, theta.reshape(*greatest.shape, size))
+        return values.reshape(state.shape), (*chosen, theta.reshape(*state.shape, size))
 
     def _options(
         self, at: StopStates, qd: np.ndarray, qdd: np.ndarray, rates: np.ndarray, before: np.ndarray
@@ -138,11 +127,6 @@ class WorstCancelLimit(WorstCaseLimit):
         parts = np.stack([share, fixed], axis=3)
         return np.take_along_axis(options, order, axis=2), np.take_along_axis(parts, order, axis=2)
 
-    def chosen(self, at: Instants) -> WorstCancelLimit:
-        other = copy(self)
-        other._fixed = self._worst(at.s, at.before)[1]
-        return other
-
     def uses(self, at: Instants) -> np.ndarray:
         key = self.name, self.asked.cancel, self.number
         if key not in at.memo:
@@ -150,19 +134,9 @@ class WorstCancelLimit(WorstCaseLimit):
             at.memo[key] = 1 + (-beyond if self.quantity.least else beyond)
         return at.memo[key]
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
-        if self._fixed is not None:
-            chosen = tuple(part[i, k] for part in self._fixed)
-        else:
-            nodes, place = np.unique(i, return_inverse=True)
-            chosen = tuple(part[place, k] for part in self._worst(at.s[nodes])[1])
-        stopped, unit = self._slopes.states(at.s[i], *chosen), self.quantity.unit
-        found = self.quantity.within(self._smooth, stopped, k, chosen[-1])
-        weights = found.slopes / unit
-        slopes = self._slopes.gradient(at.s[i], *chosen, weights)
-        return CancelRows(at, i, k, found.values / unit, slopes, chosen=chosen, weights=weights)
+    def _choose(self, s: np.ndarray, before: np.ndarray | None = None) -> _Chosen:
+        return self._worst(s, before)[1]
 
-    def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert isinstance(rows, CancelRows)
-        return rows.curvature(self._slopes.hessian, on)
+    def _values(self, s: np.ndarray, k: np.ndarray, chosen: _Chosen) -> tuple[np.ndarray, np.ndarray]:
+        found = self.quantity.within(self._smooth, self._slopes.states(s, *chosen), k, chosen[-1])
+        return found.values, found.slopes

@@ -18,6 +18,7 @@ from ocptip.standing.limit_kinds.limit import (
     ORDINARY,
     WITHIN,
     AskedLimit,
+    Limit,
     Sampled,
     StateLimit,
     Worst,
@@ -115,13 +116,7 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
     def uses(self, at: Instants) -> np.ndarray:
         return self.quantity.uses_within(self._smooth, at.s, self._bound)
 
-    def use(self, at: Instants) -> np.ndarray:
-        return np.max(self.uses(at), axis=1, initial=-np.inf)
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return ~(self.uses(at) < share)
-
-    def chosen(self, at: Instants) -> WorstCaseLimit:
+    def chosen(self, at: Instants) -> Limit:
         """With the deviations that are worst there."""
         other, count, width = copy(self), len(at), self.width
         rows, places = np.repeat(np.arange(count), width), np.tile(np.arange(width), count)

@@ -226,38 +226,41 @@ class Closing:
         self._second = BatchFunction(cs.Function("closing_bends", arguments, [hessian]))
         self._torque = BatchFunction(cs.Function("closing_torque", [s], [cs.jacobian(torque, s)]))
 
-    def wrenches(self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """(N, 6) with these torques (N, n) of the brakes on the joints."""
-        found, _, a = self._accelerations(q, qd, torques)
+    def wrenches(self, s: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """(N, 6) in states s (N, 3 n) or more, with these torques (N, n) of the brakes on the joints."""
+        found, _, _, a = self._accelerations(s, torques)
         return found.rest + self._robot.support.weight + np.einsum("sij,sj->si", found.per_acceleration, a)
 
-    def gradient(self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def gradient(self, s: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Slopes (N, 3 n) of weights . wrench; zero over the accelerations of the motion."""
-        s, forces, _ = self._at(q, qd, torques, weights)
+        s, forces, _ = self._at(s, torques, weights)
         slopes = self._gradient(s, weights, forces)[0]
         slopes[:, 2 * self._robot.n :] = 0.0
         return slopes
 
-    def hessian(self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def hessian(self, s: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Curvature (N, 3 n, 3 n) of the same."""
         n = self._robot.n
-        s, forces, inverse = self._at(q, qd, torques, weights)
+        s, forces, inverse = self._at(s, torques, weights)
         whole, torque = self._second(s, weights, forces)[0], self._torque(s)[0]
-        turn = np.zeros((len(q), 3 * n, 3 * n))  # how s changes with angles and speeds
+        turn = np.zeros((len(s), 3 * n, 3 * n))  # how s changes with angles and speeds
         turn[:, : 2 * n, : 2 * n] = np.eye(2 * n)
         turn[:, 2 * n :, : 2 * n] = -inverse @ torque[:, :, : 2 * n]
         return turn.transpose(0, 2, 1) @ whole @ turn
 
     def _at(
-        self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray, weights: np.ndarray
+        self, s: np.ndarray, torques: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States (N, 3 n) with the accelerations, m (N, n), inverse inertia of the joints that move."""
-        found, inverse, a = self._accelerations(q, qd, torques)
+        found, inverse, moving, a = self._accelerations(s, torques)
         forces = np.einsum("si,sij,sjk->sk", weights, found.per_acceleration, inverse)
-        return np.hstack([q, qd, a]), forces, inverse
+        return np.hstack([moving, a]), forces, inverse
 
     def _accelerations(
-        self, q: np.ndarray, qd: np.ndarray, torques: np.ndarray
-    ) -> tuple[MotionTerms, np.ndarray, np.ndarray]:
-        found, inverse = BrakeCheck.response(self._robot, q, qd, torques != 0)
-        return found, inverse, np.einsum("sij,sj->si", inverse, torques - found.bias)
+        self, s: np.ndarray, torques: np.ndarray
+    ) -> tuple[MotionTerms, np.ndarray, np.ndarray, np.ndarray]:
+        """Dynamics, inverse inertia, angles and speeds (N, 2 n), and accelerations (N, n)."""
+        n = self._robot.n
+        moving = s[:, : 2 * n]
+        found, inverse = BrakeCheck.response(self._robot, moving[:, :n], moving[:, n:], torques != 0)
+        return found, inverse, moving, np.einsum("sij,sj->si", inverse, torques - found.bias)
