@@ -10,10 +10,10 @@ import ocptip
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.placement.within import posture_within
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, WORKSHOP
+from ocptip.standing.within.posture import posture_within
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES
 from tests.robots.pinocchio_twin import twin

@@ -18,7 +18,13 @@ from ocptip.motion.files.source import TASK, source_of
 from ocptip.motion.task import MotionTask
 from ocptip.pictures.browser.studio import Actions, serve_studio
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.posture_study import Conditions, PostureAnswer, PostureStudy, Robustness
+from ocptip.standing.at_rest.posture_study import (
+    Conditions,
+    PostureAnswer,
+    PostureStudy,
+    Robustness,
+    WorstPosture,
+)
 from ocptip.standing.parts import Part
 from ocptip.task_files.plan_folder import read_plan_folder
 
@@ -73,6 +79,10 @@ class Studio:
             InputError: there is no such condition, or its value cannot be used.
         """
         return self.study.answer(self._changed(changes))
+
+    def worst(self, **changes: object) -> WorstPosture | None:
+        """The worst within the uncertainty of the task; None without one."""
+        return self.study.worst(self._changed(changes))
 
     def robustness(self, **changes: object) -> Robustness:
         """The robustness beyond such conditions, each deviation alone."""

@@ -11,12 +11,16 @@ from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.at_rest.directions import tilted
 from ocptip.standing.at_rest.load_cases import RestLoads, contact_test
+from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import with_friction
+from ocptip.trajectories.trajectory import Trajectory
 from studies.pictures.browser import CHROMIUM, browser_page
 from tests.places import EXAMPLES
 
 pytest.importorskip("viser")
+from ocptip.pictures.browser import studio as studio_module
 from ocptip.pictures.browser.studio import Actions, studio_page
+from ocptip.pictures.browser.view import mover
 
 TASK = EXAMPLES / "tasks/kit_arm.toml"
 
@@ -50,6 +54,32 @@ def test_margins_and_torques_are_those_of_stand(studio, payload):
     assert found.margins.normal_forces == pytest.approx(expected.normal_forces, rel=1e-9)
     torques = expected.posture.instant.torques[0]
     assert found.torque_used == pytest.approx(np.abs(torques) / robot.limits.torque, rel=1e-9)
+
+
+def test_the_worst_case_is_that_of_stand(studio):
+    """With a payload, a push, less friction and a tilted floor; of an accelerated base nearly."""
+    robot = studio.task.robot
+    q, down, push, tilt = studio.conditions.q, robot.support.gravity, np.array([0.0, 5.0, 0.0]), 0.02
+    arm = robot.arm.with_payload(Payload(1.5, robot.payload.center_of_mass if robot.payload else np.zeros(3)))
+    support = robot.support.varied(
+        with_friction(robot.support.contacts, 0.8), gravity=tilted(down, np.array([1.0, 0, 0]), tilt)
+    )
+    other = robot.varied(
+        arm=arm.with_process(ProcessWrench(push, np.zeros(3), "base")),
+        support=support,
+        reference_moment=robot.tip_over.reference_moment,
+    )
+    expected = ocptip.stand(other, q, uncertainty="workshop").within
+    assert studio.study.limits.tolerance.given
+    found = studio.worst(payload=1.5, friction=0.8, tilt=tilt, push=5.0, towards=np.pi / 2)
+    margin = expected.tipping_margin(robot.tip_over.reference_moment)
+    assert found.tipping_moment == pytest.approx(margin, rel=1e-9)
+    assert pytest.approx(expected.GT, rel=1e-6) == found.GT
+    assert found.tipping_moment < studio.answer(payload=1.5, friction=0.8, tilt=tilt).margins.tipping_moment
+    motion = BaseMotion((0.4, -0.3, 0.0))
+    moving = ocptip.stand(studio.task, "start", uncertainty="workshop", base_motion=motion).within
+    expected = moving.tipping_margin(robot.tip_over.reference_moment)
+    assert studio.worst(acceleration=(0.4, -0.3)).tipping_moment == pytest.approx(expected, rel=1e-3)
 
 
 def test_an_accelerated_base_is_that_of_stand(studio):
@@ -138,6 +168,9 @@ def test_sliders_of_the_page(studio, page):
     assert page.answered.margins.tipping_moment == pytest.approx(expected.margins.tipping_moment, rel=1e-9)
     assert dict(expected.lines)["tipping margin"] in page.verdict.content
     assert "further push" in page.robust.content
+    worst = dict(studio.worst(payload=2.0).lines)
+    assert worst["tipping margin"] in page.worst.content
+    assert worst["tipping margin"] != dict(expected.lines)["tipping margin"]
     before = page.answered.conditions.q
     page.sliders["tcp_z"].value = page.sliders["tcp_z"].max
     page.idle.clear()
@@ -148,6 +181,35 @@ def test_sliders_of_the_page(studio, page):
     assert page.idle.wait(60)
     assert np.allclose(page.answered.conditions.q, studio.task.goal)
     assert "cannot be reached" not in page.message.content
+
+
+def test_a_second_plan_plays_beside_the_first(studio, monkeypatch):
+    """The second one as the arm of the page, the first as a ghost, until both have ended."""
+    robot, start = studio.study.robot, studio.task.start
+    limits, goals, frames = (robot.limits.speed, robot.limits.acceleration), [0.02, 0.01], []
+
+    def planned():
+        goal = start + goals.pop(0)
+        motion = Trajectory.ending_together(start, goal, [None] * len(start), *limits)
+        return "planned", (Part(robot, motion),)
+
+    def counted(scene, root, act, size, ghost):
+        show = mover(scene, root, act, size, ghost)
+        return lambda k: (frames.append(act.seen.angles[k]), show(k))
+
+    monkeypatch.setattr(studio_module, "mover", counted)
+    ends = {"start": start, "goal": studio.task.goal}
+    with studio_page("arm", studio.study, studio.conditions, ends, Actions(lambda *_: "", planned)) as page:
+        assert page.idle.wait(60)
+        page._plan()
+        page._play()
+        assert frames == []
+        page._plan()
+        page._play()
+        assert page.idle.wait(60)
+        assert "tipping margin" in page.verdict.content
+    assert np.allclose(frames[0], start)
+    assert np.allclose(frames[-1], start + 0.02)
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.text import did_you_mean, quantity
 from ocptip.contact.support import Load, Support
 from ocptip.motion.cycles.task import Task
-from ocptip.placement.within import posture_case, posture_within
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
@@ -34,6 +33,7 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.standing.within.design import Design, smallest_design
+from ocptip.standing.within.posture import posture_case, posture_within
 from ocptip.standing.within.rest import CaseWithin, WithinAtRest, object_within
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.cycle import read_task

@@ -1,7 +1,7 @@
 """The page of the studio: a robot at rest with sliders for posture, load, floor, push and base.
 
 Callbacks of the page only note that something changed. One thread answers the latest state, so that a drag
-over many values never queues. Robustness follows when nothing has changed for a moment.
+over many values never queues: margins first, then robustness and the worst case unless something changed.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ from ocptip.basics.text import quantity
 from ocptip.pictures.browser import bodies
 from ocptip.pictures.browser.panel import BAD, GOOD, WARNING
 from ocptip.pictures.browser.view import (
+    GHOST,
     LOAD,
     RATE,
     Act,
     Forces,
+    mover,
     open_server,
     shared_forces,
     until_interrupted,
 )
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.payload import Payload
-from ocptip.standing.at_rest.posture_study import Conditions, PostureAnswer, PostureStudy, Robustness
+from ocptip.standing.at_rest.posture_study import Conditions, PostureAnswer, PostureStudy
 from ocptip.standing.parts import Part
 
-_QUIET = 0.4  # s without a change after which the robustness is computed
 _AROUND = 1.2  # m, of the sliders of the TCP about the middle of the base, at least
 _PUSH, _PAYLOAD, _TILT, _ACCELERATION = 300.0, 10.0, 20.0, 3.0  # N, kg, deg, m/s^2: ends of sliders, at least
 _ARROW = 0.25  # length of the arrow of the largest push, over the size of the picture
@@ -100,7 +101,8 @@ class StudioPage:
 
     Attributes:
         sliders: handles by name.
-        verdict, robust, message: texts as HTML: margins, robustness, what is wrong.
+        verdict, worst, robust, message: texts as HTML: margins, nominal and in the worst case, robustness,
+            what is wrong.
         answered: the latest answer; `idle` is set while nothing is left to answer.
     """
 
@@ -119,7 +121,7 @@ class StudioPage:
         self._start, self._centre, robot = conditions, centre, study.robot
         self.answered: PostureAnswer | None = None
         self.idle, self._changed, self._closed = threading.Event(), threading.Event(), threading.Event()
-        self._aimed, self._known = False, ""
+        self._aimed, self._lock = False, threading.Lock()
         scene = server.scene
         bodies.surroundings(scene, robot, centre, size)
         self._links = bodies.arm(scene, "/arm", robot, size, None)
@@ -128,7 +130,8 @@ class StudioPage:
         self._push = bodies.arrows(scene, "/push", still, LOAD, size)
         self._drag = scene.add_transform_controls("/drag the TCP", scale=0.3 * size, visible=False)
         self._payload: tuple[float, Any] = (-1.0, None)
-        self._parts: Sequence[Part] = ()
+        self._count = 1
+        self._plans: list[tuple[str, Sequence[Part]]] = []
         self._thread = threading.Thread(target=self._work, daemon=True)
         self.sliders: dict[str, Any] = {}
         self._controls(name)
@@ -148,7 +151,7 @@ class StudioPage:
         gui, robot, start = self.server.gui, self.study.robot, self._start
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         self.verdict = gui.add_html(f"<h3>{escape(name)}</h3>")
-        self.robust, self.message = gui.add_html(""), gui.add_html("")
+        self.worst, self.robust, self.message = (gui.add_html("") for _ in range(3))
         with gui.add_folder("Conditions"):
             most = max(_PAYLOAD, 3 * start.payload)
             self._slider("payload", "payload [kg]", 0.0, most, 0.01, start.payload)
@@ -204,8 +207,9 @@ class StudioPage:
         """A value changed; a slider of the TCP asks for a posture. What the answers set asks nothing."""
         if threading.current_thread() is not self._thread:
             self._aimed |= aims
-            self.idle.clear()
-            self._changed.set()
+            with self._lock:
+                self.idle.clear()
+                self._changed.set()
 
     def _dragged(self) -> None:
         for axis, value in zip("xyz", self._drag.position, strict=True):
@@ -238,14 +242,14 @@ class StudioPage:
     # --- answers ------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
-        """Answer the latest state; when nothing changes, the robustness there."""
+        """Answer the latest state; what comes later is dropped where the state changed meanwhile."""
         while not self._closed.is_set():
-            if self._changed.wait(_QUIET):
-                self._changed.clear()
-                if not self._closed.is_set():
-                    self._guarded(self._answer)
-            elif self.answered is not None and not self.idle.is_set():
-                self._guarded(self._robustness)
+            self._changed.wait()
+            self._changed.clear()
+            for step in (self._answer, self._robustness, self._worst_case):
+                if not self._changed.is_set() and not self._closed.is_set():
+                    self._guarded(step)
+            with self._lock:
                 if not self._changed.is_set():
                     self.idle.set()
 
@@ -276,14 +280,23 @@ class StudioPage:
         self.verdict.content = _verdict_html(answer)
         problems = [*([message] if message else []), *answer.broken]
         self._tell("; ".join(problems), BAD)
-        self.robust.content = f"<div style='opacity:0.4'>{self._known}</div>"  # keeps its place
+        for text in (self.worst, self.robust):
+            text.content = text.content.replace(_FRESH, _STALE)  # keeps its place until it is known
 
     def _robustness(self) -> None:
-        answer = self.answered
-        assert answer is not None
-        kind = answer.verdict.verdict
-        found = self.study.robustness(answer.conditions)
-        self.robust.content = self._known = _robustness_html(found, kind)
+        assert self.answered is not None
+        found = self.study.robustness(self.answered.conditions)
+        self.robust.content = _section("Robust to, each alone:", found.lines)
+
+    def _worst_case(self) -> None:
+        assert self.answered is not None
+        found = self.study.worst(self.answered.conditions)
+        if found is not None:
+            verdict = "no contact is lost" if found.stable else "A CONTACT IS LOST"
+            title = f"Worst case within {self.study.limits.tolerance.scope}: {verdict}"
+            kind = self.answered.verdict.verdict
+            rows = [*found.lines, ("stability, nominal", kind)]
+            self.worst.content = _section(title, rows, found.words, bad=not found.stable)
 
     def _draw(self, answer: PostureAnswer) -> None:
         conditions, size = answer.conditions, self.size
@@ -328,7 +341,9 @@ class StudioPage:
         self._tell("planning ...", WARNING)
 
         def planned() -> str:
-            headline, self._parts = self.actions.plan()
+            headline, parts = self.actions.plan()
+            self._plans = [*self._plans[-1:], (f"plan {self._count}", parts)]
+            self._count += 1
             self._play_button.disabled = False
             return headline
 
@@ -341,28 +356,34 @@ class StudioPage:
             self._tell(str(error), BAD)
 
     def _play(self) -> None:
-        """Show the motion in the picture, with its forces; then the posture of the sliders again."""
-        end = self._parts[-1].end
+        """Show the last plan with its forces, the one before as a ghost; then the posture of the sliders."""
+        end = max(parts[-1].end for _, parts in self._plans)
         times = np.append(np.arange(0.0, end, 1 / RATE), end)
-        act = Act.of_plan("plan", self._parts, times)
+        *before, act = (Act.of_plan(name, parts, times) for name, parts in self._plans)
+        scene, seen = self.server.scene, act.seen
+        ghosts = [mover(scene, "/plan before", one, self.size, GHOST) for one in before]
         wait = threading.Event()
         for k in range(len(times)):
             self._move(act.frames.rotations[k], act.frames.origins[k])
-            self._forces.show(
-                shared_forces(act.seen.states.contact_forces, act.seen.slip, k), act.seen.tip, k
-            )
-            self.verdict.content = (
-                f"<h3 style='margin:4px 12px'>{times[k]:.2f} s</h3><p>{escape(act.clock(k))}</p>"
+            self._forces.show(shared_forces(seen.states.contact_forces, seen.slip, k), seen.tip, k)
+            for ghost in ghosts:
+                ghost(k)
+            texts = [act.clock(k), *(f"(ghost) {one.clock(k)}" for one in before)]
+            self.verdict.content = f"<h3 style='margin:4px 12px'>{times[k]:.2f} s</h3>" + "".join(
+                f"<p style='margin:4px 12px'>{escape(text)}</p>" for text in texts
             )
             wait.wait(1 / RATE)
+        for _ in ghosts:
+            scene.remove_by_name("/plan before")
         self._note()
 
 
+_FRESH, _STALE = "opacity:1", "opacity:0.4"
 _CELL = "style='padding:0 8px 0 0;line-height:1.35;white-space:nowrap'"
 _LEGEND = """<p style='margin:6px 12px;color:#555;font-size:85%'>
 <b style='color:rgb(30,140,60)'>green arrows</b> contact forces,
 <b>black</b> support polygon, <b style='color:rgb(200,30,30)'>red line</b> critical tipping axis,
-<b style='color:rgb(220,0,160)'>magenta</b> zero-moment point. Nominal model at rest; a plan is of the task
+<b style='color:rgb(220,0,160)'>magenta</b> zero-moment point. At rest; a plan is of the task
 without push, tilt and friction factor.</p>"""
 
 
@@ -381,7 +402,8 @@ def _verdict_html(answer: PostureAnswer) -> str:
     return head + _rows([*answer.lines, ("foot forces", forces)])
 
 
-def _robustness_html(found: Robustness, kind: str) -> str:
-    return "<p style='margin:6px 14px 0;font-size:13px;color:#555'>Robust to, each alone:</p>" + _rows(
-        [*found.lines, ("stability", kind)]
-    )
+def _section(title: str, rows: Sequence[tuple[str, str]], below: str = "", *, bad: bool = False) -> str:
+    color, kind = BAD if bad else "#555", "margin:6px 14px 0;font-size"
+    head = f"<p style='{kind}:13px;color:{color}'>{escape(title)}</p>"
+    note = f"<p style='{kind}:11px;color:#555'>{escape(below)}</p>"
+    return f"<div style='{_FRESH}'>{head}{_rows(rows)}{note}</div>"

@@ -256,7 +256,7 @@ def _show(
 
     def stage(server: Any) -> Callable[[int], None]:
         scene, robot = server.scene, act.robots[0]
-        move = _mover(scene, "/arm", act, size)
+        move = mover(scene, "/arm", act, size)
         bodies.surroundings(scene, robot, centre, size)
         _path(scene, "/path of the gripper", act, bodies.HELD, size)
         forces = Forces(scene, robot.support, robot.mass, size)
@@ -283,7 +283,7 @@ def _ghost(
     axes = {"axes_length": 0.15 * size, "axes_radius": 0.004 * size}
     scene.add_frame("/second", position=tuple(there[0]), wxyz=bodies.wxyz(there[1]), **axes)
     bodies.base_of(scene, "/second/base", act.robots[0], size, GHOST)
-    move = _mover(scene, "/second/arm", act, size, GHOST)
+    move = mover(scene, "/second/arm", act, size, GHOST)
     _path(scene, "/second/path of the gripper", act, GHOST, size)
     feet = np.array([np.asarray(c.position) for c in act.robots[0].support.contacts])
     edges = _around(feet) + np.array([0, 0, 1e-3 * size])
@@ -301,7 +301,7 @@ def _ghost(
     return frame
 
 
-def _mover(
+def mover(
     scene: Any, root: str, act: Act, size: float, ghost: tuple[int, int, int] | None = None
 ) -> Callable[[int], None]:
     """Puts an arm on stage with what it holds in turn, and says how to show it in a frame."""

@@ -17,6 +17,7 @@ from ocptip.basics.text import percent, quantity
 from ocptip.contact.verdict import StabilityVerdict, stability
 from ocptip.reserves.equal_compliance import reported_slip
 from ocptip.reserves.slip import SlipReserve
+from ocptip.reserves.tipping import moment_at
 from ocptip.robots.inverse.pose_search import Orientation, search
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
@@ -31,6 +32,8 @@ from ocptip.standing.instants import Instants, Loaded
 from ocptip.standing.limits import Limits
 from ocptip.standing.margins import Margins
 from ocptip.standing.tolerance import with_friction
+from ocptip.standing.within.posture import loaded_case
+from ocptip.standing.within.tolerable import AT_REST
 
 _REACHED = 1e-4  # m and rad
 _FULL = 6  # joints from which on an arm keeps the orientation of its TCP
@@ -161,6 +164,41 @@ class Robustness:
         ]
 
 
+@dataclass(frozen=True)
+class WorstPosture:
+    """The worst of a posture within an uncertainty.
+
+    Attributes:
+        tipping_moment: N m, the minimum moment about a tipping axis; negative where the base tips.
+        GT: of the friction used.
+        tips_with, slips_with: what is off there, in words.
+    """
+
+    tipping_moment: float
+    GT: float
+    tips_with: str
+    slips_with: str
+
+    @property
+    def stable(self) -> bool:
+        """No contact is lost."""
+        return self.tipping_moment > 0 and self.GT < 1
+
+    @property
+    def lines(self) -> list[tuple[str, str]]:
+        """Names and values."""
+        return [
+            ("tipping margin", quantity(self.tipping_moment, "N m", 3)),
+            ("friction used", percent(self.GT)),
+        ]
+
+    @property
+    def words(self) -> str:
+        """What is off where the tipping margin is smallest, and where most friction is used."""
+        tips, slips = self.tips_with or "nominal", self.slips_with or "nominal"
+        return f"with {tips}" if tips == slips else f"tipping: with {tips}; friction: with {slips}"
+
+
 class PostureStudy:
     """An arm on its base, at rest in any posture under any conditions.
 
@@ -172,7 +210,8 @@ class PostureStudy:
     def __init__(self, robot: Robot, limits: Limits) -> None:
         robot.require_no_objects("studio")
         self.robot, self.limits, held = robot, limits, robot.payload
-        payloads = None, Payload(1.0, np.zeros(3) if held is None else held.center_of_mass)
+        self._centre = np.zeros(3) if held is None else held.center_of_mass
+        payloads = None, Payload(1.0, self._centre)
         self._robots = [robot.varied(arm=robot.arm.with_payload(own)) for own in payloads]
         self._footing = lru_cache(_SUPPORTS)(self._with_friction)
         self._at: tuple[np.ndarray, tuple[RestLoads, RestLoads]] | None = None
@@ -197,6 +236,26 @@ class PostureStudy:
             slip=reported_slip(loaded.states, loaded.slip),
             torque_used=np.abs(torques[0]) / self.robot.limits.torque,
             broken=tuple(own_refusals(self.robot, self.limits, instant)),
+        )
+
+    def worst(self, conditions: Conditions) -> WorstPosture | None:
+        """The worst within the uncertainty of the task; None without one.
+
+        The floor's tilt turns gravity and the inertial force of an accelerated base together.
+        """
+        held = Payload(conditions.payload, self._centre) if conditions.payload else None
+        given = self.limits.tolerance.of(held)
+        tolerance = given.only(*(name for name in AT_REST if name in given.given))
+        if not tolerance.given:
+            return None
+        gravity, push = self._acting(conditions)
+        wrench = self._wrenches(conditions, gravity, conditions.payload, push)[0]
+        support = self._footing(conditions.friction).support.varied(gravity=gravity)
+        case = loaded_case(self.robot, support, conditions.q, held, wrench, tolerance)
+        (GN, tip), (GT, slip) = case.tip(), case.slip()
+        reference = self.robot.tip_over.reference_moment
+        return WorstPosture(
+            moment_at(GN, reference) if reference else np.inf, GT, case.words(tip), case.words(slip)
         )
 
     def robustness(self, conditions: Conditions) -> Robustness:
