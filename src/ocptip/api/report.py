@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -11,14 +11,26 @@ from typing import Any, cast
 import numpy as np
 
 from ocptip.api.chart import LoadChart, chart
+from ocptip.api.drive import drive
+from ocptip.api.results.drive import DriveEnvelope
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
+from ocptip.contact.bindings.wheel import DrivenWheel
 from ocptip.motion.check import MotionCheck, check_motion
-from ocptip.motion.cycles.check import CycleCheck, check_cycle
+from ocptip.motion.cycles.check import check_cycle
 from ocptip.motion.cycles.task import CycleTask, Task
-from ocptip.motion.stops.check import Stops, stops_of
+from ocptip.motion.stops.cancels import SafeDecelerations
+from ocptip.motion.stops.check import (
+    Stops,
+    cancels_by_segment,
+    cancels_to_dict,
+    stops_by_segment,
+    stops_of,
+    stops_to_dict,
+)
+from ocptip.motion.summary import CheckedMotion
 from ocptip.motion.task import MotionTask
-from ocptip.motion.tolerated import Tolerated, robustness
+from ocptip.motion.tolerated import robustness
 from ocptip.pictures.animation import Moving, plan_times
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.load_cases import (
@@ -62,9 +74,10 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
     else:
         names = [segment.name for segment in task.segments]
         stages = [Stage(own, None, name) for own, name in zip(_tasks(task), names, strict=True)]
-    found = Stability(path.name, task, folder, stages)
+    found = Stability(path.name, task, folder, stages, cases is not None)
     if folder is not None:
         found.moves()
+    found.drives()
     for stage, robot in zip(stages, robots, strict=True):
         stage.rests(robot, cases)
     if not any(robot.interfaces[1:] for robot in robots):  # charts are of payloads that the gripper holds
@@ -103,9 +116,10 @@ class Stage:
         """Evaluate the motion; its check is known."""
         assert self.part is not None
         self.checked, robot, motion = checked, self.part.robot, self.part.motion
-        as_described = replace(self.task.limits, tolerance=NONE)  # stops are looked at without one
-        stopped = check_motion(robot, motion, self.task.stops.asked(as_described))
-        self.stops = stops_of(self.task, motion, stopped, "path")
+        if not robot.acts.end:  # while the base drives, stops of the arm are not computed
+            nominal = replace(self.task.limits, tolerance=NONE)
+            stopped = check_motion(robot, motion, self.task.stops.asked(nominal))
+            self.stops = stops_of(self.task, motion, stopped, "path")
         times = np.linspace(0.0, motion.end, POSTURES)
         acting = robot.driving(None).during(motion).acting(times)
         self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0], acting)
@@ -151,24 +165,59 @@ class Stability:
         task: with the robot.
         folder: of the plan, if there is one.
         stages: of the motion, or of the segments of a cycle.
+        given_cases: the load cases were named; all of them have to stand.
+
+    Attributes:
+        motion: the check of the motion, its robustness, the stops that the task asks for; None: no motion.
+        cancels: safe decelerations of a cancelled controller, by segment.
+        envelope: how hard the base may accelerate with the arm at the goal; None: it has no wheels.
+        chart: load chart; None: not made.
     """
 
-    def __init__(self, name: str, task: Task, folder: PlanFolder | None, stages: Sequence[Stage]) -> None:
+    def __init__(
+        self,
+        name: str,
+        task: Task,
+        folder: PlanFolder | None,
+        stages: Sequence[Stage],
+        given_cases: bool = False,
+    ) -> None:
         self.name, self.task, self.folder, self.stages = name, task, folder, stages
-        self.checked: MotionCheck | None = None
-        self.segments: CycleCheck | None = None
-        self.tolerated: tuple[Tolerated, ...] = ()
+        self.given_cases = given_cases
+        self.motion: CheckedMotion | None = None
+        self.cancels: Mapping[str, SafeDecelerations] = {}
+        self.envelope: DriveEnvelope | None = None
         self.chart: LoadChart | None = None
 
     def moves(self) -> None:
         """Check the motions of the folder."""
         assert self.folder is not None
-        motion = self.folder.motion
-        self.segments = certified_cycle(self.task, motion, check_cycle(self.task, motion))
-        self.checked = self.segments.whole
-        self.tolerated = robustness(self.task, motion)
-        for stage, checked in zip(self.stages, self.segments.segments, strict=True):
-            stage.moves(checked)
+        task, motion = self.task, self.folder.motion
+        checked = certified_cycle(task, motion, check_cycle(task, motion))
+        stops = {} if task.robot.acts.end else stops_by_segment(task, motion, checked)
+        self.motion = CheckedMotion(
+            task=task, checked=checked, robustness=robustness(task, motion), stops=stops
+        )
+        known = {name: own.decelerations for name, own in stops.items() if own.decelerations}
+        self.cancels = known or cancels_by_segment(task, motion)
+        for stage, own in zip(self.stages, checked.segments, strict=True):
+            stage.moves(own)
+
+    def drives(self) -> None:
+        """Determine how hard the base may accelerate, if it has wheels, with the arm at rest at the goal."""
+        stage = self.stages[-1]
+        robot = cast(Robot, stage.task.robot)
+        contacts = robot.support.contacts
+        wheels = any(c.kind == DrivenWheel.kind or getattr(c, "friction", 1.0) == 0 for c in contacts)
+        if wheels or robot.acts.end:
+            goal = stage.task.goal if stage.part is None else stage.part.motion.goal
+            limits = self.task.limits.tolerance.of(robot.payload)
+            self.envelope = drive(robot.driving(None), goal, uncertainty=limits)
+
+    @property
+    def checked(self) -> MotionCheck | None:
+        """The check of the motion; of a cycle the worst of all segments; None without a motion."""
+        return None if self.motion is None else self.motion.check
 
     @property
     def cases(self) -> list[LoadCase]:
@@ -177,9 +226,14 @@ class Stability:
 
     @property
     def stands(self) -> bool:
-        """The motion is verified; without a motion: all postures stand on level ground."""
-        if self.checked is not None:
-            return self.checked.verified  # what becomes of it in stops is a table of its own
+        """The motion is verified, stops included where they are asked for, and all given load cases stand.
+
+        Without a motion all postures stand on level ground. The usual load cases do not decide.
+        """
+        if self.given_cases and not all(case.stands for case in self.cases):
+            return False
+        if self.motion is not None:
+            return self.motion.verified
         return all(case.stands for case in self.cases if not (case.tilt or case.push or case.payload))
 
     @property
@@ -198,9 +252,13 @@ class Stability:
     @property
     def headline(self) -> str:
         """One line."""
-        if self.checked is not None:
-            return f"{self.task.name}: {self.checked.headline}"
-        return f"{self.task.name}: {'STABLE' if self.stands else 'NOT STABLE'} at rest"
+        level = all(case.stands for case in self.cases if not (case.tilt or case.push or case.payload))
+        own = (
+            f"{'STABLE' if level else 'NOT STABLE'} at rest" if self.motion is None else self.motion.headline
+        )
+        fallen = sum(not case.stands for case in self.cases) if self.given_cases else 0
+        more = f"; {fallen} of {len(self.cases)} load cases NOT STABLE" if fallen else ""
+        return f"{self.task.name}: {own}{more}"
 
     def __repr__(self) -> str:
         """The verdict, and how many load cases stand."""
@@ -209,15 +267,20 @@ class Stability:
 
     def to_dict(self) -> dict[str, Any]:
         """The report as plain data for JSON."""
-        worst = {} if self.segments is None else {"check": self.segments.to_dict()}
+        worst = {} if self.motion is None else {"check": self.motion.checked.to_dict()}
         stops = [{"segment": s.name, **s.stops.to_dict()} for s in self.stages if s.stops]
         held = [float(s.payloads[1].min()) for s in self.stages if s.payloads is not None]
         return {
             "name": self.task.name,
+            "headline": self.headline,
+            "stable": self.stands,
             **worst,
+            **({} if self.motion is None else {"stops_asked": stops_to_dict(self.task, self.motion.stops)}),
+            **cancels_to_dict(self.task, self.cancels),
+            **({} if self.envelope is None else {"drive": self.envelope.to_dict()}),
             **({"stops": stops if self.task.is_cycle else stops[0]} if stops else {}),
             **({"least_more_payload_kg": min(held)} if held else {}),
-            "tolerated": [one.to_dict() for one in self.tolerated],
+            "tolerated": [one.to_dict() for one in (self.motion.robustness if self.motion else ())],
             "load_cases": [case.to_dict() for case in self.cases],
             "least_tilt_deg": {
                 name: float(np.degrees(tilts.min()))

@@ -28,9 +28,9 @@ def cases(tmp_path):
 def test_page_of_a_task_stands_alone_and_lists_its_cases(tmp_path, capsys, cases):
     out = tmp_path / "report.html"
     about = ["--serial", "SN <7>", "--author", "J. Doe"]
-    assert main(["report", TASK, "--cases", cases, "--out", str(out), *about]) == 0
+    assert main(["report", TASK, "--cases", cases, "--out", str(out), *about]) == 1
     said = capsys.readouterr().out
-    assert "2 of 4 load cases are stable" in said
+    assert "cart: STABLE at rest; 2 of 4 load cases NOT STABLE. 2 of 4 load cases are stable" in said
     assert "not stable: start +0 kg 40 deg 0 N" in said
     page = out.read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=['\"](?!data:)", page)
@@ -51,7 +51,7 @@ def test_page_of_a_task_stands_alone_and_lists_its_cases(tmp_path, capsys, cases
 
 def test_the_same_as_json_and_as_pdf(tmp_path, capsys, cases):
     out = tmp_path / "report.pdf"
-    assert main(["report", TASK, "--cases", cases, "--out", str(out), "--json"]) == 0
+    assert main(["report", TASK, "--cases", cases, "--out", str(out), "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert [case["stands"] for case in data["load_cases"]] == [True, False, True, False]
     assert set(data["least_tilt_deg"]) == {"start", "goal"}
@@ -68,7 +68,7 @@ def stand_in(folder):
 @pytest.mark.slow
 def test_a_task_of_a_cycle_has_load_cases_by_segment(tmp_path, capsys, cases):
     task = str(EXAMPLES / "tasks" / "ur5_pick_and_place.toml")
-    assert main(["report", task, "--cases", cases, "--out", str(tmp_path / "c.html"), "--json"]) == 0
+    assert main(["report", task, "--cases", cases, "--out", str(tmp_path / "c.html"), "--json"]) == 1
     rows = json.loads(capsys.readouterr().out)["load_cases"]
     names = [f"{name}: {end}" for name in ("reach", "carry", "return") for end in ("start", "goal")]
     assert [row["pose"] for row in rows[::2]] == names
@@ -79,6 +79,7 @@ def test_a_task_of_a_cycle_has_load_cases_by_segment(tmp_path, capsys, cases):
 @pytest.mark.parametrize("made", [stand_in, pytest.param(planned, marks=pytest.mark.slow)])
 def test_every_number_is_that_of_the_commands_printed_in_it(made, tmp_path, monkeypatch, capsys):
     folder = made(tmp_path)
+    monkeypatch.setattr("ocptip.api.report.CHART_POSTURES", 200)
     (tmp_path / "cases.toml").write_text("tilt_deg = [0, 1]\npayload_kg = [0]\n")
     monkeypatch.chdir(tmp_path)
     assert main(["report", folder.name, "--cases", "cases.toml", "--out", "first.html"]) in (0, 1)
@@ -94,6 +95,8 @@ def test_every_number_is_that_of_the_commands_printed_in_it(made, tmp_path, monk
     motion = page[page.index("<h2>Motion") : page.index("<h2>Load cases")].replace("&nbsp;", " ")
     found = re.findall(r"<li>(.*?)</li>", motion) + re.findall(r"<tr>(<td>.*?)</tr>", motion)
     assert len(found) > 15
+    assert "<h2>Cancels</h2>" in page
+    assert re.search("of the acceleration limits", page[page.index("<h2>Cancels") :])
     lines = [" ".join(unescape(re.sub("<.*?>", " ", one)).split()) for one in found]
     assert [line for line in lines if line not in said] == []
 

@@ -60,9 +60,7 @@ class DriveReport(FolderReport):
         found = self.found
         value, held = found.worst_direction[0], found.robot.payload
         head = f"{found.name}   DRIVE ENVELOPE, {found.scope}."
-        within = ["worst case", "limits the worst case"] if found.within else ["limited by"]
-        heads = ["", "", "nominal", *within, *(["objects"] if found.objects else [])]
-        rows = [heads, *(self._row(k, one) for k, one in enumerate(found.manoeuvres))]
+        rows = envelope_rows(found)
         lines = [
             self._arm(),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
@@ -80,7 +78,7 @@ class DriveReport(FolderReport):
         text = [
             *wrapped("", [head], 0),
             "",
-            *table(rows, left=(0, 1, *range(3 + len(within) - 1, len(heads)))),
+            *table(rows, left=(0, 1, *range(4 if found.within else 3, len(rows[0])))),
             "",
             *fitted(lines),
         ]
@@ -93,21 +91,6 @@ class DriveReport(FolderReport):
             return "posture", joint_words(found.robot.names, found.robot.units, found.q)
         k = int(np.argmin(found.worst.largest[: len(found.angles)]))
         return "motion", f"{found.motion.end:.4g} s; worst direction at {found.worst.times[k]:.3f} s"
-
-    def _row(self, k: int, one: Manoeuvre) -> list[str]:
-        found, at = self.found, len(self.found.angles) + k
-        cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
-        return [one.text, one.unit, *cells, _what(found.worst, at, one), *self._objects(at, one)]
-
-    def _objects(self, at: int, one: Manoeuvre) -> list[str]:
-        """The limit of the critical object, and its name; nothing without objects."""
-        if not (objects := self.found.objects):
-            return []
-        name = min(objects, key=lambda own: float(objects[own].worst.largest[at]))
-        worst = objects[name].worst
-        by = "slides" if worst.slip[at] < worst.tip[at] else "tips"
-        value = _limit(worst, at, one)
-        return [value if value == _NOT else f"{value} ({name} {by})"]
 
     def _lifts(self) -> list[tuple[str, str]]:
         """When the first contact lifts, which may be long before the base tips."""
@@ -136,6 +119,27 @@ class DriveReport(FolderReport):
             side = f", {_down(y)} {straight} sideways" if y else ""
             found.append(f"{name} {_down(x)} {straight}{side}, {_down(w)} {turning}")
         return found
+
+
+def envelope_rows(found: DriveEnvelope) -> list[list[str]]:
+    """Titles, then a row per manoeuvre: its largest values, nominal and worst case, and what limits it."""
+    within = ["worst case", "limits the worst case"] if found.within else ["limited by"]
+    rows = [["", "", "nominal", *within, *(["objects"] if found.objects else [])]]
+    for at, one in enumerate(found.manoeuvres, len(found.angles)):
+        cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
+        rows.append([one.text, one.unit, *cells, _what(found.worst, at, one), *_objects(found, at, one)])
+    return rows
+
+
+def _objects(found: DriveEnvelope, at: int, one: Manoeuvre) -> list[str]:
+    """The limit of the critical object, and its name; nothing without objects."""
+    if not (objects := found.objects):
+        return []
+    name = min(objects, key=lambda own: float(objects[own].worst.largest[at]))
+    worst = objects[name].worst
+    by = "slides" if worst.slip[at] < worst.tip[at] else "tips"
+    value = _limit(worst, at, one)
+    return [value if value == _NOT else f"{value} ({name} {by})"]
 
 
 def _down(value: float) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ocptip.api.chart import NOT_COVERED
 from ocptip.api.report import Stability, Stage, report
+from ocptip.api.results.drive import ASSUMED
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import SUMS, read_sums, require_replaceable_file
 from ocptip.basics.read import only_inside, read_bytes
@@ -29,7 +30,9 @@ from ocptip.cli.layout import (
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.cli.verify.check import worst_rows
+from ocptip.cli.verify.drive import envelope_rows
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.stops.cancels import rounded_down
 from ocptip.motion.summary import margin_rows, margin_table, motion_line
 from ocptip.motion.violations import broken_words
 from ocptip.pictures.animation import still_figure
@@ -75,7 +78,8 @@ _TESTS = (
     ),
     ("push or pull test at the gripper", "Load cases; Robustness, one at a time"),
     ("overload test", "Load cases; Largest payload; Robustness, one at a time"),
-    ("stop test (controlled stop at any instant)", "Stops"),
+    ("stop test (controlled stop at any instant)", "Stops; Cancels"),
+    ("driving, braking and turning with the arm at rest", "Drive envelope"),
     ("test run at higher speed", "Robustness, one at a time"),
     ("slope and friction of the floor", "Tilt by direction; Robustness, one at a time"),
 )
@@ -130,6 +134,7 @@ class Document:
         yield from self._assumed()
         if self.about.checked is not None:
             yield from self._motion(self.about.checked)
+        yield from self._driving()
         yield from self._rest()
         yield from self._tests()
         yield from self._again()
@@ -146,11 +151,19 @@ class Document:
         about = self.about
         fallen = [case for case in about.cases if not case.stands]
         rows = []
-        if tolerated := about.tolerated:
+        if about.motion is not None and (tolerated := about.motion.robustness):
             rows.append(("Robust to (one at a time)", "; ".join(one.short for one in tolerated)))
         rows += [("Stops", text) for s in about.stages if s.stops for text in _with_names(s, s.stops.found)]
+        rows += [
+            ("Cancels", f"{name}: {own.text}" if name else own.text) for name, own in about.cancels.items()
+        ]
+        if about.envelope is not None:
+            worst, at = about.envelope.worst_direction[0], about.envelope.worst_direction_words
+            rows.append(("Drive envelope", f"{rounded_down(worst):g} m/s^2 {at}, arm at rest at the goal"))
         first = f"; not stable: {' '.join(_case_row(_by_margin(fallen)[0])[:4])} and others" if fallen else ""
-        rows.append(("Load cases", f"{len(about.cases) - len(fallen)} of {len(about.cases)} stable{first}"))
+        decides = "" if about.given_cases else "; these usual cases do not decide the verdict"
+        counted = f"{len(about.cases) - len(fallen)} of {len(about.cases)} stable"
+        rows.append(("Load cases", f"{counted}{first}{decides}"))
         if about.chart is not None:
             rows.append(("Load chart", f"{about.chart.summary}; {about.chart.scope}"))
         if about.folder is not None:
@@ -195,8 +208,10 @@ class Document:
 
     def _motion(self, checked: MotionCheck) -> Iterator[str]:
         yield heading("Motion")
-        if self.about.segments is not None and self.about.task.is_cycle:
-            titles, *rows = segment_rows(self.about.task, self.about.segments)
+        moving = self.about.motion
+        assert moving is not None
+        if self.about.task.is_cycle:
+            titles, *rows = segment_rows(self.about.task, moving.checked)
             yield grid(titles, rows)
         yield items([f"Proof {checked.certificate}"] if checked.certificate else [])
         for stage in self.about.stages:
@@ -212,7 +227,7 @@ class Document:
                     yield image(read_bytes(path), caption)
         yield heading("Robustness, one at a time")
         yield paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")
-        yield items(tolerated_lines(self.about.tolerated))
+        yield items(tolerated_lines(moving.robustness))
         if any(stage.stops for stage in self.about.stages):
             yield heading("Stops")
             yield paragraph("In the nominal model, without uncertainty.")
@@ -221,6 +236,36 @@ class Document:
             for stage in self.about.stages:
                 if stops := stage.stops:
                     yield items(_with_names(stage, stops.found))
+        if moving.stops:
+            yield heading("Stops that the task asks for")
+            for name, stops in moving.stops.items():
+                for text in (*stops.found, *stops.assumed):
+                    yield paragraph(f"{name}: {text}" if name else text)
+        if self.about.cancels:
+            yield heading("Cancels")
+            yield paragraph(
+                "Stops at any instant, by a controller whose motion is cancelled. To determine both ends to "
+                f"half a percent: ocptip check {self.about.name} --stops cancel."
+            )
+            for name, found in self.about.cancels.items():
+                yield paragraph(f"{name}: {found.text}" if name else found.text)
+                if found.yaml:
+                    units = " and ".join(f"{unit}/s^2" for unit in dict.fromkeys(found.units))
+                    yield paragraph(f"For the controller ({units}): {found.yaml}")
+
+    def _driving(self) -> Iterator[str]:
+        """How the base drives meanwhile, and how hard it may."""
+        if (profile := self.about.task.robot.acts.drive_profile) is not None:
+            yield heading("Drive profile")
+            yield paragraph(f"The base drives while the arm moves: {profile}. Margins include that.")
+            yield items(profile.notes)
+        if (found := self.about.envelope) is None:
+            return
+        yield heading("Drive envelope")
+        yield paragraph(f"At the goal of the motion, {found.scope}. More by 'ocptip drive'.")
+        titles, *rows = envelope_rows(found)
+        yield grid(titles, rows)
+        yield items([ASSUMED, f"not covered: {', '.join(found.not_covered)}"])
 
     def _rest(self) -> Iterator[str]:
         yield heading("Load cases")
@@ -256,7 +301,8 @@ class Document:
             times, held = map(np.concatenate, zip(*payloads, strict=True))
             yield heading("Largest payload")
             least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
-            drives = [one.drives for one in self.about.tolerated if one.drives is not None]
+            robust = self.about.motion.robustness if self.about.motion else ()
+            drives = [one.drives for one in robust if one.drives is not None]
             moved = "Drives not checked"
             if drives:
                 moved = f"The drives move {quantity(min(drives), 'kg', 3)} more"
@@ -310,7 +356,8 @@ class DocumentReport(Report):
         cases = self.document.about.cases
         fallen = [case for case in cases if not case.stands]
         count = f"{len(cases) - len(fallen)} of {len(cases)}"
-        lines = [f"{self.document.about.headline}. {count} load cases are stable."]
+        usual = "" if self.document.about.given_cases else " (the usual ones do not decide)"
+        lines = [f"{self.document.about.headline}. {count} load cases are stable{usual}."]
         if self.document.about.checked is not None:
             robot = self.document.about.task.robot
             lines += ["", *margin_table(robot, self.document.about.checked), ""]
