@@ -105,8 +105,8 @@ def _pull(
 
 
 def shift_centres(spec: Any, robot: Robot, shifts: Sequence[Sequence[float]]) -> None:
-    """Put the centres of mass of the first objects of an MjSpec off by shifts (3,), m, see `World.shifts`."""
-    for own, shift in zip(robot.carried, shifts, strict=False):
+    """Put the centres of mass of the objects of an MjSpec off by shifts (3,), m; none: where they were."""
+    for own, shift in zip(robot.carried, shifts or np.zeros((len(robot.carried), 3)), strict=False):
         place = own.object.body.center_of_mass + own.rotation.T @ np.asarray(shift)
         spec.body(OBJECT_BODY + own.object.name).ipos = place
 

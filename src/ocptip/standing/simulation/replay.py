@@ -327,7 +327,7 @@ class PrescribedModel:
                 if one is self._payload and payload is not None:
                     mass, one.ipos, inertia, one.iquat = principal(held_body(self.robot.arm, payload))
                     one.mass, one.inertia = factor * mass, factor * inertia
-        shift_centres(self._spec, self.robot, world.shifts or np.zeros((len(self.robot.carried), 3)))
+        shift_centres(self._spec, self.robot, world.shifts)
         try:
             return self._spec.compile()
         except ValueError as error:
