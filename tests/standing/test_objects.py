@@ -34,6 +34,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
 from ocptip.standing.objects import Object, carrier_expressions, carrier_motions, cup
 from ocptip.standing.stops.along_path import Path, PathStops, StopPoints, stop_slopes
+from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, closing_of
 from ocptip.standing.stops.by_cancel import Cancel, cancel_slopes, cancelled_motion
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.worst_case import worst_case_of
@@ -409,6 +410,50 @@ def test_stops_of_a_slide_use_the_friction_of_the_object_that_their_deceleration
     safe = safe_decelerations(robot, motion, Limits(), Cancel((20.0,)))
     assert safe.maximum == pytest.approx(0.9 * 0.2 * G / 20.0, abs=0.006)
     assert "low slips when cancelled" in safe.hardest.broken[0]
+
+
+def test_stops_of_a_slide_by_brakes_use_the_friction_that_their_force_over_the_moved_mass_needs():
+    """The largest force of the brake decides; while it brakes, the deceleration is constant."""
+    robot = on_a_slide([SLIPPERY, dataclasses.replace(BOX, position=(0.5, 0.0, 0.0))])
+    motion = Trajectory.from_profiles([0.0], [[RampCommand(2.0, 0.5, 0.2)]])
+    rest, still = np.zeros((1, 1)), np.ones((1, 1))
+    moved = float((robot.loads(rest, rest, still)[0] - robot.loads(rest, rest, rest)[0])[0, 0])
+    deceleration = 1.9
+    force = moved * deceleration
+    limits = Limits(brakes=Brakes((0.8 * force,), (force,)))
+    checked = check_motion(robot, motion, limits)
+    assert checked.worst["GT_brakes[low]"].value == pytest.approx(deceleration / (0.2 * G), rel=1e-6)
+    assert checked.worst["GT_brakes[box]"].value == pytest.approx(deceleration / (0.6 * G), rel=1e-6)
+    assert [own.name for own in checked.violations] == ["GT_brakes[low]"]
+    stops = check_stops(robot, motion, limits, StopRules(), checked, "brakes")
+    assert stops.worst["brakes"]["objects"]["low"]["GT"] == checked.worst["GT_brakes[low]"].value
+
+
+def test_wrenches_on_objects_when_brakes_close_are_those_of_the_accelerations_then():
+    rng = np.random.default_rng(10)
+    robot = robot_of(random_arm(rng, 3), [PLATE, CUP, CRATE])
+    q, qd, weights = *rng.normal(size=(2, 4, 3)), rng.normal(size=(4, 6))
+    found, inverse = BrakeCheck.response(robot, q, qd, qd != 0)
+    s = np.hstack([q, qd, 0 * q])
+    for interface in (1, 2, 3):
+        check, closing = (
+            BrakeCheck(robot, Brakes((5.0,) * 3, (30.0,) * 3), interface),
+            closing_of(robot, interface),
+        )
+        wrenches, torques = check.combinations(q, qd)
+        for case in range(3):
+            qdd = np.einsum("sij,sj->si", inverse, torques[:, case] - found.bias)
+            there = robot.object_wrenches(q, qd, qdd)[interface - 1]
+            np.testing.assert_allclose(wrenches[:, case], there, atol=1e-9)
+            np.testing.assert_allclose(closing.wrenches(s, torques[:, case]), there, atol=1e-9)
+        on, slopes = torques[:, 0], closing.gradient(s, torques[:, 0], weights)
+        h = 1e-6
+        for k in range(6):
+            up, down = (
+                np.sum(weights * closing.wrenches(s + d, on), axis=1)
+                for d in (h * np.eye(9)[k], -h * np.eye(9)[k])
+            )
+            np.testing.assert_allclose(slopes[:, k], (up - down) / (2 * h), rtol=1e-4, atol=1e-4)
 
 
 def test_wrenches_on_objects_in_stops_are_those_of_the_states_that_stops_pass():

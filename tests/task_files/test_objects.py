@@ -158,7 +158,6 @@ def test_what_takes_a_motion_but_no_objects_says_so(task):
     for call in (
         lambda: ocptip.certify(task, motion),
         lambda: ocptip.plan(task, sensitivities=True),
-        lambda: ocptip.check(task, motion, stops="both"),
         lambda: ocptip.check(task, motion, design=True),
     ):
         with pytest.raises(InputError, match=r"object: .* does not take objects"):

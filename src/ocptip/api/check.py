@@ -21,7 +21,7 @@ from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import OF_PATH, MotionCheck
 from ocptip.motion.cycles.check import check_cycle, segments_of, with_rises
-from ocptip.motion.cycles.task import BY_BRAKES, CycleTask, Task, refuse_driving, refuse_objects
+from ocptip.motion.cycles.task import CycleTask, Task, refuse_driving, refuse_objects
 from ocptip.motion.design import motion_design
 from ocptip.motion.files.plan_files import samples_joined, save_bag, task_samples
 from ocptip.motion.objective import TIME
@@ -232,8 +232,7 @@ def check(
     name, task, given = given_motion(motion, task, base=base, drive_profile=drive_profile, **reading)
     if task.is_cycle and sensitivities:
         raise InputError("sensitivities: not for cycles")
-    by_brakes = stops is not None and "brakes" in SCENARIOS[stops]
-    asked = {BY_BRAKES: by_brakes, "sensitivities": sensitivities, "design": design}
+    asked = {"sensitivities": sensitivities, "design": design}
     refuse_objects(task, *(name for name, wanted in asked.items() if wanted))
     if task.robot.acts.end and stops is None:
         task = task.each(lambda own: replace(own, limits=own.limits.without_stops))

@@ -123,17 +123,9 @@ Task = MotionTask | CycleTask
 """The task that is planned and checked; a motion has one segment."""
 
 
-BY_BRAKES = "a stop by brakes (category 0; --stops path and cancel do)"
-"""What does not take objects."""
-
-
 def refuse_objects(task: Task, *whats: str) -> None:
-    """Raise InputError if a robot of the task carries objects and is for what does not take them.
-
-    That are `whats`, cycles, and stops by brakes as limits.
-    """
-    stopped = any(segment.task.limits.brakes is not None for segment in task.segments)
-    for what in (*whats, *["a cycle"] * task.is_cycle, *[BY_BRAKES] * stopped):
+    """Raise InputError if a robot of the task carries objects: for `whats`, and for cycles."""
+    for what in (*whats, *["a cycle"] * task.is_cycle):
         for segment in task.segments:
             segment.task.robot.require_no_objects(what)
 

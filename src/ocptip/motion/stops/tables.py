@@ -267,7 +267,7 @@ class JointTable(ABC):
         """Values and where they are."""
         found, units, interfaces = self._found, self._robot.units, self._robot.interfaces
         base, i = self._worst_of(interfaces[0], self._times, found)
-        pairs = zip(interfaces[1:], self._of_objects, strict=False)  # stops by brakes are of the base alone
+        pairs = zip(interfaces[1:], self._of_objects, strict=True)
         objects = [self._worst_of(footing, *stops)[0] for footing, stops in pairs]
         over, joint = found.outside
         displacements = [
@@ -315,7 +315,7 @@ class JointTable(ABC):
             values = round(gap, 1), np.nan, round(asked, 1)
             further.append(Worst("clearance", *values, f", {where}", asked - gap, True, self.words, "mm"))
         contacts = []
-        every = zip(self._robot.interfaces, ((self._times, found), *self._of_objects), strict=False)
+        every = zip(self._robot.interfaces, ((self._times, found), *self._of_objects), strict=True)
         for number, (footing, (times, stops)) in enumerate(every):
             for name, limit in (("GN", rule.GN), ("GT", rule.GT)):
                 values = getattr(stops, name)
@@ -344,8 +344,10 @@ class BrakeTable(JointTable):
     def __init__(
         self, robot: Robot, motion: Trajectory, limits: Limits, brakes: Brakes, times: np.ndarray
     ) -> None:
-        found = stops_of_motion(robot, motion, brakes)
-        super().__init__(robot, motion, limits, brakes, [found], [BrakeCheck(robot, brakes)], times)
+        every = range(len(robot.interfaces))
+        found = [stops_of_motion(robot, motion, brakes, interface=interface) for interface in every]
+        checks = [BrakeCheck(robot, brakes, interface) for interface in every]
+        super().__init__(robot, motion, limits, brakes, found, checks, times)
         self._least = np.array(brakes.least)
 
     @property

@@ -112,6 +112,7 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     """One quantity during all stops by brakes."""
 
     words = "{} in stops by brakes", "{}_brakes"
+    takes_objects = True
     scenario = WHOLE
     table, largest_step, rows_first = "brakes", 0.05, True
 
@@ -120,7 +121,7 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
         return asked.brakes is not None and isinstance(robot, Robot)
 
     def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        times, found = stops_of_motion(self._arm, at.motion, self._brakes)
+        times, found = stops_of_motion(self._arm, at.motion, self._brakes, interface=self.interface)
         values = np.where(np.isfinite(found.rests), getattr(found, self.setting), np.inf)
         k = int(np.argmax(values))
         detail = f"a stop by brakes, worst {1e3 * found.after[k]:.3g} ms later"
@@ -140,13 +141,13 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
 
     @cached_property
     def _check(self) -> BrakeCheck:
-        return BrakeCheck(self._arm, self._brakes)
+        return BrakeCheck(self._arm, self._brakes, self.interface)
 
     # --- rows of a program --------------------------------------------------------------------------------
 
     @property
     def _slopes(self) -> Closing:
-        return closing_of(self._arm)
+        return closing_of(self._arm, self.interface)
 
     def _choose(self, s: np.ndarray, before: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         """(N, width, n) torques of the brakes on the joints; 0 for joints at rest."""

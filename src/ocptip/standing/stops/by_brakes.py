@@ -22,6 +22,7 @@ from ocptip.basics.errors import share_of_one
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.braking import Braked, MotionTerms, brake, terms
 from ocptip.standing.arm import Robot
+from ocptip.standing.instants import wrench_expression, wrenches_on
 from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -61,10 +62,11 @@ class BrakeCheck(StopCheck):
     Args:
         robot: the arm on its support.
         brakes: its brakes, and what stops have to keep; greater GT need not be exact.
+        interface: of the robot's `interfaces`, see `StopCheck`.
     """
 
-    def __init__(self, robot: Robot, brakes: Brakes) -> None:
-        super().__init__(robot, brakes.GN, brakes.GT)
+    def __init__(self, robot: Robot, brakes: Brakes, interface: int = 0) -> None:
+        super().__init__(robot, brakes.GN, brakes.GT, interface=interface)
         self._delay = brakes.delay
         self._brakes = np.array(brakes.least), np.array(brakes.greatest)
 
@@ -102,7 +104,7 @@ class BrakeCheck(StopCheck):
     def _wrenches(
         self, q: np.ndarray, qd: np.ndarray, after: np.ndarray, process: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Three wrenches (M, 3, 6) on the base per state, and the brakes' torques (M, 3, n)."""
+        """Three wrenches (M, 3, 6) on the interface per state, and the brakes' torques (M, 3, n)."""
         rest, by_torque, (low, high), corner = self._box(q, qd, after, process)
         moving = qd != 0
         torques = np.stack([corner, low, high], axis=1) * moving[:, None]
@@ -115,10 +117,10 @@ class BrakeCheck(StopCheck):
 
         Joints that rest stay at rest. The worst corner loads the nearest tipping axis most.
         """
-        support = self._robot.support
         found, response = self.response(self._robot, q, qd, qd != 0, process)
-        per_torque = found.per_acceleration @ response
-        rest = found.rest + support.weight - np.einsum("sij,sj->si", per_torque, found.bias)
+        rest, per_acceleration = _on_interface(self._robot, self._interface, found, q, qd, process)
+        per_torque = per_acceleration @ response
+        rest = rest - np.einsum("sij,sj->si", per_torque, found.bias)
         by_torque = -per_torque * np.sign(qd)[:, None]
         none = np.zeros_like(q)
         acts, surely = (after[:, None] >= self._delay[0]), (after[:, None] >= self._delay[1])
@@ -188,24 +190,42 @@ class BrakeCheck(StopCheck):
         return found, np.linalg.inv(inertia) * both
 
 
-@lru_cache(maxsize=4)
+def _on_interface(
+    robot: Robot,
+    interface: int,
+    found: MotionTerms,
+    q: np.ndarray,
+    qd: np.ndarray,
+    process: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The wrench (M, 6) on an interface without accelerations, weight included, and its slope over them."""
+    if not interface:
+        return found.rest + robot.support.weight, found.per_acceleration
+    rest = wrenches_on(robot, interface, q, qd, 0 * q, process)
+    units = [np.broadcast_to(own, q.shape) for own in np.eye(robot.n)]
+    slopes = [wrenches_on(robot, interface, q, qd, own, process) - rest for own in units]
+    return rest, np.stack(slopes, axis=2)
+
+
+@lru_cache(maxsize=16)
 def stops_of_motion(
-    robot: Robot, motion: Trajectory, brakes: Brakes, spacing: float = SPACING
+    robot: Robot, motion: Trajectory, brakes: Brakes, spacing: float = SPACING, interface: int = 0
 ) -> tuple[np.ndarray, JointStops]:
     """Stops begun at instants of a motion, s, `spacing` apart and at all switching times."""
     times = instants_of(motion, spacing)
     q, qd, _ = motion.states(times)
-    return times, BrakeCheck(robot, brakes).stops(q, qd, robot.during(motion).acting(times))
+    check = BrakeCheck(robot, brakes, interface)
+    return times, check.stops(q, qd, robot.during(motion).acting(times))
 
 
 @lru_cache(maxsize=8)
-def closing_of(robot: Robot) -> Closing:
+def closing_of(robot: Robot, interface: int = 0) -> Closing:
     """That of a robot, made once."""
-    return Closing(robot)
+    return Closing(robot, interface)
 
 
 class Closing:
-    """The wrench on the base when brakes close, as a function of angles and speeds, with derivatives.
+    """The wrench on an interface when brakes close, as a function of angles and speeds, with derivatives.
 
     With inverse dynamics T(q, qd, a) and wrench w(q, qd, a), a the accelerations at which T is what the
     brakes give on all joints that move (their torque is not zero), the slope of l . w(q, qd, a(q, qd)) is
@@ -213,23 +233,25 @@ class Closing:
 
     Args:
         robot: the arm on its support.
+        interface: of its `interfaces`; 0: the base.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, interface: int = 0) -> None:
         n = robot.n
         s, weights, forces = cs.SX.sym("s", 3 * n), cs.SX.sym("weights", 6), cs.SX.sym("forces", n)
-        torque, wrench = robot.load_expressions(*cs.vertsplit(s, n))
+        state = cs.vertsplit(s, n)
+        torque, wrench = robot.load_expressions(*state)[0], wrench_expression(robot, interface, *state)
         hessian, gradient = cs.hessian(cs.dot(weights, wrench) - cs.dot(forces, torque), s)
         arguments = [s, weights, forces]
-        self._robot = robot
+        self._robot, self._interface = robot, interface
         self._gradient = BatchFunction(cs.Function("closing_slopes", arguments, [gradient]))
         self._second = BatchFunction(cs.Function("closing_bends", arguments, [hessian]))
         self._torque = BatchFunction(cs.Function("closing_torque", [s], [cs.jacobian(torque, s)]))
 
     def wrenches(self, s: np.ndarray, torques: np.ndarray) -> np.ndarray:
         """(N, 6) in states s (N, 3 n) or more, with these torques (N, n) of the brakes on the joints."""
-        found, _, _, a = self._accelerations(s, torques)
-        return found.rest + self._robot.support.weight + np.einsum("sij,sj->si", found.per_acceleration, a)
+        (rest, slopes), _, _, a = self._accelerations(s, torques)
+        return rest + np.einsum("sij,sj->si", slopes, a)
 
     def gradient(self, s: np.ndarray, torques: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Slopes (N, 3 n) of weights . wrench; zero over the accelerations of the motion."""
@@ -252,15 +274,17 @@ class Closing:
         self, s: np.ndarray, torques: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States (N, 3 n) with the accelerations, m (N, n), inverse inertia of the joints that move."""
-        found, inverse, moving, a = self._accelerations(s, torques)
-        forces = np.einsum("si,sij,sjk->sk", weights, found.per_acceleration, inverse)
+        (_, slopes), inverse, moving, a = self._accelerations(s, torques)
+        forces = np.einsum("si,sij,sjk->sk", weights, slopes, inverse)
         return np.hstack([moving, a]), forces, inverse
 
     def _accelerations(
         self, s: np.ndarray, torques: np.ndarray
-    ) -> tuple[MotionTerms, np.ndarray, np.ndarray, np.ndarray]:
-        """Dynamics, inverse inertia, angles and speeds (N, 2 n), and accelerations (N, n)."""
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
+        """See `_on_interface`; inverse inertia, angles and speeds (N, 2 n), and accelerations (N, n)."""
         n = self._robot.n
         moving = s[:, : 2 * n]
-        found, inverse = BrakeCheck.response(self._robot, moving[:, :n], moving[:, n:], torques != 0)
-        return found, inverse, moving, np.einsum("sij,sj->si", inverse, torques - found.bias)
+        q, qd = moving[:, :n], moving[:, n:]
+        found, inverse = BrakeCheck.response(self._robot, q, qd, torques != 0)
+        on_interface = _on_interface(self._robot, self._interface, found, q, qd)
+        return on_interface, inverse, moving, np.einsum("sij,sj->si", inverse, torques - found.bias)
