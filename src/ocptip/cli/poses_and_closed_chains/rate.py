@@ -261,7 +261,7 @@ def along_report(robot: Rated, options: Namespace, ellipsoid: OperationEllipsoid
     figure = None
     if options.plot:
         with naming("--plot"):
-            figure = file_target(options.plot, (".png", ".pdf", ".svg", *pictures.animation.SUFFIXES))
+            figure = file_target(options.plot, (".png", ".pdf", ".svg", *pictures.movie.SUFFIXES))
     return AlongReport(rate_along(robot, options.along, indices=options.index, ellipsoid=ellipsoid), figure)
 
 
