@@ -1,9 +1,11 @@
-"""Bisection between a value with a result and one without; it keeps the last result."""
+"""Bisection between a value with a result and one without, of one interval or of many."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import TypeVar
+
+import numpy as np
 
 T = TypeVar("T")
 
@@ -44,3 +46,21 @@ def bisected(
         else:
             having, found = middle, new
     return without, found
+
+
+def border(
+    kept: Callable[[float], bool], inside: float, outside: float, near: Callable[[float, float], bool]
+) -> tuple[float, float]:
+    """The last value at which something is kept, as at `inside`, and the next where not; see `bisected`."""
+    return bisected(lambda value: None if kept(value) else value, inside, outside, outside, near)
+
+
+def borders(
+    kept: Callable[[np.ndarray], np.ndarray], inside: np.ndarray, outside: np.ndarray, halvings: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same of many intervals (N,); `kept` says so (N,) at one value in each."""
+    for _ in range(halvings if len(inside) else 0):
+        middle = (inside + outside) / 2
+        good = kept(middle)
+        inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+    return inside, outside

@@ -8,6 +8,7 @@ import numpy as np
 import scipy  # subpackages load on first use
 
 from ocptip.basics.frozen import read_only
+from ocptip.numerics.bisection import border
 
 LARGEST_EXCESS = 0.02
 """How much longer than 1 the points of an enclosure of default size are at most."""
@@ -69,11 +70,12 @@ def _enclosing(
 
     if not _encloses(points(most), half_angle):
         return most, otherwise
-    low, high = 0.0, most
-    while high - low > _CLOSE * high:
-        middle = (low + high) / 2
-        low, high = (low, middle) if _encloses(points(middle), half_angle) else (middle, high)
-    return high, points(high)
+
+    def enclosed(excess: float) -> bool:
+        return _encloses(points(excess), half_angle)
+
+    length, _ = border(enclosed, most, 0.0, lambda low, high: high - low <= _CLOSE * high)
+    return length, points(length)
 
 
 def _encloses(points: np.ndarray, half_angle: float) -> bool:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.contact.support import Support
 from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.bisection import borders
 from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.parallel.description.robot_description import PRISMATIC
 from ocptip.parallel.dynamics.base_wrench import moving_mass
@@ -190,11 +191,12 @@ class StandingParallelRobot(StandingMechanism):
         left, right = times[:, :-1].ravel(), times[:, 1:].ravel()
         at_left, at_right = self._speeds_at(motion, left), self._speeds_at(motion, right)
         piece, motor = np.nonzero(at_left * at_right < 0)
-        low, high, sign = left[piece], right[piece], np.sign(at_left[piece, motor])
-        for _ in range(_BISECTIONS if len(piece) else 0):
-            middle = 0.5 * (low + high)
-            before = self._speeds_at(motion, middle)[np.arange(len(piece)), motor] * sign > 0
-            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        sign = np.sign(at_left[piece, motor])
+
+        def before(times: np.ndarray) -> np.ndarray:
+            return self._speeds_at(motion, times)[np.arange(len(piece)), motor] * sign > 0
+
+        low, _ = borders(before, left[piece], right[piece], _BISECTIONS)
         edges = np.unique(np.concatenate([intervals.ravel(), low]))
         return gauss_legendre(np.column_stack([edges[:-1], edges[1:]]), order)
 

@@ -14,6 +14,7 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.text import did_you_mean, quantity
 from ocptip.contact.support import Load, Support
 from ocptip.motion.cycles.task import Task
+from ocptip.numerics.bisection import border
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
@@ -199,13 +200,9 @@ class RestingPosture:
             case = posture_case(other, self.q, counts)(counts)
             return case.tip()[0] < 1 and case.slip()[0] < 1
 
-        low, high = 0.0, 1.0
-        if kept(high) or not kept(low):
-            return 1.0 if kept(high) else 0.0
-        while high - low > _CLOSE:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if kept(middle) else (low, middle)
-        return low
+        if kept(1.0) or not kept(0.0):
+            return 1.0 if kept(1.0) else 0.0
+        return border(kept, 0.0, 1.0, lambda low, high: high - low <= _CLOSE)[0]
 
     def sensitivities(self, tolerance: Uncertainty) -> tuple[Sensitivity, ...]:
         """What changes of the robot and its base would do at rest in this posture, within an uncertainty.

@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.violations import statement
+from ocptip.numerics.bisection import borders
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
@@ -132,12 +133,11 @@ class StoppedPath:
         start = first == points.starts[bad]
         safe[bad[start]] = 0.0
         at, first = bad[~start], first[~start]
-        low, high = points.x[first - 1], points.x[first]
-        for _ in range(_HALVINGS if len(at) else 0):
-            middle = 0.5 * (low + high)
-            fine = self._fine(path.footing, self._wrenches(path, at, middle))
-            low, high = np.where(fine, middle, low), np.where(fine, high, middle)
-        safe[at] = low
+
+        def kept(x: np.ndarray) -> np.ndarray:
+            return self._fine(path.footing, self._wrenches(path, at, x))
+
+        safe[at], _ = borders(kept, points.x[first - 1], points.x[first], _HALVINGS)
         return safe
 
     def _wrenches(self, path: Path, at: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -254,14 +254,14 @@ class JointTable(ABC):
 
     def _safe(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Largest shares of the speed by halving; 0 where even the smallest checked one is not safe."""
-        low, high = np.where(kept, 1.0, 0.0), np.ones(len(q))
-        todo = np.flatnonzero(~kept)
-        for _ in range(LEVELS if len(todo) else 0):
-            middle = 0.5 * (low[todo] + high[todo])
-            states = q[todo], middle[:, None] * qd[todo], process[todo]
-            fine = self._kept([check.stops(*states) for check in self._checks])
-            low[todo], high[todo] = np.where(fine, middle, low[todo]), np.where(fine, high[todo], middle)
-        return low
+        todo, safe = np.flatnonzero(~kept), np.ones(len(q))
+
+        def fine(shares: np.ndarray) -> np.ndarray:
+            states = q[todo], shares[:, None] * qd[todo], process[todo]
+            return self._kept([check.stops(*states) for check in self._checks])
+
+        safe[todo], _ = borders(fine, np.zeros(len(todo)), np.ones(len(todo)), LEVELS)
+        return safe
 
     def worst(self) -> dict[str, Any]:
         """Values and where they are."""

@@ -10,12 +10,13 @@ change at few masses.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.bisection import borders
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
@@ -383,12 +384,9 @@ class _PayloadSearch:
 
         rows = np.arange(len(self.q))
         rows = rows[~kept(rows, self.masses)]
-        low, high = np.zeros(len(rows)), self.masses[rows]
-        empty = kept(rows, low)
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            good = kept(rows, middle)
-            low, high = np.where(good, middle, low), np.where(good, high, middle)
+        none = np.zeros(len(rows))
+        empty = kept(rows, none)
+        low, _ = borders(partial(kept, rows), none, self.masses[rows], _HALVINGS)
         self._lower(rows, np.where(empty, low, -1.0), np.full(len(rows), self._axes))
 
     # --- torques ------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ import numpy as np
 
 from ocptip.basics.errors import finite_array
 from ocptip.contact.states import ContactStates
+from ocptip.numerics.bisection import borders
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
@@ -323,10 +324,6 @@ def _steepness(robot: Robot, wrenches: np.ndarray) -> np.ndarray:
 
 def largest_levels(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray) -> np.ndarray:
     """The largest levels (N,) up to `most` below which all stand, by bisection; 0 where nothing stands."""
-    low, high = np.zeros_like(most), most
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        good = stands(middle)
-        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    low, _ = borders(stands, np.zeros_like(most), most, HALVINGS)
     low = np.where(stands(most), most, low)
     return np.where(stands(np.zeros_like(most)), low, 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ocptip.contact.support import Load, Support
 from ocptip.contact.verdict import equilibrium
-from ocptip.numerics.bisection import bisected
+from ocptip.numerics.bisection import border
 from ocptip.standing.at_rest.directions import AROUND, slopes, tilted
 from ocptip.standing.footing import Footing
 
@@ -121,7 +121,7 @@ def largest_slope(
         nonlocal angle, worst
         for side in sides:
             if not kept(side, angle):
-                angle, worst = _bisected(lambda tilt, side=side: kept(side, tilt), angle), side
+                angle, worst = border(lambda tilt, side=side: kept(side, tilt), 0.0, angle, _near)[0], side
         return worst
 
     edges = [np.cross(gravity, axis.direction) for axis in footing.tip_over.axes]
@@ -153,16 +153,13 @@ def _tips(
     least = None
     for side in sides:
         if falls(side, least or MOST_TILT):
-            least = _bisected(lambda tilt, side=side: not falls(side, tilt), least or MOST_TILT, kept=False)
+            most = least or MOST_TILT
+            least = border(lambda tilt, side=side: not falls(side, tilt), 0.0, most, _near)[1]
     return least
 
 
-def _bisected(holds: Callable[[float], bool], lost: float, kept: bool = True) -> float:
-    """rad, up to `_CLOSE`: the largest angle at which something holds; not kept: the smallest beyond."""
-    ends = bisected(
-        lambda angle: None if holds(angle) else angle, 0.0, lost, lost, lambda low, high: high - low <= _CLOSE
-    )
-    return ends[0 if kept else 1]
+def _near(low: float, high: float) -> bool:
+    return high - low <= _CLOSE
 
 
 def _loss(footing: Footing, wrench: np.ndarray) -> tuple[str, tuple[int, ...]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from ocptip.numerics.bisection import border
 from ocptip.standing.tolerance import Uncertainty
 
 CLOSE = 1e-3  # of a tolerance: how near the bisection gets
@@ -62,8 +63,8 @@ def largest(tolerance: Uncertainty, kept: Callable[[Uncertainty], bool], close: 
     """The largest factor of an uncertainty, 0 to 1, with which nothing is lost, by bisection."""
     if kept(tolerance):
         return 1.0
-    low, high = 0.0, 1.0
-    while high - low > close:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if kept(tolerance.scaled(middle)) else (low, middle)
-    return low
+
+    def kept_share(share: float) -> bool:
+        return kept(tolerance.scaled(share))
+
+    return border(kept_share, 0.0, 1.0, lambda low, high: high - low <= close)[0]
