@@ -75,8 +75,10 @@ def searched(
         InputError: the task cannot be planned, or not by this method.
         PlanningError: no method gave a verified motion.
     """
-    if method in ALONG_PATH:
-        _require_path(task, method)
+    if task.is_cycle and method == "smooth":
+        raise InputError("method: smooth is for single motions, not for cycles")
+    if method in ALONG_PATH and not task.robot.collision.labels:
+        raise InputError(f"method: {method} needs collision geometry; there is none")
     if task.is_cycle:
         methods: tuple[Method, ...] = ("direct",)  # its segments have theirs, see `of_segments`
     else:
@@ -130,7 +132,8 @@ def _first_of(
     say: Callable[[str], None],
 ) -> MotionPlan:
     failed: list[str] = []
-    for name, share in zip(methods, _shares(len(methods)), strict=True):
+    for name in methods:
+        share = 1.0 if name == methods[-1] else _FIRST  # of the time left
         if failed:
             say(failed[-1])
         if name in ALONG_PATH:
@@ -153,11 +156,6 @@ def _first_of(
         except SolverError as error:
             failed.append(f"{name} method: no verified motion, a solver failed: {error}")
     raise PlanningError("; ".join(failed))
-
-
-def _shares(count: int) -> list[float]:
-    """Of the time left: what each method may take of it, the last one all."""
-    return [_FIRST] * (count - 1) + [1.0]
 
 
 def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
@@ -194,13 +192,6 @@ def _overlap(task: MotionTask) -> tuple[float, str]:
         nearest = int(np.argmin(gaps))
         found.append((max(-float(gaps[nearest]), 0.0), str(collision.labels[nearest])))
     return min(found)
-
-
-def _require_path(task: Task, method: Method) -> None:
-    if task.is_cycle and method == "smooth":
-        raise InputError("method: smooth is for single motions, not for cycles")
-    if not task.robot.collision.labels:
-        raise InputError(f"method: {method} needs collision geometry; there is none")
 
 
 def prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:

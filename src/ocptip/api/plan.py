@@ -377,9 +377,8 @@ def plan(
             refusal.largest = budget.within(largest, None)
         raise refusal from error
     except InputError:
-        error = (
-            too_much_at_rest(cast(MotionTask, task)) if largest_uncertainty and not task.is_cycle else None
-        )
+        asked = largest_uncertainty and not task.is_cycle
+        error = too_much_at_rest(cast(MotionTask, task)) if asked else None
         if error is None:
             raise
         refusal = NoPlanError(f"{error}", task)

@@ -235,12 +235,10 @@ def rate_along(
             rows.append(rate_pose(pose, (*names, *regular)))
     values = {key: np.array([one[key] for one in rows]) for key in (*names, *regular)}
     least = np.min([values[key] for key in regular], axis=0)
-    bodies = partial(_sticks, found, poses) if isinstance(found, ParallelRobot) else None
-    return RatedMotion(name, times, {key: values[key] for key in names}, least, bodies)
-
-
-def _sticks(robot: ParallelRobot, poses: np.ndarray) -> list[list[np.ndarray]]:
-    return [robot.kinematics.sticks(pose) for pose in poses]
+    rated = {key: values[key] for key in names}
+    if not isinstance(found, ParallelRobot):
+        return RatedMotion(name, times, rated, least)
+    return RatedMotion(name, times, rated, least, lambda: [found.kinematics.sticks(z) for z in poses])
 
 
 def _values_of_platform(

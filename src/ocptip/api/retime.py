@@ -105,22 +105,23 @@ class Timing:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; distances of the path in degrees and mm."""
         robot, scales = self.task.robot, np.where(np.array(self.task.robot.units) == "rad", 180 / np.pi, 1e3)
+        lines = {}
+        if self.fit.keeps_to_lines:
+            joints, tool = self.beside_lines
+            lines = {
+                "beside_lines": (scales * joints).tolist(),
+                "tool_beside_lines_mm": (1e3 * tool).tolist(),
+            }
         return {
             **self.timed.to_dict(),
             "path_made_of": self.fit.how,
             "path_distance": (scales * self.fit.distance).tolist(),
             "tool_distance_mm": [1e3 * v for v in self.tool_distance][:1],
-            **self._beside_lines_to_dict(scales),
+            **lines,
             "corners": len(self.fit.path.corners),
             "as_given": None if self.before is None else self.before.to_dict(),
             "robot": robot.kind,
         }
-
-    def _beside_lines_to_dict(self, scales: np.ndarray) -> dict[str, Any]:
-        if not self.fit.keeps_to_lines:
-            return {}
-        joints, tool = self.beside_lines
-        return {"beside_lines": (scales * joints).tolist(), "tool_beside_lines_mm": [1e3 * v for v in tool]}
 
     @cached_property
     def beside_lines(self) -> tuple[np.ndarray, np.ndarray]:

@@ -145,10 +145,7 @@ DESIGN = argument(
     action="store_true",
 )
 SENSITIVITIES = argument(
-    "--sensitivities",
-    None,
-    "list which changes would help, and by how much",
-    action="store_true",
+    "--sensitivities", None, "list which changes would help, and by how much", action="store_true"
 )
 MOTION_OF = (
     either(

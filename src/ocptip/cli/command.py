@@ -51,6 +51,7 @@ class Report(ABC):
     """The answer of a command, as text, as data and as files.
 
     Attributes:
+        yes: the answer is yes: it stands, it is verified. Commands that only make something say yes.
         written: the files that were written.
         warnings: what was suspicious about the input.
         verbose: the text has all details.
@@ -58,14 +59,15 @@ class Report(ABC):
     """
 
     early: ClassVar[bool] = False
+    yes: bool = field(default=True, kw_only=True)
     written: list[Path] = field(default_factory=list, init=False)
     warnings: list[str] = field(default_factory=list, init=False)
     verbose: bool = field(default=False, init=False)
 
     @property
     def good(self) -> bool:
-        """Whether the answer is yes: it stands, it is verified. Commands that only make something say yes."""
-        return True
+        """Whether the answer is yes, in the end."""
+        return self.yes
 
     @property
     def unmet(self) -> list[str]:
@@ -142,29 +144,24 @@ class FolderReport(Report):
         yield from self.found.write(self.directory, figures=self.figures, extra={"warnings": self.warnings})
 
 
+@dataclass
 class Answer(Report):
     """A report that is complete from the start, for commands that write no files.
 
-    Args:
-        good, text, data: what `good`, `to_text` and `to_dict` are.
+    Attributes:
+        text, data: what `to_text` and `to_dict` return.
     """
 
-    def __init__(self, good: bool, text: str, data: dict[str, Any]) -> None:
-        super().__init__()
-        self._good, self._text, self._data = good, text, data
-
-    @property
-    def good(self) -> bool:
-        """Whether the answer is yes."""
-        return self._good
+    text: str
+    data: dict[str, Any]
 
     def to_text(self) -> str:
         """The text."""
-        return self._text
+        return self.text
 
     def to_dict(self) -> dict[str, Any]:
         """The data."""
-        return self._data
+        return self.data
 
 
 @dataclass(frozen=True)

@@ -131,11 +131,6 @@ def stop_table(stops: Stops) -> list[str]:
     return ["largest safe share of the planned speed", about, *table(rows, left=())]
 
 
-def segment_table(task: Task, check: CycleCheck) -> list[str]:
-    """Lines of `segment_rows`."""
-    return table(segment_rows(task, check), left=(0, 1))
-
-
 def segment_rows(task: Task, check: CycleCheck) -> list[list[str]]:
     """Titles, a row per segment (what it holds, energy, duration, rest, worst values), and one of all."""
     rows = [["segment", "holds", "energy", "time", "rest", *_HEADS.values(), ""]]

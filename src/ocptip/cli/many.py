@@ -21,7 +21,6 @@ from ocptip.basics.text import table
 from ocptip.basics.version import version
 from ocptip.basics.write import plain
 from ocptip.cli.command import Report, explained, suspicions, written
-from ocptip.cli.options import in_folder
 from ocptip.motion.files.source import TaskSource
 from ocptip.numerics.workers import worker_pool
 
@@ -97,7 +96,8 @@ def answer_many(options: Namespace, read: Callable[[Namespace], Asked], work: Wo
     asked: dict[int, Asked] = {}
     for k, typed in enumerate(options.task):
         try:
-            asked[k] = read(in_folder(options, typed))
+            one = {"task": typed, "many": True}  # --out names the folder of its folder
+            asked[k] = read(Namespace(**{**vars(options), **one}))
         except Exception as error:
             rows[k] = _TaskRow(typed, *explained(error))
     _refuse_doubles(asked.values())
@@ -108,9 +108,10 @@ def answer_many(options: Namespace, read: Callable[[Namespace], Asked], work: Wo
     show = _Saying(len(options.task), options.json)
     for k in sorted(rows):
         show(rows[k])
+    alone = Namespace(**{**vars(options), "jobs": 1, "scheduler": None})  # starts run in the worker
     try:
         with worker_pool(None, options.jobs, max(len(asked), 1), options.scheduler) as pool:
-            futures = {pool.submit(_answered, work, one, _alone(options)): k for k, one in asked.items()}
+            futures = {pool.submit(_answered, work, one, alone): k for k, one in asked.items()}
             for future in as_completed(futures):
                 k = futures[future]
                 rows[k] = _finished(asked[k], future, options)
@@ -128,11 +129,6 @@ def _refuse_doubles(asked: Any) -> None:
         if one.directory in by_folder:
             raise InputError(f"two tasks would write into {one.directory}: both are called {one.name!r}")
         by_folder[one.directory] = one.name
-
-
-def _alone(options: Namespace) -> Namespace:
-    """The options of one task in a worker: its starts run there."""
-    return Namespace(**{**vars(options), "jobs": 1, "scheduler": None})
 
 
 def _answered(work: Work, one: Asked, options: Namespace) -> tuple[Report | None, list[str], int, str]:
@@ -220,12 +216,11 @@ class _Saying:
         print(line, file=sys.stderr if self._as_json else sys.stdout, flush=True)
 
 
+@dataclass
 class ManyReport(Report):
     """The results of many tasks, in the order in which they were typed; their files are already written."""
 
-    def __init__(self, rows: list[_TaskRow]) -> None:
-        super().__init__()
-        self._rows = rows
+    rows: list[_TaskRow]
 
     @property
     def good(self) -> bool:
@@ -235,16 +230,16 @@ class ManyReport(Report):
     @property
     def exit_code(self) -> int:
         """The worst one."""
-        return max(row.code for row in self._rows)
+        return max(row.code for row in self.rows)
 
     def to_text(self) -> str:
         """A table; the lines have been printed."""
         head = ["task", "answer", "energy", "time", ""]
-        return "\n".join(["", *table([head, *(row.cells for row in self._rows)], left=(0, 1, 4))])
+        return "\n".join(["", *table([head, *(row.cells for row in self.rows)], left=(0, 1, 4))])
 
     def to_dict(self) -> dict[str, Any]:
         """One entry, the list of all."""
-        return {"tasks": [row.to_dict() for row in self._rows]}
+        return {"tasks": [row.to_dict() for row in self.rows]}
 
     def to_json(self) -> str:
         """A list, one entry per task."""

@@ -9,18 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.basics.text import percent, some, wrapped
-from ocptip.cli.layout import changes_table, files_lines, segment_table, stop_table, under
+from ocptip.basics.text import percent, some, table, wrapped
+from ocptip.cli.layout import changes_table, files_lines, segment_rows, stop_table, under
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops.cancels import SafeDecelerations
 from ocptip.motion.stops.check import Stops
-from ocptip.motion.summary import (
-    CheckedMotion,
-    margin_table,
-    proof_lines,
-    rises,
-    robustness_lines,
-)
+from ocptip.motion.summary import CheckedMotion, margin_table, proof_lines, rises, robustness_lines
 from ocptip.motion.violations import broken_words
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
@@ -130,7 +124,7 @@ def motion_text(
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
         [*head, *wrapped("Missing", filter(None, [found.unproved])), *wrapped("Broken", found.broken)],
-        segment_table(found.task, found.checked) if found.task.is_cycle else [],
+        table(segment_rows(found.task, found.checked), left=(0, 1)) if found.task.is_cycle else [],
         [*margin_table(robot, checked), *proof_lines(checked)],
         robustness_lines(found.robustness),
         changes_table(found.sensitivities, "What if"),

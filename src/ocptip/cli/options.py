@@ -94,15 +94,9 @@ def with_cancel(task: Task, options: Namespace) -> Task:
     return task.each(changed)
 
 
-def rate_of(options: Namespace) -> float | None:
-    """Updates of the controller per second as typed; None: not typed."""
-    return None if options.rate is None else positive_number("--rate", options.rate)
-
-
-def step_of(options: Namespace) -> float | None:
-    """Distance of the points for a controller as typed, s; None: not typed."""
-    rate = rate_of(options)
-    return None if rate is None else 1 / rate
+def taken(options: Namespace, names: str) -> dict[str, Any]:
+    """Options by these names, with spaces between them, as arguments of a function of the same names."""
+    return {name: getattr(options, name) for name in names.split()}
 
 
 def typed(options: Namespace, *names: str) -> list[str]:
@@ -157,11 +151,6 @@ def output_directory(options: Namespace, name: str, source: TaskSource | None = 
     with naming("--out"):
         require_replaceable(path, options.command, further, overwrite=options.overwrite)
     return path
-
-
-def in_folder(options: Namespace, task: str) -> Namespace:
-    """The options of one of many tasks: --out names the folder of its folder."""
-    return Namespace(**{**vars(options), "task": task, "many": True})
 
 
 class _Requirable(Protocol):

@@ -185,9 +185,6 @@ def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Unce
         default: name.
         ends: what reads starts and goals.
         otherwise: the tolerance of an arm if the file has none.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     scene, name, motion = TaskScene(data, otherwise), data.get("name", default), data.table("motion")
     for key in ("goal", *_GOALS, *DURATION):

@@ -116,11 +116,7 @@ def _safe(table: Table) -> Kinds | Literal[""] | None:
 
 
 def with_stops(data: Table, task: MotionTask) -> MotionTask:
-    """The task with the file's rules of stops; where they say `safe`, stops along the path are its limits.
-
-    Raises:
-        InputError: a value is unknown or cannot be used; names its place.
-    """
+    """The task with the file's rules of stops; where they say `safe`, stops along the path are its limits."""
     if "stops" not in data:
         return task
     table = data.table("stops")
@@ -375,12 +371,7 @@ def _with_finer_solids(robot: Robot, postures: np.ndarray, gap: float) -> Robot:
 
 
 def ramp_task(
-    name: str,
-    robot: StandingMechanism,
-    start: np.ndarray,
-    goal: np.ndarray,
-    limits: Limits,
-    table: Table,
+    name: str, robot: StandingMechanism, start: np.ndarray, goal: np.ndarray, limits: Limits, table: Table
 ) -> MotionTask:
     """The task with the optimised joints, commands, objective and durations of [motion]."""
     key, commands = "optimised", table.value("commands", 3)

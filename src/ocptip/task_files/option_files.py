@@ -66,9 +66,6 @@ def load_asked(path: str | os.PathLike[str], arm: ArmModel, poses: Mapping[str, 
         path: of the file.
         arm: whose joints the poses are of.
         poses: those that are always checked, (n,) each.
-
-    Raises:
-        InputError: a value is unknown or cannot be used; names its place.
     """
     with Table.read(Path(path), LOAD_CASES) as data:
         given = {}

@@ -39,13 +39,7 @@ from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.tables.arm import ARM, require_base_mass
 from ocptip.task_files.tables.motors import MOTORS, arm_and_motors
 from ocptip.task_files.tables.payload import PAYLOAD
-from ocptip.task_files.tables.shapes import (
-    OBSTACLE,
-    read_base_shapes,
-    read_obstacles,
-    require_geometry,
-    stands_on_floor,
-)
+from ocptip.task_files.tables.shapes import OBSTACLE, read_base_shapes, read_obstacles, require_geometry
 from ocptip.task_files.tables.terrain import TERRAIN, read_terrain
 from ocptip.task_files.tables.tolerance import tolerance_of
 from ocptip.task_files.task_scene import ROBOT_BASE
@@ -266,12 +260,9 @@ def read_problem(data: Table, tolerance: Uncertainty) -> PlacementProblem:
     Args:
         data: the file.
         tolerance: what the search uses.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    base, shapes, on_floor = data.table("base"), read_base_shapes(data), stands_on_floor(data)
-    ground, accept_mass = base["ground"], base["accept_mass"]
+    base, shapes = data.table("base"), read_base_shapes(data)
+    ground, accept_mass, on_floor = base["ground"], base["accept_mass"], base["floor"]
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")

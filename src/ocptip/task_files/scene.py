@@ -95,11 +95,7 @@ BASE = Keys(
     "base of a scene",
     "What stands on the contacts; its origin is free, z points upwards.",
     {
-        "mass": schema.number(
-            "Mass of the base with the links that do not move.",
-            "kg",
-            bound="> 0",
-        ),
+        "mass": schema.number("Mass of the base with the links that do not move.", "kg", bound="> 0"),
         "center_of_mass": schema.vector("Centre of mass; two numbers make a planar scene.", "m"),
         "inertia": schema.numbers(
             "About the centre of mass: principal values, xx xy xz yy yz zz, or matrix.",
@@ -203,11 +199,7 @@ def read_scene(source: Source, name: str = "scene") -> Scene:
 
 
 def read_support(data: Table) -> Support:
-    """The support of a file: `gravity`, `[base]` and `[[contact]]`.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
+    """The support of a file: `gravity`, `[base]` and `[[contact]]`."""
     base = data.table("base")
     common = {name: base[name] for name in _COMMON}
     contacts: list[Binding] = _feet(base, common) if "feet" in base else []

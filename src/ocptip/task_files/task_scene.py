@@ -44,7 +44,6 @@ from ocptip.task_files.tables.shapes import (
     read_obstacles,
     require_geometry,
     shape_key,
-    stands_on_floor,
 )
 from ocptip.task_files.tables.tolerance import tolerance_of
 
@@ -92,9 +91,6 @@ def read_platform_robot(
         support: of its scene.
         moment: reference moment, N m, or None.
         segment: of a cycle.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     from ocptip.parallel.description.ready_made import READY_MADE  # these load for 0.1 s
     from ocptip.parallel.robot import ParallelRobot
@@ -227,15 +223,12 @@ class TaskScene:
 
     Attributes:
         limits: of `[limits]`.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
 
     def __init__(self, data: Table, otherwise: Uncertainty = NONE) -> None:
         self._data, self._arms = data, dict[str, ArmModel]()
-        self._shapes, self._floor = read_base_shapes(data), stands_on_floor(data)
-        self._accept_mass = data.table("base")["accept_mass"]
+        self._shapes, base = read_base_shapes(data), data.table("base")
+        self._floor, self._accept_mass = base["floor"], base["accept_mass"]
         self._support = read_support(data)
         table = data.table("limits")
         self._moment = table["reference_moment"]

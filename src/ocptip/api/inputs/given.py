@@ -111,14 +111,6 @@ def driven(task: MotionTask, profile: DriveProfile) -> MotionTask:
     return replace(task, robot=robot, source=source)
 
 
-def _held(task: Task, posture: ArrayLike | str) -> tuple[str, Task, Trajectory]:
-    """The motion of an arm that holds a posture as long as its base drives."""
-    found = resting_posture(task, posture)
-    times = np.array([0.0, task.robot.acts.end])
-    motion = Trajectory.from_points(times, np.tile(found.q, (2, 1)))
-    return found.name, task, motion
-
-
 def given_motion(
     motion: MotionLike | ArrayLike,
     task: TaskLike | None,
@@ -140,8 +132,10 @@ def given_motion(
         drive_profile = load_drive_profile(drive_profile)
     if not isinstance(motion, Trajectory) and task is not None and not _is_file(motion):
         driven = driving(load_task(task, base=base), drive_profile)
-        if driven.robot.acts.end:
-            return _held(driven, cast("ArrayLike | str", motion))
+        if driven.robot.acts.end:  # its arm holds a posture as long as its base drives
+            posture = resting_posture(driven, cast("ArrayLike | str", motion))
+            times = np.array([0.0, driven.robot.acts.end])
+            return posture.name, driven, Trajectory.from_points(times, np.tile(posture.q, (2, 1)))
     if drive_profile is not None:
         how = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
         name, task, found = given_motion(motion, task, base=base, **how)

@@ -276,8 +276,7 @@ def _scene_of(name: str, support: Support, wrench: np.ndarray) -> Scene:
 
 
 def resting_posture(
-    what: Task | StandingMechanism | RestingPosture | str | os.PathLike[str],
-    q: ArrayLike | str | None,
+    what: Task | StandingMechanism | RestingPosture | str | os.PathLike[str], q: ArrayLike | str | None
 ) -> RestingPosture:
     """The posture of a robot, or of that of a task or its file; see :func:`ocptip.stand`."""
     if isinstance(what, RestingPosture):

@@ -205,10 +205,7 @@ class DriveEnvelope(SavedFolder):
         return begun.lower(self._largest(build(-more), self.counting)) if more else begun
 
     def _largest(
-        self,
-        manoeuvres: Manoeuvres,
-        tolerance: Uncertainty = NONE,
-        nominal: LargestManoeuvres | None = None,
+        self, manoeuvres: Manoeuvres, tolerance: Uncertainty = NONE, nominal: LargestManoeuvres | None = None
     ) -> LargestManoeuvres:
         """At rest, or in the states of the motion that are worst for the nominal base."""
         if self.motion is None:

@@ -296,9 +296,7 @@ class Standing:
     @cached_property
     def largest_payload(self) -> LargestPayload | None:
         """The largest payload in this posture within the uncertainty; None as `RestingPosture` has it."""
-        if self.posture is None:
-            return None
-        return self.posture.largest_payload(self.tolerance)
+        return None if self.posture is None else self.posture.largest_payload(self.tolerance)
 
     @property
     def unsure_cause(self) -> str:
@@ -344,11 +342,8 @@ class Standing:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
-        state, demand, changes = (
-            self.state,
-            self.friction_demand,
-            [one.to_dict() for one in self.sensitivities],
-        )
+        state, demand = self.state, self.friction_demand
+        changes = [one.to_dict() for one in self.sensitivities]
         axis, counterexample = self.nearest_axis, self.verdict.counterexample
         return {
             "scene": self.scene.name,

@@ -13,6 +13,7 @@ from ocptip.api.compare import PlanComparison, compare
 from ocptip.basics.text import percent, quantity, some, table, with_error
 from ocptip.cli.command import ResultReport
 from ocptip.cli.layout import named, under
+from ocptip.cli.options import taken
 from ocptip.cli.verify.stand import check_plot_target
 from ocptip.measured.compare import LEVEL
 from ocptip.measured.contact_losses import losses_text
@@ -31,16 +32,10 @@ def run(options: Namespace) -> CompareReport:
     """Read both and compare."""
     if options.plot:
         check_plot_target(options.plot)
-    found = compare(
-        options.plan,
-        options.recording,
-        unit=options.unit,
-        columns=read_columns(options.columns),
-        topics=options.topics,
-        level=LEVEL if options.level is None else options.level,
-        same_clock=options.same_clock,
-    )
-    return CompareReport(found, options.plot)
+    same = taken(options, "plan recording unit topics same_clock")
+    level = LEVEL if options.level is None else options.level
+    found = compare(**same, columns=read_columns(options.columns), level=level)
+    return CompareReport(found, options.plot, yes=found.agrees)
 
 
 @dataclass
@@ -48,11 +43,6 @@ class CompareReport(ResultReport):
     """The report of a comparison."""
 
     found: PlanComparison
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing differs from what was described."""
-        return self.found.agrees
 
     def to_text(self) -> str:
         """Findings, then the table of signals."""

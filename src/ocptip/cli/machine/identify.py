@@ -20,7 +20,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, some, with_error
 from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import named, under
-from ocptip.cli.options import naming_options
+from ocptip.cli.options import naming_options, taken
 from ocptip.measured.bodies import IdentifiedBody
 from ocptip.measured.estimate import Estimate
 from ocptip.measured.links import Identified
@@ -42,18 +42,8 @@ def run(options: Namespace) -> Report:
     if options.what == "motion":
         return ExcitationReport(motion_for_identification(options.recording, seed=options.seed), options.out)
     with naming_options("bandwidth"):
-        found = identify(
-            options.recording,
-            options.plan,
-            what=options.what,
-            task=options.task,
-            unit=options.unit,
-            columns=read_columns(options.columns),
-            topics=options.topics,
-            tared=options.tared,
-            sigmas=options.sigmas,
-            bandwidth=options.bandwidth,
-        )
+        same = taken(options, "recording plan what task unit topics tared sigmas bandwidth")
+        found = identify(**same, columns=read_columns(options.columns))
     return IdentifyReport(found, options.out)
 
 
@@ -179,10 +169,7 @@ class ExcitationReport(ResultReport):
         least = f"{found.condition:.0f} of the regressor of base parameters and friction"
         rows = [
             ("condition", f"{least} (median of random motions that keep the limits: {found.random:.0f})"),
-            (
-                "made",
-                f"{found.slower:g} times slower and {found.smaller:g} as large, as the check demands",
-            ),
+            ("made", f"{found.slower:g} times slower and {found.smaller:g} as large, as the check demands"),
             *under("written", self.written),
         ]
         title = f"{self.found.name}   {found.check.headline}"

@@ -21,7 +21,7 @@ from ocptip.basics.write import plain, versions, write_json
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import summary, under
 from ocptip.cli.many import digest_of
-from ocptip.cli.options import given_tolerance, output_directory, require_least
+from ocptip.cli.options import given_tolerance, output_directory, require_least, taken
 from ocptip.cli.place.place import refusal_lines, where_text
 from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.cli.terminal import say_if_compiling
@@ -38,7 +38,7 @@ PLAN_FOLDER = "plan"
 def run(options: Namespace) -> Report:
     """Place and plan; where there is no place or no plan, the report says why."""
     require_least(options, starts=1, seed=0, jobs=1, places=1)
-    least = {"objective": options.objective, "price_per_second": options.price_per_second}
+    least = taken(options, "objective price_per_second")
     cell = load_cell(options.task, DEFAULT)
     if tolerance := given_tolerance(options):
         cell = cell.within(tolerance)
@@ -55,15 +55,15 @@ def run(options: Namespace) -> Report:
             cell.problem,
             lambda placement: cast(CycleTask, load_task(cell.placed(placement), **least)),
             candidates=options.places,
-            starts=options.starts,
-            seed=options.seed,
-            jobs=options.jobs,
+            **taken(options, "starts seed jobs"),
             progress=say,
             segment=of_segments(None, options.seed, say),
         )
     except NoPlacementError as error:
         head, lines = refusal_lines(error)
-        return Answer(False, summary(f"{cell.name}: {head}", lines, []), refusal_to_dict(cell.name, error))
+        return Answer(
+            summary(f"{cell.name}: {head}", lines, []), refusal_to_dict(cell.name, error), yes=False
+        )
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a result") from None
     best = None

@@ -57,7 +57,7 @@ def placed(one: Asked, options: Namespace, _: Executor | None = None) -> Report:
             found = place(one.task, starts=options.starts, seed=options.seed, progress=progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a result") from None
-    return PlaceReport(found, one.directory, not options.no_figures)
+    return PlaceReport(found, one.directory, not options.no_figures, yes=found.verified)
 
 
 def progress_bar(stream: TextIO) -> Progress:
@@ -74,11 +74,6 @@ class PlaceReport(FolderReport):
 
     early = True
     found: Placed
-
-    @property
-    def good(self) -> bool:
-        """True if all constraints are kept, within the whole tolerance where there is one."""
-        return self.found.verified
 
     def write(self) -> Iterator[Path]:
         """Write placement.json and figures."""
@@ -107,7 +102,7 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     best = result.best
     kept = sum(start.feasible for start in result.starts)
     head = (
-        f"PLACED, all constraints verified{_scope(best)}. Total {best.total:.4f}; "
+        f"PLACED, all constraints verified{scope_of(best.problem.collision)}. Total {best.total:.4f}; "
         f"{kept} of {len(result.starts)} starts kept all constraints, "
         f"{result.seconds:.1f} s, seed {result.seed}."
     )
@@ -117,10 +112,6 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     for number, other in enumerate(result.places[1:], 2):
         lines.append((f"no. {number}", _alternative(other)))
     return head, lines
-
-
-def _scope(placement: Placement) -> str:
-    return scope_of(placement.problem.collision)
 
 
 def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:

@@ -130,9 +130,7 @@ COMMANDS = (
         "0 a verified timing, 1 none",
         (
             argument(
-                "motion",
-                "PATH",
-                "a file of waypoints (TOML), or a motion as for check without its times",
+                "motion", "PATH", "a file of waypoints (TOML), or a motion as for check without its times"
             ),
             *MOTION_OF,
             group(

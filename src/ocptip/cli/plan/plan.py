@@ -20,7 +20,7 @@ from ocptip.cli.options import (
     output_directory,
     read_gate,
     require_least,
-    step_of,
+    taken,
     typed,
     with_cancel,
 )
@@ -36,9 +36,8 @@ def run(options: Namespace) -> Report:
     require_least(options, starts=1, seed=0, jobs=1)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
-    if options.seconds is not None:
-        positive_number("--seconds", options.seconds)
-    step_of(options)
+    for name in typed(options, "seconds", "rate"):
+        positive_number(f"--{name}", getattr(options, name))
     read_gate(options)
     if options.bag:
         with naming("--bag"):
@@ -56,16 +55,8 @@ def run(options: Namespace) -> Report:
 def _asked(options: Namespace) -> Asked:
     """A task, with what the options change."""
     with naming_options(*typed(options, "base", "duration", "max_duration")):
-        task = load_task(
-            options.task,
-            base=options.base,
-            objective=options.objective,
-            price_per_second=options.price_per_second,
-            duration=options.duration,
-            max_duration=options.max_duration,
-            **given_limits(options),
-        )
-        task = with_cancel(task, options)
+        changes = taken(options, "base objective price_per_second duration max_duration")
+        task = with_cancel(load_task(options.task, **changes, **given_limits(options)), options)
     directory = output_directory(options, task.name, task.source)
     return Asked(task, task.name, directory, digest_of(task.source, options))
 
@@ -74,21 +65,13 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     """Plan one task; where there is no plan, the report says why."""
     try:
         with naming_options("rise_time", "sensitivities"), progress_bar(one.task) as progress:
+            same = "starts seed jobs controller rate rise_time time_scale sensitivities method seconds"
             plan = plan_task(
                 one.task,
-                starts=options.starts,
-                seed=options.seed,
-                jobs=options.jobs,
-                executor=executor,
-                controller=options.controller,
-                rate=options.rate,
-                rise_time=options.rise_time,
-                time_scale=options.time_scale,
+                **taken(options, same),
                 stops=options.stop_safe,
-                sensitivities=options.sensitivities,
                 largest_uncertainty=options.largest_tolerance,
-                method=options.method,
-                seconds=options.seconds,
+                executor=executor,
                 progress=progress,
                 stage=progress.stage,
             )
@@ -117,7 +100,7 @@ def _no_plan(task: Task, error: NoPlanError) -> Answer:
         lines.append(("within", f"{tolerance}; --tolerance none plans for the nominal model"))
     if not task.is_cycle:
         lines.append(("masses", masses(task.robot)))
-    return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), error.to_dict())
+    return Answer(summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), error.to_dict(), yes=False)
 
 
 def progress_bar(task: Task) -> Progress:

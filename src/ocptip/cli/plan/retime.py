@@ -13,7 +13,15 @@ from ocptip.api.retime import RetimedPlan, Timing, retime
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity, wrapped
 from ocptip.cli.command import Report
-from ocptip.cli.options import gate_of, given_limits, naming_options, output_directory, read_gate, typed
+from ocptip.cli.options import (
+    gate_of,
+    given_limits,
+    naming_options,
+    output_directory,
+    read_gate,
+    taken,
+    typed,
+)
 from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.motion.violations import broken_words
@@ -37,23 +45,10 @@ def run(options: Namespace) -> Report:
         directory = output_directory(options, task.name, task.source)
         say_if_compiling()
         with Progress(sys.stderr, "reading the path ...") as progress:
-            plan = retime(
-                task,
-                path,
-                drive_profile=options.drive_profile,
-                base_limits=options.base_limits,
-                objective=options.objective,
-                price_per_second=options.price_per_second,
-                max_duration=options.max_duration,
-                jerk=options.jerk,
-                path_tolerance=options.path_tolerance,
-                controller=options.controller,
-                rate=options.rate,
-                unit=options.unit,
-                columns=read_columns(options.columns),
-                topic=options.topic,
-                stage=progress.stage,
-            )
+            same = "drive_profile base_limits objective price_per_second max_duration jerk path_tolerance "
+            same += "controller rate unit topic"
+            columns = read_columns(options.columns)
+            plan = retime(task, path, **taken(options, same), columns=columns, stage=progress.stage)
     digest = "" if task.is_cycle else None
     gate = gate_of(options, plan)
     return RetimeReport(plan, directory, not options.no_figures, options.effort, digest, **gate)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,15 @@ def arm_code(options: Namespace, target: Path | None) -> ArmCodeReport:
         return ArmCodeReport(arm, lean_arm(arm), target)
 
 
+def count_table(counts: Iterable[tuple[str, OperationCount]]) -> list[str]:
+    """Operations by title."""
+    rows = [["operations", "+-", "x", "/", "sin cos", ":=", "weighted"]]
+    for title, one in counts:
+        numbers = one.additions, one.multiplications, one.divisions, one.trigonometric, one.assignments
+        rows.append([title, *map(str, numbers), str(one.weighted)])
+    return table(rows, left=(0,))
+
+
 @dataclass
 class ArmCodeReport(Report):
     """Lean code of an arm.
@@ -95,11 +104,8 @@ class ArmCodeReport(Report):
 
     def to_text(self) -> str:
         """A table of operation counts, and the written files."""
-        count = self.count
-        numbers = (count.additions, count.multiplications, count.divisions, count.trigonometric)
-        heads = ["operations", "+-", "x", "/", "sin cos", ":=", "weighted"]
-        row = ["torque, wrench", *map(str, numbers), str(count.assignments), str(count.weighted)]
-        lines = [f"{self.arm.name}: serial arm of {self.arm.n} joints.", "", *table([heads, row], left=(0,))]
+        lines = [f"{self.arm.name}: serial arm of {self.arm.n} joints.", ""]
+        lines += count_table([("torque, wrench", self.count)])
         if self.written:
             lines += ["", f"wrote {' and '.join(map(str, self.written))}"]
         return "\n".join(lines)

@@ -79,11 +79,7 @@ COMMANDS = (
                     type=float,
                 ),
                 argument(
-                    "--center",
-                    ("X", "Y", "Z"),
-                    "its centre in that frame, m (0 0 0)",
-                    nargs=3,
-                    type=float,
+                    "--center", ("X", "Y", "Z"), "its centre in that frame, m (0 0 0)", nargs=3, type=float
                 ),
                 argument(
                     "--payload",
@@ -140,19 +136,9 @@ COMMANDS = (
                     accepts=is_range,
                 ),
                 argument(
-                    "--at",
-                    "Z",
-                    "other coordinates (m, degrees; default: home pose)",
-                    nargs="+",
-                    type=float,
+                    "--at", "Z", "other coordinates (m, degrees; default: home pose)", nargs="+", type=float
                 ),
-                argument(
-                    "--cells",
-                    "N",
-                    "cells per coordinate (default: 40)",
-                    type=int,
-                    default=40,
-                ),
+                argument("--cells", "N", "cells per coordinate (default: 40)", type=int, default=40),
                 argument(
                     "--range",
                     ("JOINT", "LOW", "HIGH"),

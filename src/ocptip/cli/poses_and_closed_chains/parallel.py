@@ -19,7 +19,7 @@ from ocptip.basics.text import ratio, table
 from ocptip.basics.write import file_target, versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named
-from ocptip.cli.poses_and_closed_chains.arm_code import arm_code, is_arm
+from ocptip.cli.poses_and_closed_chains.arm_code import arm_code, count_table, is_arm
 from ocptip.cli.terminal import Progress
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
@@ -187,7 +187,8 @@ class ParallelReport(Report):
             rows.append(("inertia parameters", f"{len(names)}: {', '.join(names)}"))
             rows += self._rank_row(len(names))
         lines += ["", *named(rows), ""]
-        lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
+        counted = count_table((_title(one), one.count) for one in self.functions)
+        lines += counted if self.functions else [f"no code: {self.without_code}"]
         if self.functions and not self.joints:
             lines.append(f"no code for the joints q that these functions want: {self.without_joints}")
         if len(self.joints) > 1:
@@ -393,12 +394,6 @@ def _measures(home: Singularity) -> str:
     return ", ".join(f"{ratio(float(value))} ({name})" for name, value in parts.items())
 
 
-def _count_table(functions: tuple[LeanFunction, ...]) -> list[str]:
-    rows = [["operations", "+-", "x", "/", "sin cos", ":=", "weighted"]]
-    for one in functions:
-        count = one.count
-        numbers = (count.additions, count.multiplications, count.divisions, count.trigonometric)
-        title = f"{one.function.name()} (form {one.form}, DynPar {one.dynpar})"
-        title = title if one.function.name() != "jacobian" else "J_a"
-        rows.append([title, *map(str, numbers), str(count.assignments), str(count.weighted)])
-    return table(rows, left=(0,))
+def _title(one: LeanFunction) -> str:
+    name = one.function.name()
+    return f"{name} (form {one.form}, DynPar {one.dynpar})" if name != "jacobian" else "J_a"

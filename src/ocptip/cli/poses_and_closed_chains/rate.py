@@ -214,7 +214,7 @@ def _answer(rating: Rating) -> Report:
         head = "  ".join(f"{cell:<{width}}" for cell, width in zip(row[:3], widths, strict=True)) + "  "
         text.append(textwrap.fill(row[3], _WIDTH, initial_indent=head, subsequent_indent=" " * len(head)))
     text = "\n".join([*text, "", *named(_lines(rating))])
-    return Answer(not rating.singular, text, rating.to_dict())
+    return Answer(text, rating.to_dict(), yes=not rating.singular)
 
 
 def _row(entry: IndexEntry) -> tuple[str, str, str, str]:
@@ -235,11 +235,6 @@ class AlongReport(ResultReport):
     """The report of indices along a motion."""
 
     found: RatedMotion
-
-    @property
-    def good(self) -> bool:
-        """True if no pose is singular."""
-        return self.found.regular
 
     def to_dict(self) -> dict[str, Any]:
         """Minimum, mean and maximum values, and the times of the minima."""
@@ -262,7 +257,8 @@ def along_report(robot: Rated, options: Namespace, ellipsoid: OperationEllipsoid
     if options.plot:
         with naming("--plot"):
             figure = file_target(options.plot, (".png", ".pdf", ".svg", *pictures.movie.SUFFIXES))
-    return AlongReport(rate_along(robot, options.along, indices=options.index, ellipsoid=ellipsoid), figure)
+    rated = rate_along(robot, options.along, indices=options.index, ellipsoid=ellipsoid)
+    return AlongReport(rated, figure, yes=rated.regular)
 
 
 @dataclass
@@ -270,11 +266,6 @@ class MapsReport(ResultReport):
     """Indices over a workspace."""
 
     found: IndexMaps
-
-    @property
-    def good(self) -> bool:
-        """True if poses are inside, and no singularity surface passes between them."""
-        return bool(self.found.inside.any()) and not self.found.crosses
 
     def write(self) -> Iterator[Path]:
         """The figure."""
@@ -333,4 +324,4 @@ def workspace_report(
             ellipsoid=ellipsoid,
             progress=progress,
         )
-    return MapsReport(found, figure)
+    return MapsReport(found, figure, yes=bool(found.inside.any()) and not found.crosses)

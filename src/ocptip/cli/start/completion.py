@@ -25,7 +25,7 @@ def run(options: Namespace) -> Report:
             for own in action.choices.values():
                 _complete_files(own, shtab.FILE)
     script = shtab.complete(whole, shell=options.shell)
-    return Answer(True, script, {"shell": options.shell, "script": script})
+    return Answer(script, {"shell": options.shell, "script": script})
 
 
 def _complete_files(command: argparse.ArgumentParser, files: Any) -> None:

@@ -18,7 +18,7 @@ from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named
 from ocptip.cli.motion_summary import brief_notes
-from ocptip.cli.options import naming_options
+from ocptip.cli.options import naming_options, taken
 from ocptip.robots.urdf.collision import package_folder
 from ocptip.robots.urdf.conversion import Converted, converted
 from ocptip.task_files.reference import json_schema
@@ -108,9 +108,9 @@ def run(options: Namespace) -> InitReport:
     _require_new(path, options)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
-    given = ("base_link", "tool_frame", "joint_limits", "srdf", "package_dirs")
-    with naming_options(*given):
-        named = {key: getattr(options, key) for key in given}
+    given = "base_link tool_frame joint_limits srdf package_dirs"
+    with naming_options(*given.split()):
+        named = taken(options, given)
         found = converted(Path(options.robot), path.parent, options.xacro) or Converted({})
         further = found.files
         for file in further:

@@ -18,4 +18,4 @@ def run(options: Namespace) -> Report:
     name = found.task.name
     folder = output_directory(options, name)
     found.serve(lambda address: print(f"{name}: {address}", file=sys.stderr), folder)
-    return Answer(True, f"{name}: shown.", {"name": name})
+    return Answer(f"{name}: shown.", {"name": name})

@@ -19,7 +19,7 @@ from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import files_lines
 from ocptip.cli.motion_summary import notes
-from ocptip.cli.options import given_limits, naming_options
+from ocptip.cli.options import given_limits, naming_options, taken
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.summary import margin_table, motion_line
 from ocptip.motion.violations import broken_words
@@ -36,21 +36,16 @@ def run(options: Namespace) -> Report:
         verdict = check_certificate(data)
         planes = [one for one in data["model"]["bodies"] if "normal" in one] if verdict.holds else []
         drives = drive_words(data["motion"]) if verdict.holds else ""
-        return VerdictReport(Path(options.motion).name, verdict, len(planes), drives)
+        return VerdictReport(Path(options.motion).name, verdict, len(planes), drives, yes=verdict.holds)
     with naming_options("base", "rate", "rise_time"):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
         if task.is_cycle and options.out is not None:
             raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
         task = load_task(task, **given_limits(options))
         say_if_compiling()
-        reading = {
-            "unit": options.unit,
-            "rate": options.rate,
-            "columns": read_columns(options.columns),
-            "topic": options.topic,
-        }
-        found = certify(task, options.motion, rise_time=options.rise_time, **reading)
-    return CertifyReport(found, options.out)
+        reading = taken(options, "unit rate topic rise_time")
+        found = certify(task, options.motion, columns=read_columns(options.columns), **reading)
+    return CertifyReport(found, options.out, yes=found.certified)
 
 
 @dataclass
@@ -69,20 +64,11 @@ class VerdictReport(Report):
     planes: int
     drives: str
 
-    @property
-    def good(self) -> bool:
-        """Whether it holds."""
-        return self.verdict.holds
-
     def to_dict(self) -> dict[str, Any]:
         """The verdict."""
-        return {
-            "certificate": self.name,
-            **vars(self.verdict),
-            "planes": self.planes,
-            **({"base_drives": self.drives} if self.drives else {}),
-            "versions": versions(),
-        }
+        drives = {"base_drives": self.drives} if self.drives else {}
+        known = {"certificate": self.name, **vars(self.verdict), "planes": self.planes}
+        return {**known, **drives, "versions": versions()}
 
     def to_text(self) -> str:
         """The verdict."""
@@ -114,24 +100,14 @@ class CertifyReport(ResultReport):
 
     found: Certified
 
-    @property
-    def good(self) -> bool:
-        """Whether all limits are proved to be kept."""
-        return self.found.certified
-
     def to_text(self) -> str:
         """The verdict, margins, what is proved, and where something is missing."""
         found, checked, proof = self.found, self.found.check, cast(Certificate | None, self.found.certificate)
         stops = "; stops CHECKED at samples" if checked.proved_while_moving and not found.certified else ""
         head = [f"{found.name} on {found.task.name}   {checked.headline}{stops}", motion_line(checked)]
-        missing = filter(None, [checked.unproved])
-        lines = [
-            *head,
-            *wrapped("Missing", missing),
-            *wrapped("Broken", broken_words(found.task.robot, checked.violations)),
-            "",
-        ]
-        lines += margin_table(found.task.robot, checked)
+        lines = [*head, *wrapped("Missing", filter(None, [checked.unproved]))]
+        lines += wrapped("Broken", broken_words(found.task.robot, checked.violations))
+        lines += ["", *margin_table(found.task.robot, checked)]
         if proof is not None:
             parts = zip(found.checked.names, found.checked.segments, strict=True)
             segments = [f"{name}: {part.certificate}" for name, part in parts if name]

@@ -13,7 +13,7 @@ from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
-from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
+from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH
 
@@ -29,19 +29,9 @@ def run(options: Namespace) -> ChartReport:
     folder = output_directory(options, task.name)
     say_if_compiling()
     with naming_options("payloads", "cell", "most", "ballast", "foot_width"):
-        found = chart(
-            task,
-            uncertainty=given_tolerance(options),
-            samples=options.samples,
-            seed=options.seed,
-            payloads=options.payloads,
-            sectors=options.sectors,
-            cell=options.cell,
-            most=options.most,
-            ballast=options.ballast,
-            foot_width=options.foot_width,
-        )
-    return ChartReport(found, folder, not options.no_figures)
+        same = taken(options, "samples seed payloads sectors cell most ballast foot_width")
+        found = chart(task, uncertainty=given_tolerance(options), **same)
+    return ChartReport(found, folder, not options.no_figures, yes=bool(found.held.unloaded.any()))
 
 
 @dataclass
@@ -49,11 +39,6 @@ class ChartReport(FolderReport):
     """The report of `ocptip chart`."""
 
     found: LoadChart
-
-    @property
-    def good(self) -> bool:
-        """True if a sampled posture keeps the limits without payload."""
-        return bool(self.found.held.unloaded.any())
 
     def to_text(self) -> str:
         """The side view, the reaches by azimuth, and what limits the payload."""
@@ -108,8 +93,7 @@ class ChartReport(FolderReport):
             part = slice(begin, begin + _COLUMNS)
             rows = [["payload", *(f"{middle:.4g}" for middle in middles[part])]]
             for one in found.reaches:
-                ends = map(_metres, getattr(one, key)[part])
-                rows.append([quantity(one.payload, "kg", 3), *ends])
+                rows.append([quantity(one.payload, "kg", 3), *map(_metres, getattr(one, key)[part])])
             lines += table(rows, left=(0,))
         return lines
 

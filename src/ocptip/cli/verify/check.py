@@ -19,7 +19,15 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import quantity, ratio, table, wrapped
 from ocptip.cli.layout import check_rows, gear_rows, masses
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
-from ocptip.cli.options import GatedReport, gate_of, given_limits, naming_options, read_gate, with_cancel
+from ocptip.cli.options import (
+    GatedReport,
+    gate_of,
+    given_limits,
+    naming_options,
+    read_gate,
+    taken,
+    with_cancel,
+)
 from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.cli.verify.stand import check_plot_target
 from ocptip.motion.check import MotionCheck
@@ -72,23 +80,9 @@ def run(options: Namespace) -> CheckReport:
         task = with_cancel(load_task(task, **given_limits(options)), options)
         say_if_compiling()
         with Progress(sys.stderr, "reading the motion ...", what="instants") as progress:
-            found = check(
-                task,
-                options.motion,
-                drive_profile=options.drive_profile,
-                step=options.step,
-                time_scale=options.time_scale,
-                stops=options.stops,
-                sensitivities=options.sensitivities,
-                design=options.design,
-                rise_time=options.rise_time,
-                unit=options.unit,
-                rate=options.rate,
-                columns=read_columns(options.columns),
-                topic=options.topic,
-                stage=progress.stage,
-                progress=progress,
-            )
+            same = "drive_profile step time_scale stops sensitivities design rise_time unit rate topic"
+            how = {"columns": read_columns(options.columns), "stage": progress.stage, "progress": progress}
+            found = check(task, options.motion, **taken(options, same), **how)
             if options.bag:
                 progress.stage("writing the bag ...")
                 found.save_bag(options.bag)
@@ -228,14 +222,7 @@ def worst_rows(checked: MotionCheck) -> list[list[str]]:
         limit = f"{sign} {_value(name, worst.limit)}"
         where = "" if name in _AT_WORST else worst.detail
         rows.append(
-            [
-                result_title(name),
-                _value(name, worst.value),
-                limit,
-                time,
-                where or "-",
-                "BROKEN" if broken else "",
-            ]
+            [result_title(name), _value(name, worst.value), limit, time, where or "-", "BROKEN" * broken]
         )
     return rows
 

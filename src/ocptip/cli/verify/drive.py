@@ -14,7 +14,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import joint_words, quantity, table, wrapped
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import files_lines, fitted, masses, under
-from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least
+from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.cli.verify.stand_posture import posture_of
 from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
@@ -34,14 +34,13 @@ def run(options: Namespace) -> DriveReport:
     folder = output_directory(options, Path(options.task).name if plan else posture.scene.name)
     say_if_compiling()
     require_least(options, samples=1, seed=0)
-    names = ("directions", "speed", "turning", "deceleration", "payload", "slope")
-    with naming_options(*names):
-        given = {name: getattr(options, name) for name in names}
+    names = "directions speed turning deceleration payload slope"
+    with naming_options(*names.split()):
+        given = taken(options, f"{names} holonomic samples seed")
         given["slope"] = np.radians(given["slope"])
-        given |= {"holonomic": options.holonomic, "samples": options.samples, "seed": options.seed}
         found = drive(posture, STOW if stow else None, uncertainty=given_tolerance(options), **given)
         _ = found.worst  # refusals name options
-    return DriveReport(found, folder, not options.no_figures)
+    return DriveReport(found, folder, not options.no_figures, yes=found.worst_direction[0] > 0)
 
 
 @dataclass
@@ -49,11 +48,6 @@ class DriveReport(FolderReport):
     """The report of `ocptip drive`."""
 
     found: DriveEnvelope
-
-    @property
-    def good(self) -> bool:
-        """True if the base may accelerate in every direction."""
-        return self.found.worst_direction[0] > 0
 
     def to_text(self) -> str:
         """The manoeuvres with what limits them, and parameters for navigation."""

@@ -20,14 +20,9 @@ from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.text import percent, quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
 from ocptip.cli.command import Report
-from ocptip.cli.layout import (
-    files_lines,
-    masses,
-    segment_rows,
-    tolerated_lines,
-    within_rows,
-)
+from ocptip.cli.layout import files_lines, masses, segment_rows, tolerated_lines, within_rows
 from ocptip.cli.motion_summary import notes
+from ocptip.cli.options import taken
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.cli.verify.check import worst_rows
 from ocptip.cli.verify.drive import envelope_rows
@@ -93,7 +88,7 @@ def run(options: Namespace) -> DocumentReport:
         require_replaceable_file(out, overwrite=options.overwrite)
     say_if_compiling()
     about = report(path, cases=options.cases)
-    return DocumentReport(Document(about, options.cases, options.serial or "", options.author or ""), out)
+    return DocumentReport(about, out, yes=about.stands, **taken(options, "cases serial author"))
 
 
 def _with_names(stage: Stage, lines: Iterable[str]) -> list[str]:
@@ -101,17 +96,22 @@ def _with_names(stage: Stage, lines: Iterable[str]) -> list[str]:
     return [f"{stage.name}: {line}" if stage.name else line for line in lines]
 
 
-class Document:
+@dataclass
+class DocumentReport(Report):
     """The pages about the stability of a plan.
 
-    Args:
+    Attributes:
         about: what was computed.
-        cases_file: that was named for the load cases.
-        serial, author: of the title block; empty: lines to write on.
+        out: the file.
+        cases: file that was named for the load cases.
+        serial, author: of the title block; None: lines to write on.
     """
 
-    def __init__(self, about: Stability, cases_file: str | None, serial: str = "", author: str = "") -> None:
-        self.about, self.cases_file, self.serial, self.author = about, cases_file, serial, author
+    about: Stability
+    out: Path
+    cases: str | None = None
+    serial: str | None = None
+    author: str | None = None
 
     def parts(self) -> Iterator[str]:
         """All sections."""
@@ -119,7 +119,7 @@ class Document:
         yield heading(f"Stability of {about.task.name}", 1)
         yield grid(
             ("machine", "serial number", "author", "date"),
-            [(about.task.name, blank(self.serial), blank(self.author), date.today().isoformat())],
+            [(about.task.name, blank(self.serial or ""), blank(self.author or ""), date.today().isoformat())],
         )
         yield verdict(f"{about.headline}.", about.stands)
         shown, k = about.critical
@@ -323,7 +323,7 @@ class Document:
 
     def _again(self) -> Iterator[str]:
         yield heading("To compute this again")
-        name, cases = self.about.name, f" --cases {self.cases_file}" if self.cases_file else ""
+        name, cases = self.about.name, f" --cases {self.cases}" if self.cases else ""
         yield paragraph(f"In the folder that holds {name}: `ocptip report {name}{cases}` (all of it)")
         if self.about.folder is not None:
             seed = f"planned with seed {self.about.folder.data.get('seed')}"
@@ -334,33 +334,20 @@ class Document:
             yield grid((f"file ({SUMS})", "SHA-256"), sums.items())
         yield grid(("program", "version"), versions().items())
 
-
-@dataclass
-class DocumentReport(Report):
-    """The document, and where it goes."""
-
-    document: Document
-    out: Path
-
-    @property
-    def good(self) -> bool:
-        """Whether it stands."""
-        return self.document.about.stands
-
     def to_dict(self) -> dict[str, Any]:
         """The document as data."""
-        return {**self.document.about.to_dict(), "written": [str(path) for path in self.written]}
+        return {**self.about.to_dict(), "written": [str(path) for path in self.written]}
 
     def to_text(self) -> str:
         """The headline, the load cases that do not stand, and the file."""
-        cases = self.document.about.cases
+        cases = self.about.cases
         fallen = [case for case in cases if not case.stands]
         count = f"{len(cases) - len(fallen)} of {len(cases)}"
-        usual = "" if self.document.about.given_cases else " (the usual ones do not decide)"
-        lines = [f"{self.document.about.headline}. {count} load cases are stable{usual}."]
-        if self.document.about.checked is not None:
-            robot = self.document.about.task.robot
-            lines += ["", *margin_table(robot, self.document.about.checked), ""]
+        usual = "" if self.about.given_cases else " (the usual ones do not decide)"
+        lines = [f"{self.about.headline}. {count} load cases are stable{usual}."]
+        if self.about.checked is not None:
+            robot = self.about.task.robot
+            lines += ["", *margin_table(robot, self.about.checked), ""]
         lines += [f"  not stable: {' '.join(_case_row(case)[:4])}" for case in fallen]
         lines += files_lines(self.written)
         return "\n".join(lines)
@@ -368,7 +355,7 @@ class DocumentReport(Report):
     def write(self) -> Iterator[Path]:
         """The page."""
         make = pdf if self.out.suffix == ".pdf" else page
-        write_bytes(self.out, make(self.document.about.headline, self.document.parts()))
+        write_bytes(self.out, make(self.about.headline, self.parts()))
         yield self.out
 
 

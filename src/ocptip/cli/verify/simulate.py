@@ -12,22 +12,23 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import ResultReport
 from ocptip.cli.layout import named, under
-from ocptip.cli.options import naming_options
+from ocptip.cli.options import naming_options, taken
 from ocptip.standing.parts import owners
 from ocptip.standing.simulation.mjcf import remarks
 from ocptip.standing.simulation.objects import LIFTED, SLID
 from ocptip.standing.simulation.replay import simulator_numbers
 
-_OF_WORLD = ("stiffness", "damping", "payload", "friction", "speed")
+_OF_WORLD = "stiffness damping payload friction speed"
 
 
 def run(options: Namespace) -> SimulateReport:
     """Replay the plan in the scenario of the options."""
-    given = {name: getattr(options, name) for name in _OF_WORLD}
     if options.damping is not None and options.stiffness is None:
         raise InputError("--damping: only for compliant feet; give --stiffness as well")
-    with naming_options("step", *_OF_WORLD):
-        return SimulateReport(simulate(options.plan, step=options.step, **given, **_tilt(options)))
+    given = taken(options, f"step {_OF_WORLD}")
+    with naming_options("step", *_OF_WORLD.split()):
+        simulated = simulate(options.plan, **given, **_tilt(options))
+    return SimulateReport(simulated, yes=simulated.stable)
 
 
 def _tilt(options: Namespace) -> dict[str, float]:
@@ -45,11 +46,6 @@ class SimulateReport(ResultReport):
     """The report of a simulation."""
 
     found: Simulated
-
-    @property
-    def good(self) -> bool:
-        """Whether no foot and no object lifts, slides or falls in the simulator."""
-        return self.found.stable
 
     def to_text(self) -> str:
         """Verdict, forces, lifts and slides."""

@@ -231,9 +231,6 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
         table: `[arm]`.
         gripper: a further table with locked joints, which win over those of `[arm]`.
         alone: it need not say where it is mounted, and a table of joints no masses.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     kind = table.one_of("name")
     position = table.get("mount_position", np.zeros(3)) if alone else table["mount_position"]

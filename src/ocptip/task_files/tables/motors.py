@@ -110,9 +110,6 @@ def arm_and_motors(
         data: the file.
         segment: of a cycle, which may say what is held and where the gripper's joints stand.
         arm: what `read_arm` has read from them, if it has.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     arm = arm or read_arm(data.table("arm"), segment)
     load = load_table(data, segment)

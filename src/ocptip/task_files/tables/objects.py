@@ -66,11 +66,7 @@ OBJECT = Keys(
 
 
 def with_objects(data: Table, robot: StandingMechanism) -> StandingMechanism:
-    """The robot with the objects of a file.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
+    """The robot with the objects of a file."""
     if "object" not in data:  # which only files of arms may have
         return robot
     objects = [_object(table) for table in data.tables("object")]

@@ -115,11 +115,7 @@ def _names(data: Table, key: str) -> list[str]:
 
 
 def read_payload(table: Table | None) -> Payload | None:
-    """The payload; None without one, or without mass.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
+    """The payload; None without one, or without mass."""
     if table is None:
         return None
     mass, center = table["mass"], table["center_of_mass"]
@@ -139,9 +135,6 @@ def read_process(data: Table, segment: Table | None = None) -> ProcessWrench | N
     Args:
         data: the file.
         segment: of a cycle.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     table = load_table(data, segment, "process")
     if table is None:
@@ -192,11 +185,7 @@ SENSOR = Keys(
 
 
 def read_sensor(data: Table, mount: np.ndarray, mass: float = 0.0) -> WrenchSensor | None:
-    """The sensor of a file, if it has one; by default at `mount`, (3,), m, with `mass`, kg, on it.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
+    """The sensor of a file, if it has one; by default at `mount`, (3,), m, with `mass`, kg, on it."""
     if "sensor" not in data:
         return None
     table = data.table("sensor")

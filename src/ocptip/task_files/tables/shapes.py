@@ -128,11 +128,7 @@ _READERS: dict[str, Callable[[Table], list[Shape]]] = {
 
 
 def read_shape(table: Table) -> list[Shape]:
-    """The solid of a table with its pose; a mesh may be several.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
+    """The solid of a table with its pose; a mesh may be several."""
     kind, position, rotation = table["kind"], table["position"], table.rotation(default=np.eye(3))
     return [shape.placed(rotation, position) for shape in _READERS[kind](table)]
 
@@ -144,9 +140,6 @@ def read_shapes(owner: Table, default: str, *, carried: bool = False) -> list[Bo
         owner: such as `[base]`.
         default: name.
         carried: by the gripper.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     single = isinstance(owner.value("shape"), dict)
     tables = [owner.table("shape")] if single else owner.tables("shape")
@@ -158,11 +151,7 @@ def read_shapes(owner: Table, default: str, *, carried: bool = False) -> list[Bo
 
 
 def read_base_shapes(data: Table) -> list[BodyShape]:
-    """The solids `[[base.shape]]` of a file.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
+    """The solids `[[base.shape]]` of a file."""
     base = data.table("base")
     if "spheres" in base:
         raise base.error(
@@ -170,11 +159,6 @@ def read_base_shapes(data: Table) -> list[BodyShape]:
             "spheres",
         )
     return read_shapes(base, "base")
-
-
-def stands_on_floor(data: Table) -> bool:
-    """Whether what the contacts of `[base]` stand on is an obstacle."""
-    return data.table("base")["floor"]
 
 
 def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool = False) -> list[Obstacle]:
@@ -185,9 +169,6 @@ def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool
         key: of the tables.
         numbered: several without names are called "wall 1" and so on.
         world: in world axes, where floors are none of them.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     tables = data.tables(key)
     found: list[Obstacle] = []

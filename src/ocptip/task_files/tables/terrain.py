@@ -84,9 +84,6 @@ def read_terrain(data: Table) -> list[Patch]:
 
     Args:
         data: the file.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
     """
     patches = data.tables("terrain")
     names = [f"plane {k}" for k in range(1, len(patches) + 1)] if len(patches) != 1 else ["floor"]

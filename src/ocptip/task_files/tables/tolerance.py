@@ -71,11 +71,7 @@ def tolerance_of(data: Table, otherwise: Uncertainty = NONE) -> Uncertainty:
 
 
 def read_tolerance(table: Table) -> Uncertainty:
-    """A tolerance; what the table does not give is certain, or as in the preset that it names.
-
-    Raises:
-        InputError: a value is unknown or cannot be used; names its place.
-    """
+    """A tolerance; what the table does not give is certain, or as in the preset that it names."""
     preset = PRESETS[table["preset"]]
     given: dict[str, Any] = {}
     masses = table["masses"]
