@@ -32,9 +32,10 @@ if TYPE_CHECKING:
     from ocptip.api.export import export
     from ocptip.api.identify import identify
     from ocptip.api.place import place
-    from ocptip.api.plan import NoPlanError, Plan, plan
+    from ocptip.api.plan import NoPlanError, plan
     from ocptip.api.rate import rate, rate_along, rate_workspace
     from ocptip.api.report import report
+    from ocptip.api.results.plan import Plan
     from ocptip.api.retime import RetimedPlan, retime
     from ocptip.api.simulate import simulate
     from ocptip.api.stand import stand
@@ -71,7 +72,7 @@ _HOME = {
     "NoPlanError": "ocptip.api.plan",
     "Object": "ocptip.standing.objects",
     "OcptipError": "ocptip.basics.errors",
-    "Plan": "ocptip.api.plan",
+    "Plan": "ocptip.api.results.plan",
     "RetimedPlan": "ocptip.api.retime",
     "Robot": "ocptip.standing.arm",
     "Support": "ocptip.contact",

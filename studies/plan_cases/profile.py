@@ -58,7 +58,7 @@ WHOLE = {  # parts of a command: the functions that do them
     "task": "ocptip.cli.plan.plan._asked",
     "search": "ocptip.api.plan.plan_motion",
     "controller": "ocptip.motion.files.execution.execute",
-    "tolerated": "ocptip.api.plan.robustness",
+    "tolerated": "ocptip.api.results.plan.robustness",
     "figures": "ocptip.pictures.frame.png",
 }
 STAGES = ("case", "building s", "start", "coarse", "fine", "exact", "check", "all but building")

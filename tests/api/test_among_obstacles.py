@@ -13,7 +13,7 @@ import pytest
 
 import ocptip
 from ocptip.api.methods import methods_for, of_segments, searched
-from ocptip.api.plan import Plan
+from ocptip.api.results.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ocptip.api.inputs.given import MotionLike, ProfileLike, given_motion
 from ocptip.api.inputs.motion_requirements import motion_outcomes
 from ocptip.api.inputs.requirements import Outcome
-from ocptip.api.plan import sensitivities_of, silent
+from ocptip.api.results.plan import sensitivities_of, silent
 from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.write import versions

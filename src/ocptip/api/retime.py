@@ -13,7 +13,8 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 
 from ocptip.api.inputs.given import MotionLike, ProfileLike, driven, driving, task_of_motion
-from ocptip.api.plan import Plan, base_alone, silent
+from ocptip.api.plan import base_alone
+from ocptip.api.results.plan import Plan, silent
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.certificate.checks import certified

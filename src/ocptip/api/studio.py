@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.api.plan import Plan, plan
+from ocptip.api.plan import plan
+from ocptip.api.results.plan import Plan
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import toml_text

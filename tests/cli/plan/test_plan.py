@@ -17,7 +17,7 @@ import pytest
 
 from ocptip.api import plan as planning
 from ocptip.api import tasks
-from ocptip.api.plan import Plan
+from ocptip.api.results.plan import Plan
 from ocptip.basics import errors
 from ocptip.basics.outputs import OUTPUTS
 from ocptip.basics.write import MARK
@@ -96,8 +96,8 @@ def planner(monkeypatch, tmp_path):
 
     monkeypatch.setattr("ocptip.api.plan.plan_motion", plan_motion)
     monkeypatch.setattr(planning, "plan_motion", plan_motion)
-    monkeypatch.setattr(planning, "robustness", lambda task, motion: robustness_of_c())
-    monkeypatch.setattr(planning, "cancels_by_segment", lambda task, motion: cancels_of_c())
+    monkeypatch.setattr("ocptip.api.results.plan.robustness", lambda task, motion: robustness_of_c())
+    monkeypatch.setattr("ocptip.api.results.plan.cancels_by_segment", lambda task, motion: cancels_of_c())
     monkeypatch.chdir(tmp_path)
     return state
 

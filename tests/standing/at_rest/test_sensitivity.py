@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ocptip.api.inputs.postures import resting_posture
-from ocptip.api.plan import sensitivities_of
+from ocptip.api.results.plan import sensitivities_of
 from ocptip.api.stand import stand
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.resting import solve_resting

@@ -1,1 +1,1 @@
-"""The results of `ocptip.stand` and `ocptip.drive`."""
+"""The results of `ocptip.plan`, `ocptip.stand` and `ocptip.drive`."""

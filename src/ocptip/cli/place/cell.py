@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from ocptip import pictures
 from ocptip.api.methods import of_segments
-from ocptip.api.plan import Plan
+from ocptip.api.results.plan import Plan
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import OUTPUTS, remove_figures, require_replaceable

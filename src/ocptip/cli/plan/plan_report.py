@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from ocptip.api.plan import Plan
+from ocptip.api.results.plan import Plan
 from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, under
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import GatedReport

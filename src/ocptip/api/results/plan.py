@@ -1,0 +1,247 @@
+"""The result of `ocptip.plan`: a motion as it is run, with all that is known about it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ocptip.api.inputs.motion_requirements import motion_outcomes
+from ocptip.api.inputs.requirements import Outcome
+from ocptip.api.methods import (
+    Runner,
+    better_smoothed,
+    executed,
+)
+from ocptip.basics.outputs import remove_figures
+from ocptip.basics.write import plain
+from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
+from ocptip.motion.files.execution import Execution
+from ocptip.motion.files.plan_files import (
+    planned_to_dict,
+    run_by,
+    samples_joined,
+    save_bag,
+    task_samples,
+    write_plan,
+)
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.stops.cancels import SafeDecelerations
+from ocptip.motion.stops.check import (
+    Stops,
+    cancels_by_segment,
+    cancels_to_dict,
+    stops_by_segment,
+    stops_to_dict,
+)
+from ocptip.motion.summary import STOPS, CheckedMotion, brief
+from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import robustness
+from ocptip.numerics.time_limit import TimeBudget
+from ocptip.pictures.plan import draw_plan
+from ocptip.pictures.plan_curves import seen_plan
+from ocptip.pictures.stops import draw_stops
+from ocptip.standing.at_rest.sensitivity import Reserves, Sensitivity, motion_sensitivities
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.within.in_motion import worst_contacts
+from ocptip.standing.within.worst_case import WorstCase
+from ocptip.trajectories.trajectory import Trajectory
+
+SPACING = 0.01
+"""s, between the instants of sensitivities."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(CheckedMotion):
+    """A planned motion, or cycle, as it is run, and all that is known about it.
+
+    Attributes:
+        planned: result of the search: commands, starts, seed. Of a cycle `parts` has one per segment.
+        executions: what runs the motion of each segment; a motion has one segment.
+        time_scale: factors with the checks of the plan run that much slower.
+        price: what stops cost, plain data; empty: they cost nothing, or were not asked for.
+        cancels: safe decelerations of a cancelled controller, by the name of the segment; empty: `stops` has
+            them, or the robot is no arm.
+    """
+
+    command: ClassVar[str] = "plan"
+    planned: MotionPlan
+    executions: tuple[Execution, ...]
+    time_scale: tuple[tuple[float, CycleCheck], ...] = ()
+    price: Mapping[str, Any] = field(default_factory=dict)
+    cancels: Mapping[str, SafeDecelerations] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        planned: MotionPlan,
+        *,
+        controller: Runner = "ramps",
+        rate: float | None = None,
+        rise_time: float | None = None,
+        time_scale: Sequence[float] = (),
+        sensitivities: bool = False,
+        stage: Callable[[str], None] | None = None,
+        budget: TimeBudget | None = None,
+        smooth: bool = False,
+    ) -> Plan:
+        """Run, prove and check what was planned; arguments are those of :func:`plan`.
+
+        Args:
+            smooth: smooth the path of a plan along one, and take the better of both motions.
+        """
+        task, say, budget = planned.finished, stage or silent, budget or TimeBudget(None)
+        say("proving what is run ...")
+        run = partial(executed, controller=controller, rate=rate, rise_time=rise_time, budget=budget)
+        executions = run(planned)
+        if smooth:
+            say("smoothing the path ...")
+            planned, executions = better_smoothed(planned, executions, run, budget)
+        motion = run_by(planned, executions)
+        checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
+        pairs = zip(executions, checked.segments, strict=True)
+        say("checking stops and cancels ...")
+        stops, cancels = dict[str, Stops](), dict[str, SafeDecelerations]()
+        if any(segment.task.limits.stoppable for segment in task.segments):
+            stops = budget.within(partial(stops_by_segment, task, motion, checked), stops, STOPS)
+        say("finding which deviations lose no contact ...")
+        robust = budget.within(partial(robustness, task, motion), (), "robustness")
+        scaled = budget.within(
+            lambda: tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
+            (),
+            "time scales" * bool(time_scale),
+        )
+        if STOPS not in budget.left_out and not any(own.decelerations for own in stops.values()):
+            compute = partial(cancels_by_segment, task, motion)
+            cancels = budget.within(compute, cancels, "safe decelerations of cancels")
+        changes: tuple[Sensitivity, ...] = ()
+        if sensitivities:
+            compute = partial(sensitivities_of, task.segments[0].task, motion.segments[0])
+            changes = budget.within(compute, changes, "sensitivities")
+        return cls(
+            planned,
+            tuple(replace(run, check=own) for run, own in pairs),
+            scaled,
+            cancels=cancels,
+            task=planned.task,
+            checked=checked,
+            robustness=robust,
+            stops=stops,
+            sensitivities=changes,
+            left_out=tuple(budget.left_out),
+        )
+
+    @property
+    def motion(self) -> Trajectory:
+        """The executed motion; of a cycle the motions of the segments and the rests between them."""
+        return run_by(self.planned, self.executions)
+
+    @property
+    def verified(self) -> bool:
+        """Everything is planned, and what is run keeps all limits, stops included where asked for."""
+        run = all(one.verified for one in self.executions)
+        return self.planned.complete and run and super().verified
+
+    def require(self, text: str) -> tuple[Outcome, ...]:
+        """Return which requirements the plan meets; see `ocptip.api.check.Check.require`."""
+        return motion_outcomes(self, text)
+
+    def save_bag(self, path: str | os.PathLike[str]) -> None:
+        """Write the executed motion and its margins over time as a bag, see `motion.files.plan_files`."""
+        save_bag(self.task, self.motion, path)
+
+    def __repr__(self) -> str:
+        """Verdict, duration and energy, margins, robustness."""
+        return brief(self.task.name, self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of plan.json, plain data for strict JSON."""
+        return {**planned_to_dict(self.planned, self.executions, self.checked), **plain(self._entries())}
+
+    def _entries(self) -> dict[str, Any]:
+        """The entries of plan.json beside the plan."""
+        source = self.task.source
+        base = source.data.get("base") if source and "case" in source.data else None
+        rows = [{"factor": f, **checked.to_dict()} for f, checked in self.time_scale]
+        changes = [one.to_dict() for one in self.sensitivities]
+        stops = stops_to_dict(self.task, self.stops)
+        if self.price and self.task.is_cycle:
+            stops["price_of_stops"] = self.price
+        elif self.price:
+            stops["stops"]["price"] = self.price
+        return {
+            **({"base": base} if base else {}),
+            "margins": [one.to_dict() for one in self.margins],
+            "tolerated": [one.to_dict() for one in self.robustness],
+            **({"time_scale": rows} if rows else {}),
+            **stops,
+            **cancels_to_dict(self.task, self.cancels),
+            **({"sensitivities": changes} if changes else {}),
+            **({"left_out": list(self.left_out)} if self.left_out else {}),
+        }
+
+    def save(
+        self, folder: str | os.PathLike[str], *, figures: bool = True, effort: bool = False
+    ) -> list[Path]:
+        """Write plan.json, motion.csv, trajectory.json, certificates, the task, and figures into a folder.
+
+        Args:
+            folder: made if it does not exist; the one above it must. Files of an earlier plan are replaced.
+            figures: also draw them.
+            effort: write joint torques into trajectory.json.
+
+        Returns:
+            The paths.
+
+        Raises:
+            InputError: the folder holds files that ocptip did not write and would replace.
+            OSError: a file cannot be written; names it.
+        """
+        return list(self.write(folder, figures=figures, effort=effort))
+
+    def write(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        figures: bool = True,
+        effort: bool = False,
+        extra: Mapping[str, Any] | None = None,
+    ) -> Iterator[Path]:
+        """Write the files and yield each path when its file is complete; `extra` replaces entries of
+        plan.json.
+        """
+        folder, motion = Path(folder), run_by(self.planned, self.executions)
+        samples = task_samples(self.task, motion)
+        entries = {**self._entries(), **(extra or {})}
+        how = {"executions": self.executions, "samples": samples, "effort": effort, "extra": entries}
+        yield from write_plan(folder, self.planned, **how)
+        remove_figures(folder, self.command)
+        if not figures:
+            return
+        yield from draw_plan(folder, seen_plan(self.task, motion, self.checked), samples_joined(samples))
+        for stops in () if self.task.is_cycle else self.stops.values():
+            yield from draw_stops(folder, stops)
+
+
+def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity, ...]:
+    """The effects of changes on the margins of a motion; within an uncertainty in its worst case."""
+    times, tolerance = motion.both_sides(SPACING), task.limits.tolerance.of(task.robot.payload)
+
+    def worst(robot: StandingMechanism, speed: float) -> Reserves:
+        counts = tolerance.heavier(robot.support.mass - task.robot.support.mass)
+        faster = motion.time_scaled(1 / speed)
+        found = worst_contacts(WorstCase(robot, counts), faster, times / speed)
+        tip, slip, force = found["tip"], found["slip"], found["alike"] or found["foot_force"]
+        least, reference = force.value if force else np.nan, robot.tip_over.reference_moment
+        return Reserves.of(tip.value if tip else 0.0, slip.value, least, reference, slip.factor)
+
+    return motion_sensitivities(task.robot, *motion.states(times), worst if tolerance.given else None)
+
+
+def silent(text: str) -> None:
+    """Show nothing, where nobody wants to know what is done next."""
