@@ -104,7 +104,7 @@ def test_margins_within_an_uncertainty_are_those_of_the_worst_case(rover):
 
 
 def test_quantities_of_arms_need_one(rover):
-    for text in ("payload >= 1 kg", "push >= 1 N"):
+    for text in ("additional payload >= 1 kg", "push >= 1 N"):
         with pytest.raises(InputError, match="needs an arm"):
             rover.require(text)
     with pytest.raises(InputError, match="not of a base at rest"):

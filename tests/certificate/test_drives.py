@@ -26,7 +26,7 @@ _STEP = 1e-6
 
 
 def _torques(model, world, state):
-    """Those of the oracle and of the push at the gripper, by differences of its place."""
+    """Those of the oracle and of the push at the TCP, by differences of its place."""
     state = np.array(state)
     found = np.array([float(x.mid()) for x in worlds.loads(model, world, state)[0]])
     for k in range(len(found)):

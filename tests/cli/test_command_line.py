@@ -52,7 +52,14 @@ def test_options_leave_positional_arguments_alone(line, expected):
             "plan --stop-safe=never A",
             "argument --stop-safe: must be path, brakes, both, cancel or all, got 'never'",
         ),
-        ("plan --start 3 A", "unrecognized arguments: --start"),
+        (
+            "plan --start 3 A",
+            "unrecognized arguments: --start; did you mean '--starts'? (see ocptip plan --help)",
+        ),
+        (
+            "view --gif x.gif A",
+            "unrecognized arguments: --gif; did you mean '--movie'? (see ocptip view --help)",
+        ),
         ("plan A -v -q", "not allowed with argument"),
     ],
 )

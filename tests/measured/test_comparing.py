@@ -206,7 +206,7 @@ def test_a_contact_that_was_open_is_found_above_30_ms():
 
 @pytest.mark.slow
 def test_a_process_that_varies_is_no_fault():
-    """Its share in torques and sensor is that of a force at the gripper; left out it is found."""
+    """Its share in torques and sensor is that of a force at the TCP; left out it is found."""
     plan = predictor()
     force, moment = np.array([[0, 0, 0], [-9.0, 5.0, 12.0], [0, 0, 0]]), np.zeros((3, 3))
     process = ProcessWrench(force, moment, "base", "share", [0.2, 0.5, 0.9])

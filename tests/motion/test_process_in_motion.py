@@ -150,7 +150,7 @@ def test_loads_at_rest_and_what_is_tolerated_count_it_once():
 
 @pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_forces_are_those_of_a_simulation(axes):
-    """MuJoCo with a free base and an actuator at the gripper; without the process they are 4 N off."""
+    """MuJoCo with a free base and an actuator at the TCP; without the process they are 4 N off."""
     pytest.importorskip("mujoco")
     task, bare = case("A", axes)
     replay = Simulator((Part(task.robot, task.reference),)).run()

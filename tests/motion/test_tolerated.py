@@ -199,7 +199,7 @@ def test_a_motion_that_falls_tolerates_nothing(task):
 
 def test_in_words(found):
     assert str(found["extra_mass"]).startswith(
-        f"{found['extra_mass'].value:.3g} kg more at the gripper (tips about"
+        f"{found['extra_mass'].value:.3g} kg more at the TCP (tips about"
     )
     assert "faster" in str(found["faster"])
     data = found["tilt"].to_dict()
@@ -272,7 +272,7 @@ def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
     text = " ".join(" ".join(robustness_lines([*rows, held])).split())
     assert "payload +2.02 kg (drives +5.5 kg)" in text
     assert text.endswith("other torques")
-    assert f"{held}" == "2.02 kg more at the gripper (tips, 0.100 s); the drives move 5.5 kg more"
+    assert f"{held}" == "2.02 kg more at the TCP (tips, 0.100 s); the drives move 5.5 kg more"
     capped = robustness_lines([*rows, Tolerated("delay", 100.0, "ms", True, np.nan, "")])
     assert "delay >= 100 ms" in capped[1]
     assert capped[-2].endswith("until a contact is lost; >= : not searched further;")

@@ -217,7 +217,7 @@ def _fast(model, asked, state):
 
 
 def _points(model, body, q, rng):
-    """Some points (k, 3) of a body, base axes: of a link by the place that a unit mass at the gripper has."""
+    """Some points (k, 3) of a body, base axes: of a link by the place that a unit mass at the TCP has."""
     points = np.array(body["points"], dtype=float)
     if len(points) > 1:
         shares = rng.dirichlet(np.ones(len(points)), 20)

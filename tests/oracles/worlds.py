@@ -19,13 +19,13 @@ class Worlds:
         links: (N, n) factors of the links' masses.
         payload: (N,) factor of its mass.
         shift: (N, 3), m, of its centre, gripper axes.
-        extra: (N,), kg, at the gripper.
+        extra: (N,), kg, at the TCP.
         base: (N,) factor of the base's mass.
         centre: (N, 3), m, shift of the base's centre of mass.
         pace: (N,) factor of the speed.
         rush: (N,) factor of the speed of the base.
         gravity: (N, 3), m/s^2.
-        push, base_push: (N, 3), N, at the gripper and at the base's centre of mass.
+        push, base_push: (N, 3), N, at the TCP and at the base's centre of mass.
     """
 
     links: np.ndarray

@@ -72,7 +72,7 @@ def test_what_needs_a_motion_is_left_out_and_the_rest_is_named(placement):
     assert searched(WORKSHOP).given == ("base_mass", "friction")
     heavy = placement_within(placement, Uncertainty(push=5000.0))
     assert not heavy.stands
-    assert heavy.reason.startswith("push of 5e+03 N at the gripper alone is too much, possible is push of ")
+    assert heavy.reason.startswith("push of 5e+03 N at the TCP alone is too much, possible is push of ")
 
 
 def test_a_push_at_the_base_moves_with_its_centre(placement):

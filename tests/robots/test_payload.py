@@ -104,7 +104,7 @@ def test_the_cart_of_the_example_tips_under_the_mass_found_by_hand():
     assert loaded.mass == pytest.approx(robot.mass + 10)
     weight = loaded.loads(*states)[1] - robot.loads(*states)[1]
     np.testing.assert_allclose(weight[0, :3], [0, 0, -98.1], atol=1e-9)
-    # the part hangs at the gripper of the start pose, (0.3, 0.5, 0.9) in base axes
+    # the part hangs at the TCP of the start pose, (0.3, 0.5, 0.9) in base axes
     lever = np.array([0.30, 0.50, 0.90]) - robot.support.center_of_mass
     np.testing.assert_allclose(weight[0, 3:], np.cross(lever, [0, 0, -98.1]), atol=1e-6)
     # about the left wheels at y = 0.2 base and arm balance this mass at y = 0.5

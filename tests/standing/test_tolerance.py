@@ -16,7 +16,7 @@ def test_presets_are_those_of_the_documentation():
     assert NONE.overshoot == 0
     assert f"{WORKSHOP}" == (
         "base mass +-5 %, friction -20 %, floor tilt 0.5 deg, arm masses +-5 %, payload +-5 %, 0.1 kg more "
-        "at the gripper, joints delayed by up to 10 ms, 3 % faster or slower, "
+        "at the TCP, joints delayed by up to 10 ms, 3 % faster or slower, "
         "acceleration steps overshoot at 5 % damping"
     )
     assert SITE.push == SITE.base_push == 20

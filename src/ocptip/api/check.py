@@ -97,7 +97,7 @@ class Check(CheckedMotion):
 
         Example::
 
-            all(one.met for one in found.require("tilt >= 5 deg, payload >= 2 kg"))
+            all(one.met for one in found.require("tilt >= 5 deg, push >= 20 N"))
 
         Margins are those of the worst case where the limits have an uncertainty.
 

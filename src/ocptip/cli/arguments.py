@@ -200,7 +200,7 @@ GATE = group(
     argument(
         "--require",
         "TEXT",
-        "bounds that must hold for exit code 0, such as 'tilt >= 5 deg, payload >= 2 kg, friction used <= 80 "
+        "bounds that must hold for exit code 0, such as 'tilt >= 5 deg, push >= 20 N, friction used <= 80 "
         "%%'",
     ),
     argument("--junit", "FILE", "write verdict and requirements as a JUnit report (XML)"),

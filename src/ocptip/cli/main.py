@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import os
+import re
 import signal
 import sys
 import threading
@@ -16,6 +17,7 @@ import time
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from ocptip.basics.text import did_you_mean
 from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, GROUPS, INTERRUPTED, explained, say, stops
 from ocptip.cli.commands import COMMANDS
 
@@ -25,14 +27,21 @@ _EXIT = 5.0  # s, that an interrupted process may take to end
 class _Parser(argparse.ArgumentParser):
     """Reports a wrong command line in one line on stderr."""
 
+    command: argparse.ArgumentParser | None = None
+    """Of the command whose options were parsed last."""
+
     def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"ocptip: {message} (see {self.prog} --help)\n")
+        command = _Parser.command or self
+        if message.startswith("unrecognized arguments: "):
+            message += _near_option(message.split()[2], command)
+        self.exit(BAD_INPUT, f"ocptip: {message} (see {command.prog} --help)\n")
 
     def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, args: Any = None, namespace: Any = None
     ) -> Any:
         """As `argparse`, but options may stand anywhere among positional arguments."""
         words = list(sys.argv[1:] if args is None else args)
+        _Parser.command = self if self._subparsers is None else None
         return super().parse_known_args(self._options_last(words), namespace)
 
     def _options_last(self, words: list[str]) -> list[str]:
@@ -68,6 +77,16 @@ class _Parser(argparse.ArgumentParser):
         others = (k for k, word in enumerate(words) if _is_option(word) or not action.accepts(word))
         count = min(next(others, len(words)), most)
         return max(count, 1) if action.nargs == "+" else count  # argparse refuses a first word that is wrong
+
+
+def _near_option(word: str, parser: argparse.ArgumentParser) -> str:
+    """The option that a wrong one may stand for, by its name, else by its help; "" if none is near."""
+    helps = {one.option_strings[-1]: one.help or "" for one in parser._actions if one.option_strings}
+    if near := did_you_mean(word, helps):
+        return near
+    name = re.escape(word.lstrip("-"))
+    about = [option for option, text in helps.items() if re.search(rf"\b{name}\b", text, re.IGNORECASE)]
+    return f"; did you mean {about[0]!r}?" if name and about else ""
 
 
 def _is_option(word: str) -> bool:

@@ -96,7 +96,7 @@ def of_loads(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:
         for k in links
         for x in "xyz"
     ]
-    found.append(Possible("mass", "mass at the gripper", "kg"))
+    found.append(Possible("mass", "mass at the TCP", "kg"))
     for word in ("Coulomb", "viscous"):
         for name, unit, rate in zip(robot.names, robot.motor_units, robot.units, strict=True):
             per = f" s/{rate}" if word == "viscous" else ""

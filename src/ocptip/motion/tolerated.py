@@ -1,6 +1,6 @@
 """Robustness of a motion until a contact is lost: each deviation from the model alone, by bisection.
 
-The loads are linear in what deviates: gravity (a tilted floor), mass at the gripper, a push, the square of a
+The loads are linear in what deviates: gravity (a tilted floor), mass at the TCP, a push, the square of a
 speed factor. So those of all instants are computed once and combined. At every level the contact forces, GN
 and GT are computed again: lost means GN or GT at 1, whatever smaller limits the motion keeps. Sampled
 instants and directions are checked; other limits (torques, clearance) are not.
@@ -36,8 +36,8 @@ TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked
 
 _WORDS = {
     "tilt": ("floor tilted by ", ""),
-    "extra_mass": ("", " more at the gripper"),
-    "push": ("push of ", " at the gripper"),
+    "extra_mass": ("", " more at the TCP"),
+    "push": ("push of ", " at the TCP"),
     "friction": ("friction x ", ""),
     "faster": ("", " faster"),
     "delay": ("joints delayed by ", ""),
@@ -133,8 +133,8 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     """Robustness of the motion of an arm, each quantity alone.
 
     - tilt: of floor and base, in any direction, degrees;
-    - extra_mass: a point mass at the gripper, kg, and the one that the drives can move;
-    - push: a force at the gripper in any direction, N;
+    - extra_mass: a point mass at the TCP, kg, and the one that the drives can move;
+    - push: a force at the TCP in any direction, N;
     - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
     - faster: all times shorter, per cent of speed;
     - foot_stiffness: the minimum, N/m, of compliant feet, see `ocptip.standing.elastic.feet.softest_feet`;

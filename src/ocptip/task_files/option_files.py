@@ -34,10 +34,10 @@ LOAD_CASES = Keys(
     "Load cases at rest: `ocptip report --cases`.",
     {
         "payload_kg": schema.vector(
-            "Point masses at the gripper, beyond what it holds.", "kg", otherwise="usual"
+            "Point masses at the TCP, beyond what it holds.", "kg", otherwise="usual"
         ),
         "tilt_deg": schema.vector("Tilts of the floor, in any direction.", "deg", otherwise="usual"),
-        "push_N": schema.vector("Forces at the gripper, in any direction.", "N", otherwise="usual"),
+        "push_N": schema.vector("Forces at the TCP, in any direction.", "N", otherwise="usual"),
         "pose": schema.tables(_POSE),
     },
 )

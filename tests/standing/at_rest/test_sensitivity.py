@@ -279,7 +279,7 @@ def test_slopes_of_motions_are_those_of_robots_built_anew(seed, case):
 
 
 def with_point_mass(held, mass):
-    """A payload and a point mass (of either sign) at the gripper point; inertias about its axes add."""
+    """A payload and a point mass (of either sign) at the TCP; inertias about its axes add."""
 
     def spread(m, c):
         return m * (np.dot(c, c) * np.eye(3) - np.outer(c, c))

@@ -69,7 +69,7 @@ def test_the_slope_is_where_the_worst_case_of_a_tilt_begins_to_lose_a_contact(na
 
 def test_stand_prints_slope_and_payload_and_the_drives_count_in_requirements(capsys):
     task = str(EXAMPLES / "tasks" / "ur5_cart.toml")
-    require = "payload >= 3 kg, payload >= 25 kg"
+    require = "additional payload >= 3 kg, additional payload >= 25 kg"
     code = main(["stand", task, "--posture", "start", "--tolerance", "none", "--require", require, "--json"])
     found = json.loads(capsys.readouterr().out)
     light, heavy = found["requirements"]

@@ -189,7 +189,7 @@ def test_words(robot):
     theta[own.places["extra_mass"]], theta[own.places["speed"]] = 0.1, 1.03**2 - 1
     theta[own.places["delay"]] = [0, 0.01, 0, 0, 0.01, 0]
     assert own.words(theta) == (
-        "tilt 0.5 deg towards -y, 0.1 kg more at the gripper, 3 % faster, "
+        "tilt 0.5 deg towards -y, 0.1 kg more at the TCP, 3 % faster, "
         "joints 2, 5 delayed by 10 ms, friction -20 %"
     )
     assert towards(np.array([1.0, 1.0, 0.0])) == "towards (0.71, 0.71, 0)"

@@ -179,7 +179,7 @@ def test_what_a_scene_cannot_have_is_said():
     found = scene_within(support_of(), [HANGING], WORKSHOP)
     assert found.stands
     assert found.ignored == (
-        "arm masses +-5 %", "payload +-5 %", "0.1 kg more at the gripper", "joints delayed by up to 10 ms",
+        "arm masses +-5 %", "payload +-5 %", "0.1 kg more at the TCP", "joints delayed by up to 10 ms",
         "3 % faster or slower", "acceleration steps overshoot at 5 % damping",
     )  # fmt: skip
     assert found.to_dict()["stands"] is True

@@ -18,7 +18,7 @@ from ocptip.motion.summary import CheckedMotion
 
 _DEVIATIONS = {
     "tilt": "tilt",
-    "payload": "extra_mass",
+    "additional payload": "extra_mass",
     "push": "push",
     "friction loss": "friction",
     "overspeed": "faster",

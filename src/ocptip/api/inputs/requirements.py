@@ -18,9 +18,11 @@ from ocptip.basics.write import MARK
 from ocptip.standing.tolerance import Uncertainty
 
 AT_LEAST, AT_MOST = ">=", "<="
+PAYLOAD = "additional payload"
+"""Beyond what is held; the payload in total is another number."""
 UNITS = {
     "tilt": ("deg", AT_LEAST),
-    "payload": ("kg", AT_LEAST),
+    PAYLOAD: ("kg", AT_LEAST),
     "push": ("N", AT_LEAST),
     "base push": ("N", AT_LEAST),
     "friction loss": ("%", AT_LEAST),
@@ -39,7 +41,7 @@ UNITS = {
 
 _AT_REST: dict[str, Callable[[float], Uncertainty]] = {
     "tilt": lambda x: Uncertainty(tilt=x * pi / 180),
-    "payload": lambda x: Uncertainty(extra_mass=x),
+    PAYLOAD: lambda x: Uncertainty(extra_mass=x),
     "push": lambda x: Uncertainty(push=x),
     "base push": lambda x: Uncertainty(base_push=x),
     "friction loss": lambda x: Uncertainty(friction=x / 100),
@@ -48,7 +50,7 @@ _AT_REST: dict[str, Callable[[float], Uncertainty]] = {
 
 _ONE = re.compile(
     r"\s*(?P<name>[A-Za-z][A-Za-z ]*?)\s*(?P<sign>[<>]=?|=+)\s*"
-    r"(?P<value>[+-]?[\d.]+(?:[eE][+-]?\d+)?|\w+)\s*(?P<unit>%|[A-Za-z][A-Za-z ]*)?\s*"
+    r"(?P<value>[+-]?[\d.]+(?:[eE][+-]?\d+)?|\w+)\s*(?P<unit>%|[A-Za-z][A-Za-z /^\d]*)?\s*"
 )
 
 
@@ -115,14 +117,15 @@ def read_requirements(text: str) -> tuple[Requirement, ...]:
     """
     parts = [part for part in re.split(r"[,;]", text) if part.strip()]
     if not parts:
-        raise InputError("require: is empty; expected for example 'tilt >= 5 deg, payload >= 2 kg'")
+        raise InputError("require: is empty; expected for example 'tilt >= 5 deg, push >= 20 N'")
     return tuple(map(_requirement, parts))
 
 
 def _requirement(text: str) -> Requirement:
     match = _ONE.fullmatch(text)
     if match is None:
-        raise InputError(f"require: expected NAME >= NUMBER UNIT, got {text.strip()!r}")
+        names = ", ".join(UNITS)
+        raise InputError(f"require: expected NAME >= NUMBER UNIT, got {text.strip()!r}; names: {names}")
     name = " ".join(match["name"].lower().split())
     if name not in UNITS:
         raise InputError(

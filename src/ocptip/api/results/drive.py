@@ -316,8 +316,16 @@ class DriveEnvelope(SavedFolder):
     @property
     def reverse(self) -> str:
         """Whether the parameters for navigation let the base reverse, in words."""
-        allowed = self.navigation["min_velocity"][0] < 0
-        return f"reverse: {'as fast as forward' if allowed else 'no, it would break the limits'}"
+        if self.navigation["min_velocity"][0] < 0:
+            return "reverse: as fast as forward"
+        return "reverse: no, the smoother accelerates backwards by max_accel, brakes by max_decel: too much"
+
+    @property
+    def together(self) -> str:
+        """By how much the parameters for navigation are below the limits of single manoeuvres, in words."""
+        alone = self._capped("accelerate")
+        share = self.navigation["max_accel"][0] / alone if alone else 0.0
+        return f"{100 * share:.0f} % of the limits of single manoeuvres: all hold at once, in turns as well"
 
     @property
     def scope(self) -> str:
@@ -428,7 +436,7 @@ class DriveEnvelope(SavedFolder):
         edge = "the edge, if accelerations rise gently; what sets in at once overshoots"
         if self.steps:
             edge = f"the edge; {self.steps}, counted also from full acceleration to full braking"
-        texts = f"{self.name}: {self.scope}", self.ground, edge, ASSUMED, self.reverse
+        texts = f"{self.name}: {self.scope}", self.together, self.ground, edge, ASSUMED, self.reverse
         comments = [f"# {text}" for text in texts]
         lines = [*comments, "velocity_smoother:", "  ros__parameters:"]
         for name, values in self.navigation.items():

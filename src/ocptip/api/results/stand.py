@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip import pictures
-from ocptip.api.inputs.requirements import Outcome, Requirement, deviation, read_requirements
+from ocptip.api.inputs.requirements import PAYLOAD, Outcome, Requirement, deviation, read_requirements
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import NOISE, percent, quantity
 from ocptip.basics.write import plain, versions, write_json
@@ -144,7 +144,7 @@ class Standing:
             angle = float(np.degrees(slope.angle))
             return wanted.compared(angle, at_least=not slope.loss, note=note)
         value, at_least = self._largest(wanted)
-        if wanted.name == "payload" and self.posture and (held := self.posture.held_by_drives) < value:
+        if wanted.name == PAYLOAD and self.posture and (held := self.posture.held_by_drives) < value:
             return wanted.compared(held, note="beyond what is held, nominal; the drives hold no more")
         return wanted.compared(value, at_least=at_least, note=note)
 
@@ -159,7 +159,7 @@ class Standing:
             uncertainty, within = deviation(replace(wanted, bound=value)), None
             if self.posture is not None:
                 within = self.posture.within(uncertainty)
-            elif wanted.name not in ("payload", "push"):
+            elif wanted.name not in (PAYLOAD, "push"):
                 within = worst_of_scene(self.scene, uncertainty)
             if within is None or within.ignored:
                 raise InputError(f"require: {wanted.name}: needs an arm; give its task file with --posture")

@@ -63,7 +63,7 @@ class DriveReport(FolderReport):
             ("locked wheels", self._locked()),
             *under("turns", found.stops),
             *([("steps", f"{found.steps}: counted in the worst case")] if found.steps else []),
-            *under("together", [*self._together(), found.reverse, found.ground]),
+            *under("together", [*self._together(), found.together, found.reverse, found.ground]),
             ("assumed", ASSUMED),
             *([("robot", masses(found.robot))] if self.verbose else []),
             *under("uncertainty", found.tolerance.lines() if self.verbose else []),

@@ -71,7 +71,7 @@ _TESTS = (
         "tilt table (how far may the floor be tilted)",
         "Tilt by direction; Load cases; Robustness, one at a time",
     ),
-    ("push or pull test at the gripper", "Load cases; Robustness, one at a time"),
+    ("push or pull test at the TCP", "Load cases; Robustness, one at a time"),
     ("overload test", "Load cases; Largest payload; Robustness, one at a time"),
     ("stop test (controlled stop at any instant)", "Stops; Cancels"),
     ("driving, braking and turning with the arm at rest", "Drive envelope"),
@@ -270,8 +270,8 @@ class DocumentReport(Report):
     def _rest(self) -> Iterator[str]:
         yield heading("Load cases")
         yield paragraph(
-            "In the nominal model, at rest in each pose, with more payload at the gripper, the floor tilted "
-            "and the gripper pushed in the worst directions together. Directions in degrees from the base's "
+            "In the nominal model, at rest in each pose, with more payload at the TCP, the floor tilted "
+            "and the TCP pushed in the worst directions together. Directions in degrees from the base's "
             "x axis towards y. GN, "
             "GT: published indices; 1: a contact is lost."
         )
@@ -300,7 +300,7 @@ class DocumentReport(Report):
         if payloads := [stage.payloads for stage in self.about.stages if stage.payloads is not None]:
             times, held = map(np.concatenate, zip(*payloads, strict=True))
             yield heading("Largest payload")
-            least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
+            least = f"{quantity(float(held.min()), 'kg')} more at the TCP at {times[held.argmin()]:.3f} s"
             robust = self.about.motion.robustness if self.about.motion else ()
             drives = [one.drives for one in robust if one.drives is not None]
             moved = "Drives not checked"
@@ -311,7 +311,7 @@ class DocumentReport(Report):
                 f"of the robot; minimum: {least}. {moved}."
             )
             lightest = min(drives) if drives else None
-            yield picture(payload_figure(times, held, lightest), "What the gripper may hold, at rest.")
+            yield picture(payload_figure(times, held, lightest), "What the TCP may hold, at rest.")
         if (found := self.about.chart) is not None:
             yield heading("Load chart")
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")

@@ -190,7 +190,7 @@ class StandReport(GatedReport):
             rows.append(("Max slope", _slope_text(found.largest_slope)))
         if largest := found.largest_payload:
             scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
-            rows.append(("Max payload", f"in total at the gripper, {scope}: {largest}"))
+            rows.append(("Max payload", f"in total at the TCP, {scope}, limits kept: {largest}"))
         if found.posture and (share := found.possible_process) is not None:
             scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
             kept = "all of it keeps" if share == 1 else f"{np.floor(100 * share):.0f} % of it keep"

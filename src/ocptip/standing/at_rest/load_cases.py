@@ -1,4 +1,4 @@
-"""Load cases at rest: poses of an arm, each with more payload, on tilted floors, pushed at the gripper.
+"""Load cases at rest: poses of an arm, each with more payload, on tilted floors, pushed at the TCP.
 
 No load case moves; the loads of a motion (`MotionLoads`) serve its robustness. Directions of tilt and push
 are checked all around, in combination, and then ever closer about those with the maximum friction used and
@@ -37,9 +37,9 @@ class LoadCaseGrid:
 
     Attributes:
         poses: joint angles (n,), rad (m), by name.
-        payloads: kg, point masses at the gripper beyond what it holds.
+        payloads: kg, point masses at the TCP beyond what it holds.
         tilts: rad, of the floor, downhill in any direction.
-        pushes: N, at the gripper, in any direction.
+        pushes: N, at the TCP, in any direction.
         acting: force and moment (6,) in a pose, by its name, of a process that varies; elsewhere each of
             its rows acts.
     """
@@ -114,7 +114,7 @@ class RestLoads:
         self.tool = gripper_batch(robot.arm)(q)[0] - about
 
     def at_tool(self, forces: np.ndarray) -> np.ndarray:
-        """(N, 6): of forces (N, 3) at the gripper, N."""
+        """(N, 6): of forces (N, 3) at the TCP, N."""
         forces = np.broadcast_to(forces, self.tool.shape)
         return np.hstack([forces, np.cross(self.tool, forces)])
 
@@ -154,7 +154,7 @@ class MotionLoads(RestLoads):
         self.extra, self._extra_torques = with_it.wrench - without.wrench, with_it.torque - without.torque
 
     def held_by_drives(self, robot: Robot, motion: Trajectory) -> float | None:
-        """kg: the largest point mass at the gripper that the drives can move; None: not limited."""
+        """kg: the largest point mass at the TCP that the drives can move; None: not limited."""
         states, per_kilogram = motion.states(self.times), self._extra_torques
         torques = robot.loads(*states, robot.acting(self.times))[0]
         limit = robot.limits.torque
@@ -221,7 +221,7 @@ def tilt_by_direction(
 
 
 def largest_payload(robot: Robot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
-    """(N,) kg: the largest point mass at the gripper beyond what it holds, at rest in postures q (N, n).
+    """(N,) kg: the largest point mass at the TCP beyond what it holds, at rest in postures q (N, n).
 
     At most the mass of the robot; what the drives can hold is not checked. A process that varies
     needs its values, (N, 6). A base that drives rests.

@@ -68,7 +68,7 @@ class World:
                 f"floor tilted by {np.degrees(self.tilt):.3g} deg, downhill towards ({x:g}, {y:g}, 0)"
             )
         if self.payload:
-            parts.append(f"{self.payload:.3g} kg more at the gripper")
+            parts.append(f"{self.payload:.3g} kg more at the TCP")
         if self.friction != 1:
             parts.append(f"friction x {self.friction:.3g}")
         if self.speed != 1:

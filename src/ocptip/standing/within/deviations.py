@@ -316,7 +316,7 @@ class Deviations:
                     which = ", ".join(self._bodies[k] for k in off)
                 found.append(f"{which} {100 * share:+.3g} %")
         if np.any(mass := parts.get("extra_mass", np.zeros(1))):
-            found.append(f"{float(mass[0]):.3g} kg more at the gripper")
+            found.append(f"{float(mass[0]):.3g} kg more at the TCP")
         centers = {"base's": parts.get("center_of_mass", np.zeros(3))}
         shifts = parts.get("payload_center", np.zeros(3 * len(self._bodies))).reshape(-1, 3)
         centers |= {f"{name}'s": shift for name, shift in zip(self._bodies, shifts, strict=True)}

@@ -30,7 +30,7 @@ from ocptip.standing.within.tolerable import AT_REST
 def posture_within(
     robot: Robot, q: np.ndarray, tolerance: Uncertainty, base_motion: BaseMotion | None = None
 ) -> WithinAtRest:
-    """The worst of a robot at rest in a posture; what the gripper's process does then is nominal.
+    """The worst of a robot at rest in a posture; what the TCP's process does then is nominal.
 
     Args:
         robot: on its support, as it rests.
@@ -84,7 +84,7 @@ def loaded_case(
 def bodies(
     robot: Robot, q: np.ndarray, tolerance: Uncertainty, held: Payload | None
 ) -> tuple[list[Weight], np.ndarray]:
-    """Links, a payload and what may be at the gripper, at angles (n,); and the TCP (3,), m.
+    """Links, a payload and what may be at the TCP, at angles (n,); and the TCP (3,), m.
 
     Places are from the base's centre of mass, base axes.
     """
@@ -103,5 +103,5 @@ def bodies(
         centre = tool + rotation @ held.center_of_mass
         found.append(Weight("payload", held.mass, centre, -off, off, half))
     if tolerance.extra_mass:
-        found.append(Weight("mass at the gripper", 0.0, tool, 0.0, tolerance.extra_mass))
+        found.append(Weight("mass at the TCP", 0.0, tool, 0.0, tolerance.extra_mass))
     return found, tool

@@ -3,7 +3,7 @@
 A torque is a sum over bodies: the weight of a body times what it asks of the joint, which is linear in
 gravity and in the square of the speed factor, and of springs beside the drive. CasADi's derivatives of the
 arm's equations of motion give these parts. Their maximum over weights, speed factors, tilts of gravity,
-pushes at the gripper and springs has a closed form. Products of deviations are bounded, so that the maximum
+pushes at the TCP and springs has a closed form. Products of deviations are bounded, so that the maximum
 is an upper bound.
 """
 
@@ -103,10 +103,10 @@ def _parts(arm: ArmModel, turning: bool) -> BatchFunction:
     """A function of the state: torques of the drives per weight of each body, and the payload's factors.
 
     Weights are factors of links and payload, shifts of the payload's centre of mass along gripper axes, m,
-    and the mass of a point at the gripper, kg.
+    and the mass of a point at the TCP, kg.
 
     In: `q`, `qd`, `qdd` (n,), `gravity` (3,), and, of a base that is `turning`, its spin. Out:
-    torques per weight (n, bodies) and per force at the gripper (n, 3); force that the payload needs per shift
+    torques per weight (n, bodies) and per force at the TCP (n, 3); force that the payload needs per shift
     (3, 3), and gripper axes (3, 3), both in base axes;
     axes of the links' joints (3, L), zero if they slide.
     """
