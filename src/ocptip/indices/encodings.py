@@ -71,12 +71,12 @@ def psd_constraint(
     m = _order("A", A)
     if method == "trace":
         # The trace alone does not see the signs of the eigenvalues.
-        pivots = [pivot - PIVOT_MARGIN for pivot in _ldl(A)[1]]
+        pivots = [pivot - PIVOT_MARGIN for pivot in _pivots(A)]
         return inequality(cs.vertcat(soft_smallest_eigenvalue(A, p) - floor, *pivots))
     shifted = A - floor * cs.DM.eye(m)
     if method == "ldl":
         # A pivot of -1e-8, which an optimiser takes for zero, would make all later ones meaningless.
-        pivots = _ldl(shifted)[1]
+        pivots = _pivots(shifted)
         return inequality(cs.vertcat(*[pivot - PIVOT_MARGIN for pivot in pivots[:-1]], pivots[-1]))
     if method == "lifted":
         return _lifted(shifted, floor, name)
@@ -192,37 +192,22 @@ def inequality(g: Symbolic) -> ConstraintBlock:
     return ConstraintBlock(g, np.zeros(m), np.full(m, np.inf), type(g)(0, 1), lambda *matrices: np.zeros(0))
 
 
-def _ldl(A: Symbolic) -> tuple[list[list[Symbolic]], list[Symbolic]]:
-    """Unit lower triangle (rows) and pivots of A = L D L'."""
-    m = A.shape[0]
-    L: list[list[Symbolic]] = [[None] * m for _ in range(m)]
-    pivots: list[Symbolic] = []
-    for j in range(m):
-        pivot = A[j, j]
-        for k in range(j):
-            pivot = pivot - L[j][k] ** 2 * pivots[k]
-        pivots.append(pivot)
-        for i in range(j + 1, m):
-            entry = A[i, j]
-            for k in range(j):
-                entry = entry - L[i][k] * L[j][k] * pivots[k]
-            L[i][j] = entry / pivot
-    return L, pivots
+def _pivots(A: Symbolic) -> list[Symbolic]:
+    """D of A = L D L', without permutation."""
+    return cs.vertsplit(_by_scalars(lambda a: cs.ldl(a, False)[0], A))
 
 
 def _solve(A: Symbolic, B: Symbolic) -> Symbolic:
-    """A^-1 B by L D L' without pivoting: right for positive definite A."""
-    L, pivots = _ldl(A)
-    m = A.shape[0]
-    rows = [B[i, :] for i in range(m)]
-    for i in range(m):
-        for k in range(i):
-            rows[i] = rows[i] - L[i][k] * rows[k]
-    rows = [row / pivot for row, pivot in zip(rows, pivots, strict=True)]
-    for i in reversed(range(m)):
-        for k in range(i + 1, m):
-            rows[i] = rows[i] - L[k][i] * rows[k]
-    return cs.vertcat(*rows)
+    """A^-1 B by L D L' without permutation: right for positive definite A."""
+    return _by_scalars(lambda a, b: cs.ldl_solve(b, *cs.ldl(a, False)), A, B)
+
+
+def _by_scalars(compute: Callable[..., cs.SX], *matrices: Symbolic) -> Symbolic:
+    """What CasADi computes of SX matrices alone, of SX or MX matrices."""
+    if isinstance(matrices[0], cs.SX):
+        return compute(*matrices)
+    symbols = [cs.SX.sym("entries", *matrix.shape) for matrix in matrices]
+    return cs.Function("by_scalars", symbols, [compute(*symbols)])(*matrices)
 
 
 def _power_trace(M: Symbolic, p: int) -> Symbolic:
