@@ -63,7 +63,7 @@ class View:
 
     Attributes:
         name: of what it shows.
-        make_show: makes the frames over times; raises InputError for parallel robots, which have no solids.
+        make_show: makes the frames over times.
         plans: names and motions of the plans that it shows; none: what stands still.
     """
 
@@ -93,24 +93,19 @@ class View:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write a page (.html) or an animation (.gif, .mp4); returns its path.
 
-        A page of an arm is in three dimensions; the other files show bodies as lines.
+        A page is in three dimensions; the other files show bodies as lines.
 
         Raises:
             InputError: another ending, or an animation of what stands still.
         """
         path = Path(path)
-        if require_format(path) == ".html" and not self.has_platform:
+        if require_format(path) == ".html":
             write_text(path, self.html)
             return path
         if not self.plans:
             raise InputError("stands still; animations are of plans", "", self.name)
         times = plan_times(*(parts for _, parts in self.plans))
         return save_animation([Moving.of_plan(name, parts, times) for name, parts in self.plans], path)
-
-    @property
-    def has_platform(self) -> bool:
-        """Whether a parallel robot is shown."""
-        return any(not isinstance(parts[0].robot, Robot) for _, parts in self.plans)
 
     def serve(self, say: Callable[[str], None]) -> None:
         """Serve the page until Ctrl-C; `say` gets its address."""
@@ -120,7 +115,7 @@ class View:
         """Plain data for JSON; with the page's size, if it was written to a path."""
         return {
             "name": self.name,
-            "frames": None if self.has_platform else self.frames,
+            "frames": self.frames,
             "html": None if path is None else f"{path}",
             "bytes": path.stat().st_size if path is not None and path.is_file() else 0,
             "versions": versions(("viser",)),
@@ -160,7 +155,8 @@ def _view_of_plans(path: Path, second: Path | None) -> View:
 
     def show() -> Show:
         for own in folders:
-            own.parts("a page in three dimensions shows")
+            for part in own.every_part:
+                part.robot.require_no_objects("a page in three dimensions")
         if second is None:
             return motion_show(*plans[0])
         return motion_show(*plans[0], plans[1], _between(path, second))

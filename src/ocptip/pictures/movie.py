@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import subprocess
 import tempfile
 from base64 import b64encode
 from collections.abc import Sequence
@@ -85,25 +86,27 @@ def write_movie(path: Path, frames: Sequence[Any], title: str) -> None:
         os.replace(made, path)
 
 
-def _ffmpeg() -> Any:
+def _ffmpeg() -> str:
+    """The path of the program."""
     try:
-        import imageio_ffmpeg
+        from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError:
         raise InputError(".mp4: needs ffmpeg (pip install 'ocptip[video]'); .gif and .html do not") from None
-    return imageio_ffmpeg
+    return get_ffmpeg_exe()
 
 
 def _encode(path: Path, frames: Sequence[Any]) -> None:
     # Players take YUV 4:2:0 alone, which needs even sides.
     width, height = (2 * (side // 2) for side in frames[0].size)
-    about = ["-metadata", f"comment={MARK}"]
-    writer = _ffmpeg().write_frames(
-        str(path), (width, height), fps=RATE, quality=8, macro_block_size=2, output_params=about
-    )
-    writer.send(None)
-    for frame in frames:
-        writer.send(np.ascontiguousarray(np.asarray(frame.convert("RGB"))[:height, :width]))
-    writer.close()
+    given = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {RATE} -i -"
+    made = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-metadata", f"comment={MARK}"]
+    command = [_ffmpeg(), "-loglevel", "error", *given.split(), *made, f"{path}"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        for frame in frames:
+            process.stdin.write(np.asarray(frame.convert("RGB"))[:height, :width].tobytes())
+    if process.returncode:
+        raise OSError(f"ffmpeg ended with {process.returncode}")
 
 
 def _page(frames: Sequence[Any], title: str) -> str:

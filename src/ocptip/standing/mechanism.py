@@ -68,6 +68,8 @@ class StandingMechanism(MadeOf, Footing, ABC):
     knows_inertia = False
     direct_drives = True
     further_limits = FurtherLimits()
+    shapes: tuple[Any, ...] = ()
+    obstacles: tuple[Any, ...] = ()
 
     def __init__(
         self,

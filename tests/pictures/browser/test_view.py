@@ -12,8 +12,11 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ocptip.api.view import view
+from ocptip.basics.errors import OcptipError
 from ocptip.cli.main import main
 from ocptip.motion.files.plan_files import write_plan
+from ocptip.parallel.analysis.workspace import workspace
+from ocptip.pictures.browser import closed_chains
 from ocptip.pictures.browser.bodies import HEAD, LINK
 from ocptip.pictures.browser.view import motion_show, pose_show, to_html
 from ocptip.pictures.scene_picture import margin_texts
@@ -315,3 +318,40 @@ def test_browser_shows_the_page(page, tmp_path):
     assert len(shown) > 1000  # links are blue
     assert LINK[2] > LINK[0]
     assert pixels.std() > 10
+
+
+def test_a_closed_chain_in_its_workspace(tmp_path):
+    """Dots of the edge part poses that the joints reach from others; the page has legs and dots."""
+    task = load_task(EXAMPLES / "tasks/delta_cart.toml")
+    robot = task.robot
+    names, q = robot.names, task.start
+    found = workspace(
+        robot.robot, {name: (at - 0.9, at + 0.9) for name, at in zip(names, q, strict=True)}, cells=12
+    )
+    faces = closed_chains.boundary(found)
+    dots = closed_chains.middles(found, faces, np.zeros(3))
+    step = found.values[0][1] - found.values[0][0]
+    for dot, axis in list(zip(dots, faces[:, 0], strict=True))[:: len(dots) // 12]:
+        sides = [dot + sign * 0.5 * step * np.eye(3)[axis] for sign in (-1, 1)]
+        assert sorted(reached(robot.robot, side) for side in sides) == [False, True]
+    signs = closed_chains.sign_changes(found)
+    for axis, *cell in signs.tolist():
+        other = np.array(cell) + np.eye(3, dtype=int)[axis]
+        assert found.dexterity[tuple(cell)] * found.dexterity[tuple(other)] < 0
+    assert len(signs)
+    folder = tmp_path / "delta"
+    write_plan(folder, plan_of(task, swing(task)))
+    page = tmp_path / "delta.html"
+    assert main(["view", str(folder), "--html", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "red dots" in text
+    assert len(text) < 3e6
+    assert not ADDRESS.search(text)
+
+
+def reached(robot, z):
+    try:
+        robot.kinematics.joints(z)
+    except OcptipError:
+        return False
+    return True

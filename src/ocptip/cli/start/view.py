@@ -31,8 +31,7 @@ def run(options: Namespace) -> ViewReport:
     if options.html is None:
         found.serve(lambda address: print(f"{found.name}: {address}", file=sys.stderr))
         return ViewReport(found, None)
-    if not found.has_platform:
-        found.html  # noqa: B018 # what cannot be drawn is refused before files are written
+    found.html  # noqa: B018 # what cannot be drawn is refused before files are written
     return ViewReport(found, Path(options.html))
 
 

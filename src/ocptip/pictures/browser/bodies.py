@@ -78,7 +78,7 @@ def base_of(
     for number, part in enumerate(robot.shapes):
         solid(scene, f"{root}/{number}", part.shape, ghost or BASE, size, opacity=SHEER)
     if not robot.shapes:
-        base(scene, root, robot.support, robot.arm.mount_position, ghost or BASE)
+        base(scene, root, robot.support, robot.sensor.position, ghost or BASE)
 
 
 def surroundings(scene: Any, robot: Robot, centre: np.ndarray, size: float) -> None:

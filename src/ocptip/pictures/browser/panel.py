@@ -20,7 +20,7 @@ _WIDE, _HIGH = 250, 80  # pixels of the curve
 _LEGEND = (
     "<div style='color:#555;margin-top:4px'><b style='color:rgb(30,140,60)'>green</b> contact forces, "
     "<b style='color:rgb(200,30,30)'>red</b> nearest tipping axis, "
-    "<b style='color:rgb(220,0,160)'>magenta</b> zero-moment point</div>"
+    "<b style='color:rgb(220,0,160)'>magenta</b> zero-moment point"
 )
 
 
@@ -34,6 +34,7 @@ class MarginPanel:
         friction: (T,) share of the friction that is used.
         forces: (T, n) normal forces of the contacts, N.
         stable: (T,) no contact is lost.
+        more: of the legend, HTML.
     """
 
     times: np.ndarray
@@ -41,6 +42,7 @@ class MarginPanel:
     friction: np.ndarray
     forces: np.ndarray
     stable: np.ndarray
+    more: str = ""
 
     @property
     def worst(self) -> int:
@@ -79,7 +81,7 @@ class MarginPanel:
 
     def html(self, k: int) -> str:
         """The panel at instant k."""
-        body = f"<div class='ocptip-text'>{self.text(k)}</div>{self.curve(k)}{_LEGEND}"
+        body = f"<div class='ocptip-text'>{self.text(k)}</div>{self.curve(k)}{_LEGEND}{self.more}</div>"
         return f"<div style='font:13px sans-serif;margin:4px 12px'>{body}</div>"
 
     def overlaid(self, page: str) -> str:

@@ -18,13 +18,13 @@ import numpy as np
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.text import quantity
 from ocptip.pictures.browser import bodies
+from ocptip.pictures.browser.forces import Forces
 from ocptip.pictures.browser.panel import BAD, GOOD, WARNING
 from ocptip.pictures.browser.view import (
     GHOST,
     LOAD,
     RATE,
     Act,
-    Forces,
     mover,
     open_server,
     shared_forces,
@@ -397,7 +397,7 @@ def _rows(rows: Sequence[tuple[str, str]]) -> str:
 
 def _verdict_html(answer: PostureAnswer) -> str:
     color = BAD if not answer.stable else WARNING if answer.broken else GOOD
-    forces = ", ".join(quantity(float(own), "N", 3) for own in answer.margins.normal_forces)
+    forces = ", ".join(quantity(float(force), "N", 3) for force in answer.forces)
     head = f"<h3 style='color:{color};margin:4px 12px'>{escape(answer.headline)}</h3>"
     return head + _rows([*answer.lines, ("foot forces", forces)])
 

@@ -15,14 +15,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity
 from ocptip.basics.write import MARK
-from ocptip.contact.support import Support
 from ocptip.motion.files.plan_files import samples_joined
-from ocptip.pictures.browser import bodies
+from ocptip.pictures.browser import bodies, closed_chains
+from ocptip.pictures.browser.forces import TALL, Forces, around, press
 from ocptip.pictures.browser.panel import MarginPanel
 from ocptip.pictures.scene_picture import margin_texts
 from ocptip.reserves.equal_compliance import equal_normal_map, reported_slip
@@ -34,10 +33,8 @@ from ocptip.standing.parts import Part, owners
 from ocptip.standing.samples import MotionSamples
 from ocptip.task_files.scene import Scene
 
-FRAMES, RATE = 240, 30.0  # at most so many frames, so many per second
-FORCE, CONE, GHOST = (30, 140, 60), (120, 190, 120), (230, 130, 0)
-POLYGON, AXIS, POINT, LOAD = (40, 40, 40), (200, 30, 30), (220, 0, 160), (190, 40, 40)
-_TALL = 0.5  # height of an arrow for the whole weight, over the size of the picture
+FEWEST, FRAMES, RATE = 60, 240, 30.0  # of frames, within which there are so many per second
+GHOST, LOAD = (230, 130, 0), (190, 40, 40)
 
 
 def library_viser() -> Any:
@@ -159,7 +156,8 @@ class Act:
         names: of the parts; empty where there is one.
         owner: (T,), number of the part of each frame.
         seen: forces and margins at the frames.
-        frames: of the links.
+        frames: of the links; of a closed chain without rotations, the middle of its platform last.
+        lines: (T,) the bodies of a closed chain as lines (k, 3), m; empty for arms.
     """
 
     name: str
@@ -168,13 +166,19 @@ class Act:
     owner: np.ndarray
     seen: MotionSamples
     frames: LinkFrames
+    lines: Sequence[Sequence[np.ndarray]] = ()
 
     @classmethod
     def of_plan(cls, name: str, parts: Sequence[Part], times: np.ndarray) -> Act:
         """A motion, or those of a cycle, at these times (T,), s; at rest before and after."""
         owner, seen = sampled_parts(parts, times)
-        frames = link_frames(parts[0].robot.arm, seen.angles)
-        return cls(name, tuple(p.robot for p in parts), tuple(p.name for p in parts), owner, seen, frames)
+        robots, names = tuple(p.robot for p in parts), tuple(p.name for p in parts)
+        if seen.gripper.size:
+            return cls(name, robots, names, owner, seen, link_frames(robots[0].arm, seen.angles))
+        lines = [robots[0].sticks(q) for q in seen.angles]
+        places = [np.vstack([*own, own[-1][:-1].mean(axis=0)]) for own in lines]
+        frames = LinkFrames(np.empty((len(times), 0, 3, 3)), np.array(places))
+        return cls(name, robots, names, owner, seen, frames, lines)
 
     def points(self) -> np.ndarray:
         """(k, 3), m: where it is."""
@@ -188,7 +192,8 @@ class Act:
         moments = np.maximum(tip.moments.min(axis=1), 0.0) if tip.moments.shape[1] else none
         known = [shared_forces(seen.states.contact_forces, seen.slip, k)[:, 0] for k in range(len(times))]
         stable = (tip.GN < 1) & (seen.slip.GT < 1)
-        return MarginPanel(times, moments, seen.slip.GT, np.nan_to_num(np.array(known)), stable)
+        more = closed_chains.LEGEND if self.lines else ""
+        return MarginPanel(times, moments, seen.slip.GT, np.nan_to_num(np.array(known)), stable, more)
 
     def clock(self, k: int) -> str:
         """Name of the motion, or of the segment of a cycle, and what is left at frame k."""
@@ -230,7 +235,8 @@ def motion_show(
         there: origin (3,), m, and rotation (3, 3) of the ghost's base axes in those of the first.
     """
     end = max(one[-1].end for one in (parts, *((second[1],) if second else ())))
-    times = np.append(np.arange(0.0, end, max(1 / RATE, end / FRAMES)), end)
+    step = max(min(1 / RATE, end / FEWEST), end / FRAMES)
+    times = np.append(np.arange(0.0, end, step), end)
     ghost = Act.of_plan(*second, times) if second else None
     return _show(Act.of_plan(name, parts, times), times, ghost, there)
 
@@ -258,6 +264,8 @@ def _show(
         scene, robot = server.scene, act.robots[0]
         move = mover(scene, "/arm", act, size)
         bodies.surroundings(scene, robot, centre, size)
+        if act.lines:
+            closed_chains.workspace_of(scene, robot, act.seen.angles[0], size)
         _path(scene, "/path of the gripper", act, bodies.HELD, size)
         forces = Forces(scene, robot.support, robot.mass, size)
         top = centre + np.array([0, 0, 0.6 * size])
@@ -286,7 +294,7 @@ def _ghost(
     move = mover(scene, "/second/arm", act, size, GHOST)
     _path(scene, "/second/path of the gripper", act, GHOST, size)
     feet = np.array([np.asarray(c.position) for c in act.robots[0].support.contacts])
-    edges = _around(feet) + np.array([0, 0, 1e-3 * size])
+    edges = around(feet) + np.array([0, 0, 1e-3 * size])
     scene.add_line_segments("/second/support polygon", edges, colors=GHOST, thickness=0.003 * size)
     pressure = scene.add_icosphere("/second/zero-moment point", 0.018 * size, color=GHOST)
     below = tuple(top - np.array([0, 0, 0.02 * size]))
@@ -295,7 +303,7 @@ def _ghost(
 
     def frame(k: int) -> None:
         move(k)
-        _press(pressure, shared_forces(act.seen.states.contact_forces, slip, k), feet)
+        press(pressure, shared_forces(act.seen.states.contact_forces, slip, k), feet)
         title.text = f"(ghost) {act.clock(k)}"
 
     return frame
@@ -305,6 +313,8 @@ def mover(
     scene: Any, root: str, act: Act, size: float, ghost: tuple[int, int, int] | None = None
 ) -> Callable[[int], None]:
     """Puts an arm on stage with what it holds in turn, and says how to show it in a frame."""
+    if act.lines:
+        return closed_chains.legs(scene, root, act.lines, size, ghost)
     links = bodies.arm(scene, root, act.robots[0], size, ghost)
     held = [bodies.held(scene, root, one, number, size, ghost) for number, one in enumerate(act.robots)]
 
@@ -369,7 +379,7 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
         for k, load in enumerate(scene.loads):
             if load.force is not None:
                 tip_of = np.asarray(load.point if load.point is not None else np.zeros(3), dtype=float)
-                tail = tip_of - _TALL * size * np.asarray(load.force, dtype=float) / weight
+                tail = tip_of - TALL * size * np.asarray(load.force, dtype=float) / weight
                 bodies.arrows(drawn, f"/load {k + 1}", np.array([[tail, tip_of]]), LOAD, size)
         shared = shared_forces(contact_forces, slip, 0)
         text = f"{scene.name}  {reserve_clock(tip, slip, shared, 0)}"
@@ -379,69 +389,3 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
         return lambda _: None
 
     return Show(stage, np.zeros(1), centre, size)
-
-
-class Forces:
-    """Contact forces, friction cones, support polygon, the nearest tipping axis and the zero-moment point.
-
-    Args:
-        scene: of viser.
-        support: the base on its contacts.
-        mass: that stands on them, kg; the arrow for its weight has a good size.
-        size: of the picture, m.
-    """
-
-    def __init__(self, scene: Any, support: Support, mass: float, size: float) -> None:
-        self.support, self.size = support, size
-        self.points = np.array([np.asarray(c.position) for c in support.contacts])
-        self.scale = _TALL * size / max(mass * float(np.linalg.norm(support.gravity)), 1e-9)
-        for k, contact in enumerate(support.contacts):
-            scene.add_icosphere(
-                f"/contacts/{k + 1}", 0.012 * size, color=POLYGON, position=tuple(self.points[k])
-            )
-            friction = getattr(contact, "friction", None) or getattr(contact, "friction_upper", 0.0)
-            if friction:
-                vertices, faces = bodies.cone(friction, 0.12 * size)
-                scene.add_mesh_simple(
-                    f"/friction cones/{k + 1}", vertices, faces, color=CONE, opacity=0.35, side="double",
-                    position=tuple(self.points[k]), wxyz=bodies.wxyz(bodies.upright(contact.normal)),
-                )  # fmt: skip
-        edges = _around(self.points)
-        scene.add_line_segments("/support polygon", edges, colors=POLYGON, thickness=0.005 * size)
-        still = np.stack([self.points, self.points + 1e-3 * size * np.array([0, 0, 1.0])], axis=1)
-        self.arrows = bodies.arrows(scene, "/contact forces", still, FORCE, size)
-        self.axis = scene.add_line_segments(
-            "/nearest tipping axis", edges[:1], colors=AXIS, thickness=0.012 * size
-        )
-        self.pressure = scene.add_icosphere("/zero-moment point", 0.018 * size, color=POINT)
-
-    def show(self, forces: np.ndarray, tip: TipOverReserve, k: int) -> None:
-        """Forces (n, 3), N, contact axes, of state k of the margins."""
-        known = np.nan_to_num(forces)
-        world = np.einsum("kij,kj->ki", self.support.frames, known)
-        ends, length = self.points + self.scale * world, self.scale * np.linalg.norm(world, axis=1)
-        largest = np.argmax(length)
-        drawn = np.where(length > bodies.HEAD * self.size, np.arange(len(length)), largest)  # no bare heads
-        ends[largest, 2] += 1e-4 * self.size
-        self.arrows.points = np.stack([self.points, ends], axis=1)[drawn].astype(np.float32)
-        nearest = int(tip.nearest_axis[k])
-        self.axis.visible = nearest >= 0
-        if nearest >= 0:
-            pair = list(tip.tip_over.axes[nearest].contacts)[:2]
-            self.axis.points = self.points[[pair[0], pair[-1]]][None].astype(np.float32)
-        _press(self.pressure, known, self.points)
-
-
-def _press(node: Any, forces: np.ndarray, points: np.ndarray) -> None:
-    """Put the zero-moment point of forces (n, 3), N, contact axes, at points (n, 3), where it is."""
-    normal = np.nan_to_num(forces[:, 0])
-    node.visible = bool(normal.sum() > 0)
-    if node.visible:
-        node.position = normal @ points / normal.sum()
-
-
-def _around(points: np.ndarray) -> np.ndarray:
-    """(e, 2, 3) edges of the hull of points seen from above; a line of two."""
-    if len(points) > 2 and np.linalg.matrix_rank(points[:, :2] - points[0, :2], tol=1e-6) == 2:
-        points = points[ConvexHull(points[:, :2]).vertices]
-    return np.stack([points, np.roll(points, -1, axis=0)], axis=1)

@@ -116,6 +116,12 @@ class PostureAnswer:
         return "STABLE, but the arm cannot be there" if self.broken else "STABLE"
 
     @property
+    def forces(self) -> np.ndarray:
+        """(n,) normal forces, N; of rigid feet with several solutions those of equal compliance."""
+        shared = self.slip.normal_forces[0]
+        return shared if np.all(np.isfinite(shared)) else self.margins.normal_forces
+
+    @property
     def lines(self) -> list[tuple[str, str]]:
         """Names and values of the margins."""
         margins, (first, second) = self.margins, self.margins.tipping_contacts
@@ -124,7 +130,7 @@ class PostureAnswer:
         return [
             ("tipping margin", f"{quantity(float(margins.tipping_moment), 'N m', 3)}{about}"),
             ("friction used", percent(float(margins.GT))),
-            ("minimum foot force", quantity(float(margins.min_foot_force), "N", 3)),
+            ("minimum foot force", quantity(float(self.forces.min()), "N", 3)),
             ("torque used", f"{percent(float(self.torque_used[joint]))} of joint {joint + 1}"),
         ]
 
