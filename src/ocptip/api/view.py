@@ -154,9 +154,6 @@ def _view_of_plans(path: Path, second: Path | None) -> View:
     plans = tuple((name, own.every_part) for name, own in zip(names, folders, strict=True))
 
     def show() -> Show:
-        for own in folders:
-            for part in own.every_part:
-                part.robot.require_no_objects("a page in three dimensions")
         if second is None:
             return motion_show(*plans[0])
         return motion_show(*plans[0], plans[1], _between(path, second))

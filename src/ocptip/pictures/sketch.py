@@ -73,7 +73,7 @@ def draw_postures(
             ax.plot(
                 *(line @ axes.T).T, marker="o", ms=4, mfc="white", mew=1.2, gid=f"body-{number + 1}", **style
             )
-        if joints and len(lines) == 1:
+        if joints and len(lines) == len(robot.interfaces):  # an arm and its objects
             _number_joints(ax, lines[0] @ axes.T)
         if feet:
             middle = float(flat[:, 0].mean())
@@ -97,8 +97,9 @@ def draw_base(ax: Any, axes: np.ndarray, contacts: np.ndarray, bodies: Sequence[
 
 
 def _roots(lines: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Where bodies begin at the base: points from which lines go, and to which none leads."""
-    ends = [line[-1] for line in lines if not np.allclose(line[0], line[-1], atol=1e-9)]
+    """Where bodies begin at the base: points from which open lines go, and to which none leads."""
+    lines = [line for line in lines if not np.allclose(line[0], line[-1], atol=1e-9)]
+    ends = [line[-1] for line in lines]
     return [line[0] for line in lines if not any(np.allclose(line[0], end, atol=1e-9) for end in ends)]
 
 

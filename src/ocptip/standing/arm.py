@@ -45,6 +45,7 @@ from ocptip.standing.objects import (
     carrier_motions,
     loaded,
     objects_note,
+    outlines,
 )
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.drive_profile import DriveProfile
@@ -426,8 +427,9 @@ class Robot(StandingMechanism):
         return np.hstack([position, rotations().from_matrix(rotation).as_quat()])
 
     def sticks(self, q: np.ndarray) -> list[np.ndarray]:
-        """One line, from the mount over the joints to the gripper."""
-        return [np.vstack([self.arm.mount_position, link_frames(self.arm, q).origins])]
+        """One line, from the mount over the joints to the gripper; a closed one around each object."""
+        line = np.vstack([self.arm.mount_position, link_frames(self.arm, q).origins])
+        return [line, *outlines(self.arm, self.carried, q)]
 
     def load_expressions(
         self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None

@@ -26,6 +26,7 @@ from ocptip.contact.support import Support
 from ocptip.numerics.inertia import RigidBody, union
 from ocptip.robots.base_motion import BaseMotion, acceleration_of
 from ocptip.robots.dynamics import gripper_motion, gripper_motion_function
+from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.footing import Footing
@@ -221,6 +222,19 @@ class CarriedObject:
         support = Support(contacts, **given, gravity=-self.gravity * turn[:, 2])
         return Footing(support, name=self.object.name)
 
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """(2, n, 3), m, carrier axes: its contacts around their middle, and as many points on its top.
+
+        Of an object without a known top, twice as high as its centre of mass.
+        """
+        places = np.array([np.asarray(own.position) for own in self.footing.support.contacts])
+        local = (places - self.origin) @ self.rotation
+        away = local - local.mean(axis=0)
+        around = places[np.argsort(np.arctan2(away[:, 1], away[:, 0]), kind="stable")]
+        height = self.object.top or 2 * float(self.object.body.center_of_mass[2])
+        return np.stack([around, around + height * self.rotation[:, 2]])
+
     def deviated(self, motion: Sequence[cs.SX], shares: cs.SX, shifts: cs.SX) -> cs.SX:
         """The wrench (6,) on it about the nominal centre of mass of its interface, where bodies are off.
 
@@ -347,6 +361,13 @@ def carrier_expressions(
     motion = gripper_motion_function(arm, bool(base))(q, qd, qdd, at_mount, *base[1:])
     a, *turning = base or [cs.SX.zeros(3)] * 3
     return {GRIPPER: cs.vertsplit(motion, 3), BASE: [a - pull, *turning]}
+
+
+def outlines(arm: ArmModel, carried: Sequence[CarriedObject], q: np.ndarray) -> list[np.ndarray]:
+    """A closed line (k, 3), m, base axes, around each object in posture q (n,)."""
+    place, turn = gripper_pose(arm, q)
+    moved = [own.corners if own.carrier == BASE else own.corners @ turn.T + place for own in carried]
+    return [np.vstack([low, low[:1], high, high[:1], low[:1]]) for low, high in moved]
 
 
 def objects_note(objects: Sequence[Object]) -> tuple[str, ...]:

@@ -23,8 +23,9 @@ from ocptip.pictures.scene_picture import margin_texts
 from ocptip.placement.output import result_to_dict, write_placement
 from ocptip.placement.place import place
 from ocptip.published.tasks import experiment_task
-from ocptip.robots.kinematics import link_frames
+from ocptip.robots.kinematics import gripper_pose, link_frames
 from ocptip.robots.payload import Payload
+from ocptip.standing.objects import Object
 from ocptip.standing.parts import Part
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
@@ -229,6 +230,35 @@ def test_payload_base_and_solids_are_there():
     assert any(name.startswith("/base") for name in stage.nodes)
     arm = [node for name, node in stage.nodes.items() if name.startswith("/arm")]
     assert sum(node.kind != "add_frame" for node in arm) > 5
+
+
+def test_objects_are_where_they_stand_and_the_ball_is_of_the_payload_alone():
+    task = load_task(EXAMPLES / "tasks/ur5_cart.toml")
+    up = {"rotation": np.diag([1.0, -1.0, -1.0]), "position": (0.1, 0.0, -0.05)}
+    on_gripper = Object.box("low", 0.5, (0.1, 0.06, 0.03), friction=0.2, **up)
+    top = Object.cylinder("top", 0.1, (0.03, 0.04), friction=0.5, on="low")
+    crate = Object.box("crate", 2.0, (0.2, 0.1, 0.3), friction=0.5, on="base", position=(-0.1, 0.0, 0.5))
+    robot, stage = task.robot.carrying([on_gripper, top, crate]), Recorder()
+    pose_show("UR5", robot, task.start).stage(stage)(0)
+    assert not any("/payload" in name for name in stage.nodes)
+    links = robot.arm.links
+    last, (tcp, turn) = stage.nodes[f"/arm/{links}"], gripper_pose(robot.arm, task.start)
+    for name, height, root in (
+        ("low", 0.03, f"/arm/{links}"),
+        ("top", 0.04, f"/arm/{links}"),
+        ("crate", 0.3, "/arm"),
+    ):
+        vertices = stage.nodes[f"{root}/object 0.{name}"].values[0].astype(float)
+        if root != "/arm":
+            frame = np.roll(np.array(last.wxyz), -1)
+            vertices = vertices @ Rotation.from_quat(frame).as_matrix().T + last.position
+            vertices = (vertices - tcp) @ turn @ up["rotation"]  # object axes, z up
+        assert np.ptp(vertices, axis=0)[2] == pytest.approx(height, abs=1e-6)
+    arm, low, _, box = robot.sticks(task.start)
+    np.testing.assert_allclose(arm[-1], tcp)
+    assert low.min(axis=0)[2] == pytest.approx(tcp[2] + 0.05, abs=1e-6)
+    np.testing.assert_allclose(box[0], box[-1])
+    np.testing.assert_allclose([box.min(axis=0), box.max(axis=0)], [[-0.2, -0.05, 0.5], [0.0, 0.05, 0.8]])
 
 
 def test_view_of_a_plan_folder(tmp_path, capsys):

@@ -13,6 +13,7 @@ from ocptip.robots.collision.shapes import Ball, HalfSpace, Shape
 from ocptip.robots.geometry import Wall
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
+from ocptip.standing.objects import GRIPPER
 
 LINK, JOINT, BASE, HELD = (70, 110, 160), (240, 170, 60), (90, 90, 90), (200, 110, 50)
 OBSTACLE, GROUND = (150, 150, 150), (215, 215, 215)
@@ -49,8 +50,11 @@ def arm(scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int,
 def held(
     scene: Any, root: str, robot: Robot, part: int, size: float, ghost: tuple[int, int, int] | None
 ) -> list[Any]:
-    """The payload of an arm in one part of its motion: its solids, and a light-metal ball for its mass."""
-    arm, style = robot.arm, {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})}
+    """What an arm holds in one part of its motion: solids, a light-metal ball for the mass, objects."""
+    arm, style = (
+        robot.without_objects().arm,
+        {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})},
+    )
     found = []
     for number, one in enumerate(arm.geometry.shapes if arm.geometry is not None else ()):
         if one.carried:
@@ -59,6 +63,14 @@ def held(
             )
     if arm.payload is not None:
         found.append(payload_ball(scene, root, arm, part, size, **style))
+    for own in robot.carried:
+        corners, name = own.corners.reshape(-1, 3), f"{root}/object {part}.{own.object.name}"
+        if own.carrier == GRIPPER:
+            corners = corners @ arm.tool_rotation.T + arm.offsets[-1]
+            name = f"{root}/{arm.links}/object {part}.{own.object.name}"
+        if np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=1e-6) == 3:
+            vertices, faces = hull(corners)
+            found.append(scene.add_mesh_simple(name, vertices, faces, flat_shading=True, **style))
     return [node for node in found if node is not None]
 
 
