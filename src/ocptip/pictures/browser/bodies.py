@@ -51,11 +51,8 @@ def held(
     scene: Any, root: str, robot: Robot, part: int, size: float, ghost: tuple[int, int, int] | None
 ) -> list[Any]:
     """What an arm holds in one part of its motion: solids, a light-metal ball for the mass, objects."""
-    arm, style = (
-        robot.without_objects().arm,
-        {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})},
-    )
-    found = []
+    arm, found = robot.without_objects().arm, []
+    style = {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})}
     for number, one in enumerate(arm.geometry.shapes if arm.geometry is not None else ()):
         if one.carried:
             found.append(
