@@ -171,13 +171,16 @@ def test_text_files_and_json(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [
-        (["--speed", "0"], "--speed: must be > 0"),
-        (["--slope", "50"], "--slope: must be below 45 degrees, got 50 degrees"),
-        (["--directions", "2"], "--directions: must be a whole number >= 4"),
-        (["--payload", "-1"], "--payload: must be > 0"),
-        (["--posture", "strat"], "did you mean 'start'?"),
-    ],
+    some(
+        2,
+        [
+            (["--speed", "0"], "--speed: must be > 0"),
+            (["--slope", "50"], "--slope: must be below 45 degrees, got 50 degrees"),
+            (["--directions", "2"], "--directions: must be a whole number >= 4"),
+            (["--payload", "-1"], "--payload: must be > 0"),
+            (["--posture", "strat"], "did you mean 'start'?"),
+        ],
+    ),
 )
 def test_mistakes_are_named(tmp_path, capsys, arguments, message):
     assert main(["drive", str(TASK), *arguments, "--out", str(tmp_path / "x")]) == 2
