@@ -80,7 +80,7 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
     found.drives()
     for stage, robot in zip(stages, robots, strict=True):
         stage.rests(robot, cases)
-    if not any(robot.interfaces[1:] for robot in robots):  # charts are of payloads that the TCP holds
+    if not any(robot.interfaces[1:] for robot in robots):  # charts are of payloads that the gripper holds
         found.chart = chart(task, samples=CHART_POSTURES)
     return found
 

@@ -138,7 +138,7 @@ class ArmModel:
         collision_pairs: names of sphere sets checked against each other.
         floor_sets: names of sphere sets checked against the floor.
         obstacle_sets: names of sphere sets checked against walls and pillars.
-        payload: what the TCP holds; it is in those of the last link.
+        payload: what the gripper holds; it is in those of the last link.
         bare_link: the last link without payload, where there is one.
         process: what acts on the gripper while the arm moves; None: nothing. Part of all its dynamics.
         geometry: convex solids, which replace the spheres.

@@ -27,7 +27,7 @@ class SpringChain:
     """The arm with a joint more for each of m springs.
 
     Attributes:
-        arm: of n + m joints, with what the TCP holds and a process.
+        arm: of n + m joints, with what the gripper holds and a process.
         drives: (n,) numbers of its joints that are the drives, from 0.
         springs: (m,) of those that are springs.
         gears: that it was made of.

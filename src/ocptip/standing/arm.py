@@ -150,7 +150,7 @@ class Robot(StandingMechanism):
             base_link, tool_frame, locked_joints: see `ocptip.robots.urdf.arm.arm_from_urdf`.
             mount_position: (3,), m: base origin to the origin of `base_link`; by default they are the same.
             mount_rotation: (3, 3): axes of `base_link` to base axes; default none.
-            payload: what the TCP holds; kg: a point mass at the tool frame.
+            payload: what the gripper holds; kg: a point mass at the tool frame.
             motors: default: estimated from limits of torque and speed.
             collision, package_dirs: whether collision geometry is read, and folders of its ROS packages.
             others: obstacles, shapes, floor, reference_moment, redistribution, sensor: see `Robot`.

@@ -68,7 +68,7 @@ class CellTask:
     Attributes:
         name: for titles and files.
         cycle: with its poses in world axes; the postures in it that belong to poses mean nothing.
-        problem: where the base may stand: one gripper task per pose of the cycle, its loads what the TCP
+        problem: where the base may stand: one gripper task per pose of the cycle, its loads what the gripper
             holds as it comes and as it goes, at rest.
         tolerance: of the motions; the problem has the part that the search for places uses.
         data: the file's content.

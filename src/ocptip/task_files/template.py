@@ -289,8 +289,8 @@ def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
 
 
 def _payload() -> Iterator[str]:
-    """What the TCP holds, as a comment: no URDF says it."""
-    yield "# [payload]  # what the TCP holds; without this table nothing"
+    """What the gripper holds, as a comment: no URDF says it."""
+    yield "# [payload]  # what the gripper holds; without this table nothing"
     yield "# mass = 2.0  # kg"
     yield "# center_of_mass = [0.0, 0.0, 0.1]  # m: from the origin of tool_frame, its axes"
 

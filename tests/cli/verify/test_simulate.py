@@ -72,7 +72,7 @@ def test_simulate_a_cycle(cycle, capsys):
     said = capsys.readouterr().out
     assert "FALLS" in said
     assert "(out)" in said
-    assert "what the TCP takes or leaves comes and goes at once" in said
+    assert "what the gripper takes or leaves comes and goes at once" in said
 
 
 def test_export_writes_a_model_per_segment(cycle, tmp_path, capsys):
@@ -83,7 +83,7 @@ def test_export_writes_a_model_per_segment(cycle, tmp_path, capsys):
     assert back.body_mass.sum() - out.body_mass.sum() == pytest.approx(1.0)
     assert back.key_time[0] == pytest.approx(out.key_time[-1] + 0.3)  # its rest
     assert back.key_qpos[0] == pytest.approx(out.key_qpos[-1])
-    assert "what the TCP takes or leaves" in capsys.readouterr().out
+    assert "what the gripper takes or leaves" in capsys.readouterr().out
 
 
 def test_simulate_says_no(written, capsys):

@@ -311,7 +311,7 @@ class DocumentReport(Report):
                 f"of the robot; minimum: {least}. {moved}."
             )
             lightest = min(drives) if drives else None
-            yield picture(payload_figure(times, held, lightest), "What the TCP may hold, at rest.")
+            yield picture(payload_figure(times, held, lightest), "What the gripper may hold, at rest.")
         if (found := self.about.chart) is not None:
             yield heading("Load chart")
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")

@@ -115,7 +115,7 @@ def remarks(parts: Sequence[Part]) -> list[str]:
     found = dict.fromkeys(remark for part in parts for remark in remarks_of(part.robot))
     segments = (
         "a model per segment, with what it holds; joints and states are the same, so each goes on with the "
-        "state in which the one before ended: what the TCP takes or leaves comes and goes at once"
+        "state in which the one before ended: what the gripper takes or leaves comes and goes at once"
     )
     return [*found, *([segments] if len(parts) > 1 else [])]
 

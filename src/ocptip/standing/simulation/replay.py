@@ -6,7 +6,7 @@ contacts, friction. Its contacts are never quite rigid: what the replay says of 
 the step and on the numbers for contacts, which the report names.
 
 Of a cycle each segment has a model with what it holds, and goes on with the state in which the one before
-ended: what the TCP takes or leaves comes and goes within a step, as fast as it moves then.
+ended: what the gripper takes or leaves comes and goes within a step, as fast as it moves then.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from ocptip.standing.within.tolerable import AT_REST
 def posture_within(
     robot: Robot, q: np.ndarray, tolerance: Uncertainty, base_motion: BaseMotion | None = None
 ) -> WithinAtRest:
-    """The worst of a robot at rest in a posture; what the TCP's process does then is nominal.
+    """The worst of a robot at rest in a posture; what the gripper's process does then is nominal.
 
     Args:
         robot: on its support, as it rests.

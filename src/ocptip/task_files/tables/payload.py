@@ -26,7 +26,7 @@ _OVER = {"time_s": TIME, "share": SHARE, "path_m": PATH}
 _COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 _PAYLOAD = Keys(
     "payload",
-    "What the TCP holds, or the platform carries.",
+    "What the gripper holds, or the platform carries.",
     {
         "mass": schema.number("Mass; 0: nothing.", "kg", bound=">= 0"),
         "center_of_mass": schema.vector("Centre of mass, gripper axes.", "m", 3, default=[0, 0, 0]),
