@@ -17,6 +17,7 @@ from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.test_task import TWO_JOINTS, URDF
+from tests.quick import some
 
 JERK = 40.0  # rad/s^3
 
@@ -131,7 +132,7 @@ def test_the_jerk_between_points_is_estimated_where_accelerations_step(tmp_path)
     assert "jerk / limit" in ocptip.check(task, motion).unproved
 
 
-@pytest.mark.parametrize(("noise", "seen"), [(0.0, 0.5), (1e-5, 0.1)])
+@pytest.mark.parametrize(("noise", "seen"), some(1, [(1e-5, 0.1), (0.0, 0.5)]))
 def test_samples_have_at_least_the_jerk_that_their_differences_show(tmp_path, noise, seen):
     task = load_task(limited(tmp_path, URDF))
     rng = np.random.default_rng(0)

@@ -51,6 +51,7 @@ def said(capsys, *arguments):
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_a_plan_is_what_the_command_says(plan, folder, tmp_path, capsys):
     options = ["--starts", 1, "--jobs", 1, "--tolerance", "none", "--time-scale", 1.2, "--no-figures"]
     code, data = said(capsys, "plan", "C", *options, "--out", tmp_path / "out")

@@ -352,6 +352,7 @@ def test_steps_of_the_motion_overshoot_in_cancels(ur5, delay, together):
     assert drawn > 0.9 * tip.value
 
 
+@pytest.mark.slow
 def test_slip_is_searched_only_where_it_can_exceed_what_is_enough(ur5, monkeypatch):
     """Four feet: half spaces show the rest; and delayed joints are worst where their slopes say so."""
     robot, rates = ur5.robot, (ur5.robot.limits.speed / 2, ur5.robot.limits.acceleration / 4)

@@ -31,6 +31,7 @@ def robustness(tmp_path_factory):
     return out, json.loads((out / "contact_robustness.json").read_text())
 
 
+@pytest.mark.slow
 def test_robustness_study_counts_every_problem(robustness):
     _, data = robustness
     for r in data["results"]:
@@ -47,6 +48,7 @@ def test_robustness_study_counts_every_problem(robustness):
     assert data["options"]["seed"] == 0
 
 
+@pytest.mark.slow
 def test_robustness_study_writes_table_and_figure(robustness):
     out, data = robustness
     text = (out / "contact_robustness.md").read_text()
@@ -59,6 +61,7 @@ def test_robustness_study_writes_table_and_figure(robustness):
     assert (out / "contact_robustness.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_robustness_study_keeps_finished_cases(robustness, monkeypatch, capsys):
     out, data = robustness
     monkeypatch.setattr(contact_robustness, "run_compiled", None)
@@ -227,6 +230,7 @@ def test_verdicts_study_finds_no_contradiction(tmp_path, capsys):
     assert data["agreement"]["contradictions"] == 0
 
 
+@pytest.mark.slow
 def test_reserves_in_general_position_are_those_of_the_cone_program(tmp_path, capsys):
     options = ["--stands", "8", "--loads", "3", "--feet", "4", "5"]
     assert general_position.main(["--out", str(tmp_path), *options]) == 0
@@ -269,6 +273,7 @@ def test_linear_programs_contradict_no_state_and_no_verdict(tmp_path, capsys):
     assert set(data["enumeration"]["counts"]) >= {"none", "strong"}
 
 
+@pytest.mark.slow
 def test_linear_programs_see_what_is_wrong(monkeypatch):
     """A verdict turned round, and a convex test that always holds, are found out."""
     stands = Equilibrium(True, 1.0, None, None, 1)

@@ -20,6 +20,7 @@ from studies.indices.designs.optimal_domains import special_limit
 from studies.indices.designs.optimal_platforms import ctn_optimal_main, ctn_optimal_special, example_main
 
 
+@pytest.mark.slow
 def test_size_and_time_reach_the_level_lines_of_the_source(tmp_path, capsys):
     assert ellipsoid_size.main(["--out", str(tmp_path), "--grid", "21"]) == 0
     assert "| prolate | PI_OE |" in capsys.readouterr().out

@@ -85,6 +85,7 @@ def test_geometry(kind):
         assert found.joints[:, column] == pytest.approx((joints[0] - joints[1]) / (2 * h), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_inertia_derivatives_are_the_regressor():
     state = random_state("Delta", 3)
     found = ForceSensitivities(state.robot)(state.z, state.s, state.sd, state.q)

@@ -93,6 +93,7 @@ def test_one_start(study, capsys):
     assert data["versions"]["casadi"]
 
 
+@pytest.mark.slow
 def test_nothing_is_run_twice(copy, monkeypatch, capsys):
     monkeypatch.setattr(plan_cases_journal, "run_start", None)
     monkeypatch.setattr(plan_cases_times, "ProcessPoolExecutor", None)

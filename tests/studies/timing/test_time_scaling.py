@@ -80,6 +80,7 @@ def forces_can_hold(support, wrench, facets, friction):
     return found.status == 0
 
 
+@pytest.mark.slow
 def test_slip_begins_where_no_forces_hold_the_base():
     """The printed motion of A slips before it tips: on true cones, between pyramids inside and outside."""
     robot, motion = printed("A", "printed")
