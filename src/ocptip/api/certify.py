@@ -15,39 +15,23 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.read import parse_json, read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified_cycle
-from ocptip.motion.check import MotionCheck
-from ocptip.motion.cycles.check import CycleCheck, check_cycle, segments_of
-from ocptip.motion.cycles.task import Task, refuse_objects
-from ocptip.motion.proof import Proof
-from ocptip.motion.violations import broken_words
+from ocptip.motion.cycles.check import check_cycle, segments_of
+from ocptip.motion.cycles.task import refuse_objects
+from ocptip.motion.summary import CheckedMotion
 from ocptip.trajectories.read import CERTIFICATE
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certified:
-    """The bounds that were proved for a motion, or for the motions of a cycle.
+class Certified(CheckedMotion):
+    """The bounds that were proved for a motion, or for the motions of a cycle, with its sampled check.
 
     Attributes:
         name: of the motion's file.
-        task: whose motion it is.
-        checked: the sampled check with the certificates, by segments; a motion has one.
         assumed: what the file does not say.
     """
 
     name: str
-    task: Task
-    checked: CycleCheck
     assumed: tuple[str, ...]
-
-    @property
-    def check(self) -> MotionCheck:
-        """The check of the motion; of a cycle the worst of all segments."""
-        return self.checked.whole
-
-    @property
-    def certificate(self) -> Proof | None:
-        """The certificate; None where the sampled check violates a limit already."""
-        return self.check.certificate
 
     @property
     def certified(self) -> bool:
@@ -58,9 +42,7 @@ class Certified:
         """Verdict, what is proved, what is broken."""
         rows = [f"{self.name} on {self.task.name}: {self.check.headline}"]
         rows += [f"  proof: {self.certificate}"] if self.certificate else []
-        return "\n".join(
-            [*rows, *(f"  broken: {text}" for text in broken_words(self.task.robot, self.check.violations))]
-        )
+        return "\n".join([*rows, *(f"  broken: {text}" for text in self.broken)])
 
     def to_dict(self) -> dict[str, Any]:
         """The check with the certificate's bounds, plain data for JSON."""
@@ -122,7 +104,7 @@ def certify(
     with naming(name):
         sequence = segments_of(task, given)
         checked = certified_cycle(task, sequence, check_cycle(task, sequence))
-    return Certified(name, task, checked, given.assumed)
+    return Certified(name, given.assumed, task=task, checked=checked)
 
 
 def read_certificate(path: str | os.PathLike[str]) -> dict[str, Any] | None:

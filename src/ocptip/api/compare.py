@@ -47,8 +47,8 @@ def compare(
     Raises:
         InputError: a file cannot be used; one line that names it.
     """
-    folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
-    name = str(folder.path if isinstance(plan, PlanFolder) else plan)
+    folder = read_plan_folder(plan)
+    name = str(folder.path)
     if folder.task.is_cycle:
         raise InputError("is a cycle; compare recordings of its segments with plans of these", "", name)
     folder.task.robot.require_no_objects("compare")

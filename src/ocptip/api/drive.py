@@ -105,9 +105,7 @@ def drive(
         held = robot.payload.center_of_mass if robot.payload else np.zeros(3)
         load = Payload(positive_number("payload", payload), held)
         robot = robot.varied(arm=robot.arm.with_payload(load))
-    tolerance = posture.limits.tolerance if uncertainty is None else uncertainty
-    if isinstance(tolerance, str | os.PathLike):
-        tolerance = load_tolerance(tolerance)
+    tolerance = posture.limits.tolerance if uncertainty is None else load_tolerance(uncertainty)
     counts = (*AT_REST, "drive_speed", "damping", *(("speed", "delay") if moves is not None else ()))
     counting = tolerance.only(*(name for name in tolerance.given if name in counts))
     given = DriveArguments(directions, speed, turning, slope, deceleration, holonomic)

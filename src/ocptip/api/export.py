@@ -44,10 +44,10 @@ def export(
     """
     if mjcf is None and urdf is None:
         raise InputError("mjcf, urdf: name a file for at least one of them", "")
-    folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
+    folder = read_plan_folder(plan)
     parts, name = folder.parts("export writes", objects=urdf is None), folder.task.name
     files = {}
-    with naming(str(folder.path if isinstance(plan, PlanFolder) else plan)):
+    with naming(str(folder.path)):
         for number, part in enumerate(parts, 1):
             own = {"name": f"{name}, {part.name}" if part.name else name}
             segment = number if len(parts) > 1 else None

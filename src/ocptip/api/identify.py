@@ -108,7 +108,7 @@ def _predictor(plan: PlanFolder | str | os.PathLike[str], task: str | os.PathLik
     """The predictor of the folder of a plan, or of a motion file and a task."""
     name = str(plan.path) if isinstance(plan, PlanFolder) else str(plan)
     if task is None:
-        folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
+        folder = read_plan_folder(plan)
         robot, motion = folder.of_arm("identify takes")
     else:
         given = read_task(task)

@@ -57,7 +57,7 @@ def place(
         task = load_placement(what, DEFAULT)
     task.problem.robot.require_no_objects("place")
     if uncertainty is not None:
-        task = task.within(load_tolerance(uncertainty) if isinstance(uncertainty, str) else uncertainty)
+        task = task.within(load_tolerance(uncertainty))
     try:
         answer = search(task.problem, starts=starts, seed=seed, progress=progress)
     except NoPlacementError as error:

@@ -187,16 +187,9 @@ class RetimedPlan(Plan):
         entries = {name: value for name, value in super()._entries().items() if name != "base"}
         return entries if self.task.is_cycle else {**entries, "retimed": self.timings[0].to_dict()}
 
-    def write(
-        self,
-        folder: str | os.PathLike[str],
-        *,
-        figures: bool = True,
-        effort: bool = False,
-        extra: Mapping[str, Any] | None = None,
-    ) -> Iterator[Path]:
+    def write(self, folder: str | os.PathLike[str], *, figures: bool = True, **how: Any) -> Iterator[Path]:
         """The files of a plan, and the phase plane of each segment."""
-        yield from super().write(folder, figures=figures, effort=effort, extra=extra)
+        yield from super().write(folder, figures=figures, **how)
         for number, own in enumerate(self.timings if figures else (), 1):
             name = f"phase_plane-{number}" if self.task.is_cycle else "phase_plane"
             yield from draw_phase_plane(folder, own.plan, own.timed, name)

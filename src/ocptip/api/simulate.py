@@ -59,9 +59,9 @@ def simulate(
     step = positive_number("step", step)
     if step > _LONGEST_STEP:
         raise InputError(f"step: at most {_LONGEST_STEP:g} s, got {step:g}")
-    folder = plan if isinstance(plan, PlanFolder) else read_plan_folder(plan)
+    folder = read_plan_folder(plan)
     parts = folder.parts("simulate replays", objects=True)
-    with naming(str(folder.path if isinstance(plan, PlanFolder) else plan)):
+    with naming(str(folder.path)):
         replay = Simulator(parts, step=step).run(world)
         there = world.parts(parts)
         return Simulated(folder.task.name, there, replay, compared(parts, replay), predicted_objects(there))

@@ -71,10 +71,7 @@ def stand(
         posture = resting_posture(what, q)
         posture = posture if base_motion is None else posture.driving(base_motion)
         scene = posture.scene
-    if uncertainty is None:
-        tolerance = scene.tolerance
-    else:
-        tolerance = load_tolerance(uncertainty) if isinstance(uncertainty, str | os.PathLike) else uncertainty
+    tolerance = scene.tolerance if uncertainty is None else load_tolerance(uncertainty)
     return _solved(scene, posture, tolerance, reference_moment, sensitivities)
 
 

@@ -63,7 +63,7 @@ def load_task(
         limits |= _durations(task, duration, max_duration)
     given: dict[str, Any] = {name: value for name, value in limits.items() if value is not None}
     if uncertainty is not None:
-        given["tolerance"] = load_tolerance(uncertainty) if isinstance(uncertainty, str) else uncertainty
+        given["tolerance"] = load_tolerance(uncertainty)
     changes: dict[str, Any] = {}
     if objective is not None or price_per_second is not None:
         changes["objective"] = objective_of(objective, price_per_second)

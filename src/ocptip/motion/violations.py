@@ -80,6 +80,12 @@ _UNITS = {
 _STATED = {"GN": "tip_over_index", "GT": "friction_utilisation"}
 
 
+def result_unit(name: str) -> tuple[str, float]:
+    """The unit of a result for people, and its factor; empty and 1 for pure numbers and further limits."""
+    result = _parted(name)[0] if name.partition("[")[0] in RESULT_TITLES else ""
+    return next((own for end, own in _UNITS.items() if end in result and own[0] != "%"), ("", 1.0))
+
+
 def result_title(name: str) -> str:
     """The title of a worst value: of `GN[glass]` that of GN and of what."""
     name, of = _parted(name)

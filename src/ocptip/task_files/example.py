@@ -118,7 +118,9 @@ def example_base(file: UrdfFile, arm: ArmModel) -> ExampleBase:
     parts = sum(file.masses.get(link, 0.0) > _PART * mass for link in resting_links(file, arm))
     drives = any(contact.kind != "foot" for contact in contacts) or arm.base_link != file.root
     spread = parts > 1 or (contacts and _spread(contacts) > _WIDE_FOOT)
-    stands = mass >= _SHARE * carried and spread and (not contacts or _stands(contacts, centre))
+    feet = np.array([contact.position for contact in contacts])
+    stands = mass >= _SHARE * carried and spread
+    stands = stands and (not contacts or inside(feet, centre[None])[0] >= _CENTRED * _spread(contacts))
     if not mass or not (stands or (drives and arm.base_link == file.standing)):
         heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10), np.ceil(mass))
         middle = np.array([0.0, 0.0, 0.3])
@@ -136,11 +138,6 @@ def _spread(contacts: Sequence[GroundContact]) -> float:
     """m, from the middle of the contacts to their nearest edge."""
     feet = np.array([contact.position for contact in contacts])
     return float(inside(feet, feet.mean(axis=0)[None])[0])
-
-
-def _stands(contacts: Sequence[GroundContact], centre: np.ndarray) -> bool:
-    feet = np.array([contact.position for contact in contacts])
-    return bool(inside(feet, centre[None])[0] >= _CENTRED * _spread(contacts))
 
 
 TURN, SLIDE = np.deg2rad(30), 0.1

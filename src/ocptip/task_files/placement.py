@@ -31,7 +31,6 @@ from ocptip.placement.problem import (
     sampled_loads,
 )
 from ocptip.placement.within import searched
-from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
@@ -282,8 +281,8 @@ def read_problem(data: Table, tolerance: Uncertainty) -> PlacementProblem:
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task"), 1)]
     references = data.table("references")
     given: dict[str, Any] = {} if ground is None else {"ground_frame": (ground, np.eye(3))}
-    if (energy := _energy(data.table("energy"), arm)) is not None:
-        given["energy"] = energy
+    if (energy := data.table("energy"))["kind"] != "holding":
+        given["energy"] = energy.make(TorqueCost, energy.get("cost", size=arm.n))
     with base.at(None, ground_frame="ground"):
         return PlacementProblem(
             robot,
@@ -342,9 +341,3 @@ def _limits(table: Table) -> tuple[PlacementLimits, float | None]:
     names = [field.name for field in fields(PlacementLimits) if field.name not in {**free, "index": None}]
     index = table["index"]
     return table.make(PlacementLimits, **table.given(*names), **free, index=index), moment
-
-
-def _energy(table: Table, arm: ArmModel) -> TorqueCost | None:
-    if table["kind"] == "holding":
-        return None
-    return table.make(TorqueCost, table.get("cost", size=arm.n))

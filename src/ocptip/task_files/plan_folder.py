@@ -115,16 +115,18 @@ def is_plan_folder(path: str | os.PathLike[str]) -> bool:
     return all((folder / name).is_file() for name in (PLAN, SUMS, TASK))
 
 
-def read_plan_folder(path: str | os.PathLike[str]) -> PlanFolder:
+def read_plan_folder(path: PlanFolder | str | os.PathLike[str]) -> PlanFolder:
     """Read a folder of a plan, wherever it is by now; nothing outside it is needed.
 
     Args:
-        path: of the folder.
+        path: of the folder; or what was read from it, which is returned.
 
     Raises:
         InputError: it is no such folder, a file is missing or not what was written, or cannot be read; one
             line that names it.
     """
+    if isinstance(path, PlanFolder):
+        return path
     folder = Path(path)
     if not folder.is_dir():
         is_file = "is a file; expected the folder of a plan"

@@ -262,7 +262,8 @@ class TaskScene:
         require_base_mass(data, arm, self._support.mass, accepted=self._accept_mass)
         require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
         obstacles = read_obstacles(data, "obstacle")
-        if not self._shapes and _only_the_arm_is_solid(arm):
+        at_rest = {one.name for one in (arm.geometry.shapes if arm.geometry else ()) if one.body == 0}
+        if not self._shapes and arm.may_collide and len(at_rest) <= 1:  # the link that the arm stands on
             arm = arm.with_notes(NO_BASE_SHAPE)
         with data.table("limits").at(speed_limits="point_speed"):
             checked_points(arm, self._speeds)
@@ -280,12 +281,6 @@ class TaskScene:
         if self._usual_clearance:  # of a cycle the smallest of all segments
             self.limits = replace(self.limits, clearance=min(self.limits.clearance, robot.usual_clearance))
         return robot
-
-
-def _only_the_arm_is_solid(arm: ArmModel) -> bool:
-    """Whether collisions are checked, and nothing at rest is solid but the link that the arm stands on."""
-    shapes = arm.geometry.shapes if arm.geometry else ()
-    return arm.may_collide and len({one.name for one in shapes if one.body == 0}) <= 1
 
 
 def limits_of(table: Table, support: Support, motors: Table | None) -> dict[str, float]:

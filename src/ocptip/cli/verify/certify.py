@@ -22,7 +22,6 @@ from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import given_limits, naming_options, taken
 from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.summary import margin_table, motion_line
-from ocptip.motion.violations import broken_words
 from ocptip.task_files.option_files import read_columns
 
 _MOST = 8  # undecided intervals that are listed
@@ -106,7 +105,7 @@ class CertifyReport(ResultReport):
         stops = "; stops CHECKED at samples" if checked.proved_while_moving and not found.certified else ""
         head = [f"{found.name} on {found.task.name}   {checked.headline}{stops}", motion_line(checked)]
         lines = [*head, *wrapped("Missing", filter(None, [checked.unproved]))]
-        lines += wrapped("Broken", broken_words(found.task.robot, checked.violations))
+        lines += wrapped("Broken", found.broken)
         lines += ["", *margin_table(found.task.robot, checked)]
         if proof is not None:
             parts = zip(found.checked.names, found.checked.segments, strict=True)

@@ -32,33 +32,15 @@ from ocptip.cli.terminal import Progress, say_if_compiling
 from ocptip.cli.verify.stand import check_plot_target
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import motion_line
-from ocptip.motion.violations import RESULT_TITLES, result_title
-from ocptip.standing.limits import CLEARANCE_WITHIN, SLIP_WITHIN, TIP_WITHIN
+from ocptip.motion.violations import RESULT_TITLES, result_title, result_unit
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.option_files import read_columns
 from ocptip.trajectories.bags import require_new
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 
 _MARGINS = ("angle_margin_deg", "position_margin_m")
-_MARGINS_CANCELLED = ("angle_margin_deg_cancel", "position_margin_m_cancel")
 _AT_WORST = (TIP_WITHIN, SLIP_WITHIN)
-_UNITS = {
-    "clearance_m": ("mm", 1e3),
-    f"{CLEARANCE_WITHIN}_m": ("mm", 1e3),
-    "foot_lift_m": ("mm", 1e3),
-    "foot_force_N": ("N", 1.0),
-    "jump_foot_force_N": ("N", 1.0),
-    "angle_margin_deg": ("deg", 1.0),
-    "tcp_speed_m_s": ("m/s", 1.0),
-    "point_speed_m_s": ("m/s", 1.0),
-    "position_margin_m": ("mm", 1e3),
-    **dict(zip(_MARGINS_CANCELLED, (("deg", 1.0), ("mm", 1e3)), strict=True)),
-}
-_LEAST = (
-    *("clearance_m", f"{CLEARANCE_WITHIN}_m"),
-    *("foot_force_N", "jump_foot_force_N"),
-    *(*_MARGINS, *_MARGINS_CANCELLED, "singularity"),
-)
 _COARSE = 0.05  # deg: a file that rounds so much has whole degrees, or tenths
 _NOISY = "the calmest motion within the noise of the samples"
 
@@ -218,7 +200,7 @@ def worst_rows(checked: MotionCheck) -> list[list[str]]:
         worst = checked.worst[name]
         broken = any(violation.name == name for violation in checked.violations)
         time = f"{max(worst.time, 0.0):.3f} s" if math.isfinite(worst.time) else "-"
-        sign = ">=" if name in _LEAST else "<="
+        sign = ">=" if worst.least else "<="
         limit = f"{sign} {_value(name, worst.limit)}"
         where = "" if name in _AT_WORST else worst.detail
         rows.append(
@@ -240,5 +222,5 @@ def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:
 
 
 def _value(name: str, value: float) -> str:
-    unit, scale = _UNITS.get(name, ("", 1.0))
+    unit, scale = result_unit(name)
     return quantity(scale * value, unit) if unit else ratio(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -89,14 +90,16 @@ def read_tolerance(table: Table) -> Uncertainty:
         return replace(preset, **given)
 
 
-def load_tolerance(word: str) -> Uncertainty:
-    """A preset by its name, or the table `[tolerance]` of a TOML file.
+def load_tolerance(word: Uncertainty | str | os.PathLike[str]) -> Uncertainty:
+    """A preset by its name, or the table `[tolerance]` of a TOML file; an uncertainty as it is.
 
     Raises:
         InputError: neither; or the file has no such table, or one that cannot be used.
     """
+    if isinstance(word, Uncertainty):
+        return word
     if word in PRESETS:
-        return PRESETS[word]
+        return PRESETS[f"{word}"]
     path = Path(word)
     if path.suffix.lower() != ".toml":
         raise InputError(f"expected {', '.join(PRESETS)} or a TOML file, got {word!r}")
