@@ -27,7 +27,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import PlanFolder, arm_of, read_plan_folder
-from ocptip.trajectories.read import load_motions
+from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.read_csv import csv_table
 
 What = Literal["payload", "base", "bodies", "arm", "power"]
@@ -113,7 +113,7 @@ def _predictor(plan: PlanFolder | str | os.PathLike[str], task: str | os.PathLik
     else:
         given = read_task(task)
         robot = arm_of(given, "identify takes", Path(task))
-        motion = load_motions(name, robot.names, robot.units, start=given.start)
+        motion = load_motion(name, robot.names, robot.units, start=given.start, several=True)
         if motion.parts:
             raise InputError("is a cycle; identify takes single motions", "", name)
     with naming(name):

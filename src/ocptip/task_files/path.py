@@ -25,7 +25,7 @@ from ocptip.task_files.doubts import require_kind
 from ocptip.task_files.tables.joints import end_keys, read_end
 from ocptip.trajectories.drive_profile import POSE, UNITS
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
-from ocptip.trajectories.read import load_motions
+from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.tool_path import tool_lines
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -116,7 +116,7 @@ def load_path(
     names, units = (*base[0], *task.robot.names), (*base[1], *task.robot.units)
     start = np.append(np.zeros(len(base[0])), task.start)
     known = {"unit": unit or "", "start": start, "rate": rate, "columns": columns, "topic": topic}
-    motion = load_motions(path, names, units, **known)
+    motion = load_motion(path, names, units, several=True, **known)
     with naming(path.name):
         return path_along(motion, task, tolerance)
 

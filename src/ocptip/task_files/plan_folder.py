@@ -17,7 +17,7 @@ from ocptip.motion.files.source import TASK
 from ocptip.standing.arm import Robot
 from ocptip.standing.parts import Part
 from ocptip.task_files.cycle import read_task
-from ocptip.trajectories.read import load_motions
+from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.trajectory import Trajectory
 
 
@@ -138,6 +138,6 @@ def read_plan_folder(path: PlanFolder | str | os.PathLike[str]) -> PlanFolder:
         raise InputError(f"holds no {TASK}: its task was made in Python", "", str(folder))
     with only_inside(folder):
         task = read_task(folder / TASK)
-        motion = load_motions(folder / PLAN, task.robot.names, task.robot.units)
+        motion = load_motion(folder / PLAN, task.robot.names, task.robot.units, several=True)
         motion = motion if task.is_cycle else segments_of(task, motion)
         return PlanFolder(folder, task, motion, read_json(folder / PLAN))

@@ -22,8 +22,9 @@ from ocptip.basics.read import parse_json, parse_yaml, read_text
 from ocptip.basics.text import some
 from ocptip.trajectories.bags import is_bag, motion_in_bag, refuse_of_other_files
 from ocptip.trajectories.controllers import UPDATE_RATE, controller_points
+from ocptip.trajectories.csv_text import text_table
 from ocptip.trajectories.points import Points
-from ocptip.trajectories.read_csv import motion_from_csv, motion_of_table, require_units
+from ocptip.trajectories.read_csv import motion_of_table, require_units
 from ocptip.trajectories.trajectory import Trajectory
 
 FAR = 0.02  # s: points with positions only that are farther apart are no set points of a controller
@@ -161,6 +162,7 @@ def load_motion(
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
     topic: str | None = None,
+    several: bool = False,
 ) -> Trajectory:
     """Read a motion from a file: profile commands, a joint trajectory, or CSV with samples.
 
@@ -187,46 +189,12 @@ def load_motion(
         columns: of CSV files, what their columns are: names as in `motion.csv`, each with the title or the
             number, from 1, of a column.
         topic: of bags, see `ocptip.trajectories.bags.motion_in_bag`.
+        several: also the segments of the plan.json of a cycle, which is refused otherwise.
 
     Raises:
         InputError: the file cannot be read or holds no motion, or angles of a joint that slides; names file,
-            and key or line and column.
+            and key, segment, or line and column.
     """
-    return _read(path, names, units, unit, start, rate, columns, topic, several=False)
-
-
-def load_motions(
-    path: str | os.PathLike[str],
-    names: Sequence[str] | None = None,
-    units: Sequence[str] = (),
-    *,
-    unit: str | None = None,
-    start: np.ndarray | None = None,
-    rate: float | None = None,
-    columns: Mapping[str, str | int] | None = None,
-    topic: str | None = None,
-) -> Trajectory:
-    """Read a motion as :func:`load_motion` does, or the segments of the plan.json of a cycle.
-
-    Raises:
-        InputError: see :func:`load_motion`; names the segment.
-    """
-    return _read(path, names, units, unit, start, rate, columns, topic, several=True)
-
-
-def _read(
-    path: str | os.PathLike[str],
-    names: Sequence[str] | None,
-    units: Sequence[str],
-    unit: str | None,
-    start: np.ndarray | None,
-    rate: float | None,
-    columns: Mapping[str, str | int] | None,
-    topic: str | None,
-    *,
-    several: bool,
-) -> Trajectory:
-    """The motion of a file; several motions only if they are wanted."""
     path = Path(path)
     bag = is_bag(path)
     refuse_of_other_files(bag, [topic] if topic else [], columns)
@@ -240,7 +208,7 @@ def _read(
         if path.suffix.lower() in (".yaml", ".yml"):
             return motion_of_points(trajectory_in(parse_yaml(text)), names, rate, start)
         if not text.lstrip().startswith(("{", "[")):
-            return motion_from_csv(text, names, units, unit, columns)
+            return motion_of_table(text_table(text, columns), names, units, unit)
         data = _json(text)
         points = None if {"commands", "path", "segments"} & set(data) else trajectory_in(data)
         if points is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -162,25 +162,14 @@ SAME = 1e-8  # rad, m and rad/s, m/s: rows at one time may differ by this (round
 EXACT = 1e-4  # share of accelerations: rounding may change them by this if they are to be taken as given
 
 
-def motion_from_csv(
-    text: str,
-    names: Sequence[str] | None,
-    units: Sequence[str],
-    unit: str | None,
-    columns: Mapping[str, str | int] | None = None,
+def motion_of_table(
+    table: TextTable, names: Sequence[str] | None, units: Sequence[str], unit: str | None
 ) -> Trajectory:
-    """The motion of a file, see `ocptip.trajectories.read.load_motion`.
+    """The motion of a table, see `ocptip.trajectories.read.load_motion`.
 
     Raises:
         InputError: it holds no motion; names line and column.
     """
-    return motion_of_table(text_table(text, columns), names, units, unit)
-
-
-def motion_of_table(
-    table: TextTable, names: Sequence[str] | None, units: Sequence[str], unit: str | None
-) -> Trajectory:
-    """The motion of a table, see :func:`motion_from_csv`."""
     if not table.header:
         raise InputError(
             "is empty; expected profile commands, a joint trajectory, or columns time_s, q1_deg, q2_deg, ..."

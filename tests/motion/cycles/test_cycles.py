@@ -31,7 +31,7 @@ from ocptip.pictures.plan_curves import PlanCurves, seen_plan
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.controllers import CONTROLLERS
-from ocptip.trajectories.read import load_motion, load_motions
+from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.cycles.cycle_files import CYCLE, written
 from tests.quick import examples, some
@@ -108,7 +108,7 @@ def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
     data = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert data["verified"]
     points = load_motion(tmp_path / "out" / "trajectory.json", task.robot.names, task.robot.units)
-    for motion in (load_motions(tmp_path / "out" / "plan.json"), parts_of(task, points)):
+    for motion in (load_motion(tmp_path / "out" / "plan.json", several=True), parts_of(task, points)):
         found = check_cycle(task, motion).whole
         assert found.verified == data["verified"]
         for name, worst in data["worst"].items():
@@ -302,7 +302,7 @@ def test_a_recording_of_positions_is_parted_where_it_rests(plan, tmp_path):
     rows = np.column_stack([times, np.degrees(points.states(times)[0])])
     lines = [",".join(["time", *task.robot.names]), *(",".join(f"{x:.4f}" for x in row) for row in rows)]
     path.write_text("\n".join(lines), encoding="utf-8")
-    found = parts_of(task, load_motions(path, task.robot.names, task.robot.units, unit="deg"))
+    found = parts_of(task, load_motion(path, task.robot.names, task.robot.units, unit="deg", several=True))
     assert 0.1 < found.pauses[0] < 0.31
     np.testing.assert_allclose(found.segments[0].goal, plan.parts[0].motion.goal, atol=1e-5)
     checked = check_cycle(task, found).whole

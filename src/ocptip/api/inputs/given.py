@@ -28,7 +28,7 @@ from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
 from ocptip.trajectories.bags import is_bag
 from ocptip.trajectories.drive_profile import DriveProfile, load_drive_profile
-from ocptip.trajectories.read import load_motion, load_motions, motion_origin
+from ocptip.trajectories.read import load_motion, motion_origin
 from ocptip.trajectories.trajectory import Trajectory
 
 _DRIVE = "drive.csv"  # of a profile that is no part of the task
@@ -158,7 +158,7 @@ def given_motion(
     if task.is_cycle:
         if rise_time:
             raise InputError("rise_time: not for cycles")
-        return name, task, load_motions(path, robot.names, robot.units, **how)
+        return name, task, load_motion(path, robot.names, robot.units, several=True, **how)
     found = load_motion(path, robot.names, robot.units, **how)
     if found.profiles is not None:
         own = found.rise_times or cast(MotionTask, task).rise_times or ()
