@@ -29,6 +29,7 @@ from ocptip.numerics.inertia import RigidBody
 from ocptip.numerics.vectors import cross
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.tipping import TipMap, TipOver, moment_at
+from ocptip.standing.at_rest.directions import around, tilted
 from ocptip.standing.at_rest.slope import Weight, fixed_and_hanging
 from ocptip.standing.footing import Footing
 from ocptip.standing.tolerance import Uncertainty
@@ -41,7 +42,6 @@ SEARCHED = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
 OF_OBJECTS = ("tilt", "payload_center", "payload_mass", "friction")
 """Quantities that objects have at rest."""
 
-AROUND = 24  # directions of tilt from which the worst is looked for
 ROUNDS = 3
 _LOST = 1 - 1e-9
 _SAME = 1e-9  # relative: deviations that matter so little more are alike
@@ -306,9 +306,7 @@ class RestCase:
         """The maximum GT of the search, and the deviations there."""
         offs = [self._off(gravity) for gravity in self._starts()]
         if self._pushes:  # from pushes on, too: a base without tangential load says nothing of where to push
-            level = self._level
-            sides = [np.cos(turn) * level[0] + np.sin(turn) * level[1] for turn in _turns()]
-            offs += [self._pushed(side, self._gravity) for side in sides]
+            offs += [self._pushed(side, self._gravity) for side in around(self._gravity)]
         best, found = -np.inf, offs[0]
         for _ in range(ROUNDS + 1):
             states = self.footing.contact_states(self._wrenches(offs), warm_start=False)
@@ -351,11 +349,6 @@ class RestCase:
         pushes = np.array([push.size * side for push in self._pushes])
         return Off(self._masses, np.zeros_like(self._half), gravity, pushes)
 
-    @property
-    def _level(self) -> np.ndarray:
-        """Two horizontal directions, (2, 3)."""
-        return np.linalg.svd(self._down[None])[2][1:]
-
     def _off(self, gravity: np.ndarray) -> Off:
         return Off(self._masses, np.zeros_like(self._half), gravity, np.zeros((len(self._pushes), 3)))
 
@@ -363,12 +356,7 @@ class RestCase:
         """Nominal gravity, and tilted by the whole tilt in directions around."""
         yield self._gravity
         if self._tolerance.tilt:
-            level = self._level
-            for turn in _turns():
-                side = np.cos(turn) * level[0] + np.sin(turn) * level[1]
-                yield self._size * (
-                    np.cos(self._tolerance.tilt) * self._down + np.sin(self._tolerance.tilt) * side
-                )
+            yield from tilted(self._gravity, around(self._gravity), self._tolerance.tilt)
 
     def _worst(self, a: np.ndarray, gravity: np.ndarray) -> Off:
         """Deviations that minimise a . w, from a direction of gravity on."""
@@ -418,7 +406,3 @@ class RestCase:
             moment = cross(off.masses @ centers, off.gravity) + cross(points, off.pushes).sum(axis=0)
             found.append(self._fixed + np.concatenate([force, moment]))
         return np.array(found)
-
-
-def _turns() -> np.ndarray:
-    return 2 * np.pi * np.arange(AROUND) / AROUND
