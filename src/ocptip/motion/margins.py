@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ocptip.motion.check import MotionCheck
 from ocptip.reserves.tipping import moment_at
+from ocptip.standing.contact_margins import ContactMargins, Margin
 from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limit_kinds.nominal import of_object
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WorstInstant
 
 _CLEARANCE_WITHIN = "clearance_worst_case_m"
-
-
-@dataclass(frozen=True)
-class At:
-    """A value.
-
-    Attributes:
-        value: in the unit of its margin; friction used is infinite where no friction holds the base.
-        time: s; None where it is not of one instant.
-        contacts: that it is about, counted from 1.
-    """
-
-    value: float
-    time: float | None = None
-    contacts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -50,8 +37,8 @@ class MotionMargin:
     """
 
     name: str
-    nominal: At | None
-    worst_case: At | None
+    nominal: Margin | None
+    worst_case: Margin | None
     limit: float | None
     limit_worst_case: float | None
     minimum: bool
@@ -86,66 +73,23 @@ def critical(margins: Iterable[MotionMargin]) -> MotionMargin | None:
 
 
 def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMargin]:
-    worst, contacts, reference = checked.worst, checked.contacts, robot.tip_over.reference_moment
+    worst, edge = checked.worst, checked.contacts.edge
 
-    def moment(index: float) -> float:
-        return moment_at(index, reference)
+    def of(name: str) -> Margin | None:
+        return _changed(worst.get(name), float)
 
-    def used(*names: str) -> float:
-        shares = [worst[name].value / worst[name].limit for name in names if name in worst]
-        return max(shares, default=-math.inf)
+    def limit(name: str) -> float | None:
+        return worst[name].limit if name in worst else None
 
-    def of(name: str, change: Any = float) -> At | None:
-        if (own := worst.get(name)) is None:
-            return None
-        return At(change(own.value), own.time if math.isfinite(own.time) else None)
-
-    def limit(name: str, change: Any = float) -> float | None:
-        return change(worst[name].limit) if name in worst else None
-
-    tip, force, edge = contacts.moment, contacts.force, contacts.edge
-    if reference and "GN" in worst:
-        yield MotionMargin(
-            TIPPING,
-            tip and At(tip.value, tip.time, tip.contacts),
-            of(TIP_WITHIN, moment),
-            moment(worst["GN"].limit),
-            limit(TIP_WITHIN, moment),
-            True,
-            used("GN", TIP_WITHIN),
-        )
-    slip = contacts.friction
-    nominal = slip and At(slip.value, slip.time, slip.contacts)
-    worst_slip = of(SLIP_WITHIN)
-    if worst_slip and checked.within:
-        worst_slip = _as_factor(worst_slip, checked.within.slip)
-    if "GT" in worst:
-        limits = worst["GT"].limit, limit(SLIP_WITHIN)
-        yield MotionMargin(FRICTION, nominal, worst_slip, *limits, False, used("GT", SLIP_WITHIN))
-    # Rigid feet that can share the load differently: as if equally compliant, where one may have to pull.
-    force, within = contacts.alike or force, checked.within
-    worst_force = within and (within.alike or within.foot_force)
-    yield MotionMargin(
-        FOOT_FORCE,
-        force and At(force.value, force.time, force.contacts),
-        worst_force and At(worst_force.value, worst_force.time, worst_force.contacts),
-        0.0 if contacts.unique else None,
-        None,
-        True,
-        -math.inf,
-    )
-    yield MotionMargin(
-        ZERO_MOMENT_POINT,
-        edge and At(edge.value, edge.time),
-        None,
-        0.0,
-        None,
-        True,
-        math.inf if edge and edge.value < 0 and "GN" in worst and worst["GN"].broken else -math.inf,
-    )
+    within, force = checked.within, None
+    if within:
+        force = within.alike or within.foot_force
+    yield from _of_contacts(robot, checked, checked.contacts, force)
+    beyond = edge and edge.value < 0 and "GN" in worst and worst["GN"].broken
+    yield MotionMargin(ZERO_MOMENT_POINT, edge, None, 0.0, None, True, math.inf if beyond else -math.inf)
     if "torque_ratio" in worst:
         limits = worst["torque_ratio"].limit, limit(TORQUE_WITHIN)
-        shares = used("torque_ratio", TORQUE_WITHIN)
+        shares = _used(worst.get("torque_ratio"), worst.get(TORQUE_WITHIN))
         yield MotionMargin(TORQUE, of("torque_ratio"), of(TORQUE_WITHIN), *limits, False, shares)
     if CLEARANCE in worst:
         pairs = [worst[name] for name in (CLEARANCE, _CLEARANCE_WITHIN) if name in worst]
@@ -153,36 +97,54 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         limits = worst[CLEARANCE].limit, limit(_CLEARANCE_WITHIN)
         yield MotionMargin(CLEARANCE, of(CLEARANCE), of(_CLEARANCE_WITHIN), *limits, True, share)
     for name in (TCP_SPEED, POINT_SPEED):
-        yield MotionMargin(name, of(name), None, limit(name), None, False, used(name))
+        yield MotionMargin(name, of(name), None, limit(name), None, False, _used(worst.get(name)))
     for footing in robot.interfaces[1:]:
-        yield from _of_object(footing, checked)
+        yield from _of_contacts(footing, checked, checked.objects[footing.name], None, footing.name)
 
 
-def _as_factor(at: At, worst: WorstInstant | None) -> At:
+def _of_contacts(
+    footing: Footing, checked: MotionCheck, contacts: ContactMargins, worst_force: Margin | None, of: str = ""
+) -> Iterable[MotionMargin]:
+    """The margins of the contacts of the base, or of an object of this name."""
+    reference, within = footing.tip_over.reference_moment, checked.within
+
+    def result(symbol: str) -> Worst | None:
+        return checked.worst.get(of_object(symbol, of) if of else symbol)
+
+    def moment(index: float) -> float:
+        return moment_at(index, reference)
+
+    tip, tip_within = result("GN"), result(TIP_WITHIN)
+    if of or (reference and tip):
+        limits = tip and moment(tip.limit), tip_within and moment(tip_within.limit)
+        worst = _changed(tip_within, moment)
+        yield MotionMargin(TIPPING, contacts.moment, worst, *limits, True, _used(tip, tip_within), of)
+    slip, slip_within = result("GT"), result(SLIP_WITHIN)
+    worst = _changed(slip_within, float)
+    if worst and within:
+        worst = _as_factor(worst, within.objects[of]["slip"] if of else within.slip)
+    if of or slip:
+        limits = slip and slip.limit, slip_within and slip_within.limit
+        yield MotionMargin(FRICTION, contacts.friction, worst, *limits, False, _used(slip, slip_within), of)
+    # Rigid feet that can share the load differently: as if equally compliant, where one may have to pull.
+    force, least = contacts.alike or contacts.force, 0.0 if contacts.unique else None
+    yield MotionMargin(FOOT_FORCE, force, worst_force, least, None, True, -math.inf, of)
+
+
+def _used(*results: Worst | None) -> float:
+    """The largest share of a limit that results use."""
+    return max((own.value / own.limit for own in results if own), default=-math.inf)
+
+
+def _changed(result: Worst | None, change: Callable[[float], float]) -> Margin | None:
+    """A result in the unit of its margin."""
+    if result is None:
+        return None
+    return Margin(change(result.value), result.time if math.isfinite(result.time) else None)
+
+
+def _as_factor(at: Margin, worst: WorstInstant | None) -> Margin:
     """The worst friction used; GT above 1 counts an acceleration, a factor on the friction tells more."""
     if worst is None or at.value <= 1:
         return at
     return replace(at, value=1.0 if math.isnan(worst.factor) else worst.factor)
-
-
-def _of_object(footing: Footing, checked: MotionCheck) -> Iterable[MotionMargin]:
-    """The margins of the contacts of an object."""
-    name, contacts = footing.name, checked.objects[footing.name]
-    reference = footing.tip_over.reference_moment
-    kinds = (
-        (TIPPING, contacts.moment, ("GN", TIP_WITHIN), lambda index: moment_at(index, reference)),
-        (FRICTION, contacts.friction, ("GT", SLIP_WITHIN), float),
-    )
-    for title, own, symbols, change in kinds:
-        known = [checked.worst.get(of_object(symbol, name)) for symbol in symbols]
-        used = max((worst.value / worst.limit for worst in known if worst), default=-math.inf)
-        within = known[1] and At(change(known[1].value), known[1].time)
-        if within and checked.within and title == FRICTION:
-            within = _as_factor(within, checked.within.objects[name]["slip"])
-        limit, other = (worst and change(worst.limit) for worst in known)
-        at = own and At(own.value, own.time, own.contacts)
-        yield MotionMargin(title, at, within, limit, other, title == TIPPING, used, name)
-    alone = contacts.alike or contacts.force  # as of the base
-    force = alone and At(alone.value, alone.time, alone.contacts)
-    least = 0.0 if contacts.unique else None
-    yield MotionMargin(FOOT_FORCE, force, None, least, None, True, -math.inf, name)

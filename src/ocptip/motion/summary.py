@@ -11,13 +11,14 @@ from ocptip.basics.text import WIDTH, quantity, table, wrapped
 from ocptip.motion.check import MotionCheck, broken_in_stops
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
-from ocptip.motion.margins import FOOT_FORCE, At, MotionMargin, critical, motion_margins
+from ocptip.motion.margins import FOOT_FORCE, MotionMargin, critical, motion_margins
 from ocptip.motion.proof import Proof
 from ocptip.motion.stops.check import Stops
 from ocptip.motion.stops.rules import SCENARIOS
 from ocptip.motion.tolerated import Tolerated
 from ocptip.motion.violations import broken_words
 from ocptip.standing.at_rest.sensitivity import Sensitivity
+from ocptip.standing.contact_margins import Margin
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -195,7 +196,7 @@ def _title(row: MotionMargin) -> str:
     return f"{'Min normal force' if row.name == FOOT_FORCE else TITLES[row.name]}, {row.object}"
 
 
-def at_text(row: MotionMargin, at: At | None) -> str:
+def at_text(row: MotionMargin, at: Margin | None) -> str:
     """A value and when it occurs."""
     if at is None:
         return "-"

@@ -253,7 +253,7 @@ def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
     if found is None:
         return None
     lost, between = found.lost, found.between
-    if lost is None:
+    if lost is None or lost.time is None:
         return Tolerated("foot_stiffness", found.least, "N/m", True, np.nan, "", between)
     what = "lifts" if lost.value < 0 else f"moves by more than {1e3 * FALLEN:.0f} mm"
     how = f"contact {lost.contacts[0]} {what}"

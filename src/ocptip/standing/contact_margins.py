@@ -21,17 +21,17 @@ class Margin:
 
     Attributes:
         value: in the unit of its name.
-        time: s.
+        time: s; None where it is not of one instant.
         contacts: which, counted from 1: the two of a tipping axis, or all that are alike (to 1e-6).
     """
 
     value: float
-    time: float
+    time: float | None = None
     contacts: tuple[int, ...] = ()
 
     def later(self, seconds: float) -> Margin:
         """This margin with its time shifted by `seconds`."""
-        return replace(self, time=self.time + seconds)
+        return replace(self, time=None if self.time is None else self.time + seconds)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

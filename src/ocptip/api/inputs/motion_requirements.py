@@ -11,10 +11,10 @@ from ocptip.motion.margins import (
     TIPPING,
     TORQUE,
     ZERO_MOMENT_POINT,
-    At,
     MotionMargin,
 )
 from ocptip.motion.summary import CheckedMotion
+from ocptip.standing.contact_margins import Margin
 
 _DEVIATIONS = {
     "tilt": "tilt",
@@ -44,7 +44,7 @@ def motion_outcomes(found: CheckedMotion, text: str) -> tuple[Outcome, ...]:
     return tuple(_outcome(found, wanted) for wanted in read_requirements(text))
 
 
-def _decides(margin: MotionMargin) -> At:
+def _decides(margin: MotionMargin) -> Margin:
     """The value that counts: the worst case if it is known."""
     at = margin.worst_case or margin.nominal
     assert at is not None  # others are left out
