@@ -14,13 +14,13 @@ from ocptip.motion.margins import (
     FRICTION,
     TIPPING,
     TORQUE,
-    At,
     critical,
     motion_margins,
 )
 from ocptip.motion.summary import at_text, margin_rows, margin_table
 from ocptip.motion.violations import broken_words, quantity_title, stated, statement
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 
@@ -132,7 +132,7 @@ def test_a_limit_of_the_drives_that_is_reached_has_a_row():
 
 def test_what_is_infinite_is_said_in_words(task, checked):
     rows = by_name(motion_margins(task.robot, checked))
-    endless = At(math.inf, 0.0)
+    endless = Margin(math.inf, 0.0)
     assert at_text(rows[FRICTION], endless) == "none holds"
     assert at_text(replace(rows[FRICTION], name=CLEARANCE), endless) == "unlimited"
 

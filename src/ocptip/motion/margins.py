@@ -13,7 +13,6 @@ from ocptip.standing.contact_margins import ContactMargins, Margin
 from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.limit import Worst
-from ocptip.standing.limit_kinds.nominal import of_object
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WorstInstant
@@ -84,7 +83,8 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
     within, force = checked.within, None
     if within:
         force = within.alike or within.foot_force
-    yield from _of_contacts(robot, checked, checked.contacts, force)
+    base, *objects = robot.interfaces
+    yield from _of_contacts(base, checked, checked.contacts, force)
     beyond = edge and edge.value < 0 and "GN" in worst and worst["GN"].broken
     yield MotionMargin(ZERO_MOMENT_POINT, edge, None, 0.0, None, True, math.inf if beyond else -math.inf)
     if "torque_ratio" in worst:
@@ -98,7 +98,7 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         yield MotionMargin(CLEARANCE, of(CLEARANCE), of(_CLEARANCE_WITHIN), *limits, True, share)
     for name in (TCP_SPEED, POINT_SPEED):
         yield MotionMargin(name, of(name), None, limit(name), None, False, _used(worst.get(name)))
-    for footing in robot.interfaces[1:]:
+    for footing in objects:
         yield from _of_contacts(footing, checked, checked.objects[footing.name], None, footing.name)
 
 
@@ -109,7 +109,7 @@ def _of_contacts(
     reference, within = footing.tip_over.reference_moment, checked.within
 
     def result(symbol: str) -> Worst | None:
-        return checked.worst.get(of_object(symbol, of) if of else symbol)
+        return checked.worst.get(footing.result(symbol))
 
     def moment(index: float) -> float:
         return moment_at(index, reference)

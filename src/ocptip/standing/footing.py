@@ -60,6 +60,10 @@ class Footing:
         self.support, self.name = support, name
         self.tip_over, self.slip = TipOver(support, reference_moment), Slip(support, redistribution)
 
+    def result(self, name: str) -> str:
+        """The name of a result of these contacts, from that of the base."""
+        return name if self.name == "base" else f"{name}[{self.name}]"
+
     def on(self, support: Support) -> Footing:
         """These margins for another support."""
         return Footing(support, self.tip_over.reference_moment, self.slip.redistribution, self.name)

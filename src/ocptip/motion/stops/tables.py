@@ -16,7 +16,6 @@ from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
 from ocptip.standing.limit_kinds.limit import Worst
-from ocptip.standing.limit_kinds.nominal import of_object
 from ocptip.standing.limits import WITHIN_OF, Limits
 from ocptip.standing.margins import Margins
 from ocptip.standing.mechanism import StandingMechanism
@@ -192,10 +191,7 @@ class PathTable:
     def _worst_of(self, footing: Footing) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for name in ("GN", "GT"):
-            result = f"{name}_stop"
-            if footing is not self._interfaces[0]:
-                result = of_object(result, footing.name)
-            if worst := self._checked.worst.get(result):
+            if worst := self._checked.worst.get(footing.result(f"{name}_stop")):
                 found[name] = worst.value
                 found[f"{name}_at_s"] = worst.time
                 found[f"{name}_detail"] = worst.detail
@@ -316,14 +312,15 @@ class JointTable(ABC):
             further.append(Worst("clearance", *values, f", {where}", asked - gap, True, self.words, "mm"))
         contacts = []
         every = zip(self._robot.interfaces, ((self._times, found), *self._of_objects), strict=True)
-        for number, (footing, (times, stops)) in enumerate(every):
+        for footing, (times, stops) in every:
             for name, limit in (("GN", rule.GN), ("GT", rule.GT)):
                 values = getattr(stops, name)
                 i = int(np.argmax(values))
                 if not values[i] <= limit:
-                    result = of_object(name, footing.name) if number else name
                     value, begun = float(values[i]), float(times[i])
-                    contacts.append(Worst(result, value, begun, limit, "", value - limit, False, self.words))
+                    contacts.append(
+                        Worst(footing.result(name), value, begun, limit, "", value - limit, False, self.words)
+                    )
         return [*contacts, *further] if not self._in_check else further
 
     @property
@@ -398,7 +395,7 @@ class CancelTable(JointTable):
             worst = worst_of_cancels(cases, motion, cancel, cancel_times(motion))
             for name, instant in zip(WITHIN_OF, worst, strict=True):
                 if instant is not None:
-                    self._within[of_object(name, footing.name) if interface else name] = instant
+                    self._within[footing.result(name)] = instant
 
     @property
     def _in_check(self) -> bool:
@@ -407,9 +404,8 @@ class CancelTable(JointTable):
     def _worst_of(self, footing: Footing, times: np.ndarray, found: JointStops) -> tuple[dict[str, Any], int]:
         """The same, and what the contacts have within the uncertainty."""
         worst, i = super()._worst_of(footing, times, found)
-        first = footing is self._robot.interfaces[0]
         for name in WITHIN_OF:
-            if at := self._within.get(name if first else of_object(name, footing.name)):
+            if at := self._within.get(footing.result(name)):
                 worst[f"{name}_within"] = at.most
                 if name == "GN":
                     reference = footing.tip_over.reference_moment

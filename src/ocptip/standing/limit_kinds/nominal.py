@@ -15,11 +15,6 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
 
-def of_object(result: str, name: str) -> str:
-    """The name of a result of an object, from that of the base."""
-    return f"{result}[{name}]"
-
-
 class ContactLimit(AskedLimit):
     """A quantity of the contacts in one scenario.
 
@@ -52,8 +47,9 @@ class ContactLimit(AskedLimit):
         self.name, self.result = self.words[0].format(quantity.name), self.words[1].format(quantity.symbol)
         self.setting, self.interface = self.setting_of(quantity), interface
         footing = robot.interfaces[interface]
+        self.result = footing.result(self.result)
         if interface:
-            self.name, self.result = f"{self.name} of {footing.name}", of_object(self.result, footing.name)
+            self.name = f"{self.name} of {footing.name}"
         # Objects have many contacts, whose exact friction utilisation takes ten times as long.
         self.quantity = quantity(footing, self.number, smooth=self.smooth and interface > 0)
 
