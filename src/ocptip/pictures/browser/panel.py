@@ -45,6 +45,11 @@ class MarginPanel:
     more: str = ""
 
     @property
+    def moving(self) -> bool:
+        """There is more than one instant."""
+        return len(self.times) > 1
+
+    @property
     def worst(self) -> int:
         """The instant with the minimum tipping margin, or with the maximum friction used."""
         values = self.moments if np.isfinite(self.moments).any() else -self.friction
@@ -60,7 +65,8 @@ class MarginPanel:
             ("foot forces", forces),
         ]
         lines = "".join(f"<div>{name} <b>{value}</b></div>" for name, value in rows)
-        return f"<b style='color:{color};font-size:15px'>{word}</b> {self.times[k]:.2f} s{lines}"
+        time = f" {self.times[k]:.2f} s" if self.moving else ""
+        return f"<b style='color:{color};font-size:15px'>{word}</b>{time}{lines}"
 
     def curve(self, k: int) -> str:
         """The tipping margin over time as SVG, with the worst instant and a cursor at instant k."""
@@ -81,23 +87,24 @@ class MarginPanel:
 
     def html(self, k: int) -> str:
         """The panel at instant k."""
-        body = f"<div class='ocptip-text'>{self.text(k)}</div>{self.curve(k)}{_LEGEND}{self.more}</div>"
+        curve = self.curve(k) if self.moving else ""
+        body = f"<div class='ocptip-text'>{self.text(k)}</div>{curve}{_LEGEND}{self.more}</div>"
         return f"<div style='font:13px sans-serif;margin:4px 12px'>{body}</div>"
 
     def overlaid(self, page: str) -> str:
         """A page of viser's player with the panel, which follows it."""
-        data = {"times": self.times, "texts": [self.text(k) for k in range(len(self.times))]}
-        script = (
-            Path(__file__)
-            .with_suffix(".js")
-            .read_text(encoding="utf-8")
-            .replace("DATA", json.dumps(plain({**data, "worst": self.worst, "wide": _WIDE})))
-        )
-        button = "<button class='ocptip-worst' style='margin-top:4px'>show the minimum margin</button>"
         panel = (
             "<div id='ocptip-panel' style='position:fixed;left:12px;top:12px;width:290px;z-index:1000;"
-            f"background:rgba(255,255,255,0.9);border:1px solid #ddd;padding:6px'>{self.html(0)}"
-            f"<div style='margin:0 12px'>{button}</div></div><script>{script}</script>"
+            "background:rgba(255,255,255,0.9);border:1px solid #ddd;padding:6px'>"
+            f"{self.html(0)}{self._linked() if self.moving else ''}</div>"
         )
         end = page.rfind("</body>")
         return f"{page[:end]}{panel}{page[end:]}" if end >= 0 else page + panel
+
+    def _linked(self) -> str:
+        """The button, and the script that links text, curve and player."""
+        data = {"times": self.times, "texts": [self.text(k) for k in range(len(self.times))]}
+        known = json.dumps(plain({**data, "worst": self.worst, "wide": _WIDE}))
+        script = Path(__file__).with_suffix(".js").read_text(encoding="utf-8").replace("DATA", known)
+        button = "<button class='ocptip-worst' style='margin-top:4px'>show the minimum margin</button>"
+        return f"<div style='margin:0 12px'>{button}</div><script>{script}</script>"

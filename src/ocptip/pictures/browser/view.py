@@ -54,14 +54,14 @@ class Show:
         stage: puts everything on a viser server and returns what shows a frame there.
         times: (T,), s, of the frames; one for what stands still.
         centre, size: (3,), m, and m: where the camera looks, and of how much.
-        panel: margins over time beside the picture; None: it stands still.
+        panel: margins over time beside the picture.
     """
 
     stage: Callable[[Any], Callable[[int], None]]
     times: np.ndarray
     centre: np.ndarray
     size: float
-    panel: MarginPanel | None = None
+    panel: MarginPanel
 
 
 def to_html(show: Show) -> str:
@@ -75,10 +75,7 @@ def to_html(show: Show) -> str:
             frame(k)
         if len(show.times) > 1:
             recorder.insert_sleep(1.0)
-        page = recorder.as_html()
-        if show.panel is not None:
-            page = show.panel.overlaid(page)
-        return f"{page}\n<!-- {MARK} -->\n"
+        return f"{show.panel.overlaid(recorder.as_html())}\n<!-- {MARK} -->\n"
 
 
 def serve(show: Show, say: Callable[[str], None]) -> None:
@@ -91,28 +88,26 @@ def serve(show: Show, say: Callable[[str], None]) -> None:
     with open_server(show.centre, show.size) as server:
         frame = show.stage(server)
         frame(0)
-        if len(show.times) > 1:
-            _controls(server, show, frame)
+        _controls(server, show, frame)
         until_interrupted(server, say)
 
 
 def _controls(server: Any, show: Show, frame: Callable[[int], None]) -> None:
     """A slider over the time, and the panel with a button that shows the minimum margin."""
     gui, panel = server.gui, show.panel
-    text = gui.add_html(panel.html(0)) if panel is not None else None
+    text = gui.add_html(panel.html(0))
+    if len(show.times) == 1:
+        return
     slider = gui.add_slider("time [s]", min=0.0, max=float(show.times[-1]), step=0.001, initial_value=0.0)
 
     def moved(_: Any) -> None:
         k = int(np.abs(show.times - slider.value).argmin())
         frame(k)
-        if panel is not None and text is not None:
-            text.content = panel.html(k)
+        text.content = panel.html(k)
 
     slider.on_update(moved)
-    if panel is not None:
-        worst = float(show.times[panel.worst])
-        button = gui.add_button("show the minimum margin")
-        button.on_click(lambda _: setattr(slider, "value", worst))
+    button = gui.add_button("show the minimum margin")
+    button.on_click(lambda _: setattr(slider, "value", float(show.times[panel.worst])))
 
 
 def until_interrupted(server: Any, say: Callable[[str], None]) -> None:
@@ -187,13 +182,8 @@ class Act:
 
     def panel(self, times: np.ndarray) -> MarginPanel:
         """Margins and foot forces at the times (T,), s, of the frames."""
-        seen, tip = self.seen, self.seen.tip
-        none = np.full(len(times), np.nan)
-        moments = np.maximum(tip.moments.min(axis=1), 0.0) if tip.moments.shape[1] else none
-        known = [shared_forces(seen.states.contact_forces, seen.slip, k)[:, 0] for k in range(len(times))]
-        stable = (tip.GN < 1) & (seen.slip.GT < 1)
-        more = closed_chains.LEGEND if self.lines else ""
-        return MarginPanel(times, moments, seen.slip.GT, np.nan_to_num(np.array(known)), stable, more)
+        seen, more = self.seen, closed_chains.LEGEND if self.lines else ""
+        return _panel(times, seen.states.contact_forces, seen.tip, seen.slip, more)
 
     def clock(self, k: int) -> str:
         """Name of the motion, or of the segment of a cycle, and what is left at frame k."""
@@ -202,6 +192,16 @@ class Act:
         seen = self.seen
         shared = shared_forces(seen.states.contact_forces, seen.slip, k)
         return f"{title}  {reserve_clock(seen.tip, seen.slip, shared, k)}"
+
+
+def _panel(
+    times: np.ndarray, contact_forces: np.ndarray, tip: TipOverReserve, slip: SlipReserve, more: str = ""
+) -> MarginPanel:
+    none = np.full(len(times), np.nan)
+    moments = np.maximum(tip.moments.min(axis=1), 0.0) if tip.moments.shape[1] else none
+    known = [shared_forces(contact_forces, slip, k)[:, 0] for k in range(len(times))]
+    stable = (tip.GN < 1) & (slip.GT < 1)
+    return MarginPanel(times, moments, slip.GT, np.nan_to_num(np.array(known)), stable, more)
 
 
 def sampled_parts(parts: Sequence[Part], times: np.ndarray) -> tuple[np.ndarray, MotionSamples]:
@@ -281,7 +281,7 @@ def _show(
 
         return frame
 
-    return Show(stage, times, centre, size, act.panel(times) if len(times) > 1 else None)
+    return Show(stage, times, centre, size, act.panel(times))
 
 
 def _ghost(
@@ -388,4 +388,5 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
         forces.show(shared, tip, 0)
         return lambda _: None
 
-    return Show(stage, np.zeros(1), centre, size)
+    times = np.zeros(1)
+    return Show(stage, times, centre, size, _panel(times, contact_forces, tip, slip))
