@@ -77,10 +77,34 @@ class Page:
                 "Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13
             )
 
+    def drag(self, label: str, share: float) -> None:
+        """Drag a slider to a share of its length with the mouse."""
+        x, y, to = self.wait_for(f"({_SLIDER})({json.dumps(label)}, {share})")
+        for kind, place in (("Pressed", x), ("Moved", (x + to) / 2), ("Moved", to), ("Released", to)):
+            pressed = {"button": "left", "buttons": 1, "clickCount": 1}
+            self.call("Input.dispatchMouseEvent", type=f"mouse{kind}", x=place, y=y, **pressed)
+
     def picture(self, path: Path) -> None:
         """Write what is seen into a PNG file."""
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
 
+
+_SLIDER = """(label, share) => {
+  const rows = [...document.querySelectorAll('label, span, div, p')]
+    .filter(one => one.childElementCount === 0 && one.textContent.trim() === label);
+  for (let row of rows)
+    for (let up = row; up && up !== document.body; up = up.parentElement) {
+      const thumb = up.querySelector('[role=slider]');
+      if (thumb) {
+        thumb.scrollIntoView({block: 'center', behavior: 'instant'});
+        const at = thumb.getBoundingClientRect();
+        const track = thumb.parentElement.getBoundingClientRect();
+        return [at.x + at.width / 2, at.y + at.height / 2, track.x + share * track.width];
+      }
+    }
+  return null;
+}"""
+"""Where the thumb of the slider beside a label is, and where it would be at a share of the length."""
 
 _FIELD = """label => {
   const found = [...document.querySelectorAll('label, span, div, p')]

@@ -138,6 +138,10 @@ def test_files_of_a_design(tmp_path, capsys):
     assert "with kg of ballast" in capsys.readouterr().out
     data = json.loads((tmp_path / "chart/chart.json").read_text())
     assert [one["ballast_kg"] for one in data["designs"]] == [0.0, 10.0]
+    rows = list(csv.DictReader((tmp_path / "chart/design.csv").read_text().splitlines()))
+    payloads = [own for one in data["designs"] for own in one["payload_up_to_reach_kg"]]
+    assert [float(row["payload_kg"]) for row in rows] == payloads
+    assert [float(row["value"]) for row in rows[:: len(rows) // 2]] == [0.0, 10.0]
     assert (tmp_path / "chart/design.png").stat().st_size > 10_000
     assert main(["chart", str(TASK), "--foot-width", "-1"]) == 2
     assert "--foot-width" in capsys.readouterr().err

@@ -360,6 +360,16 @@ class LoadChart(SavedFolder):
                 rows.writerow([view, *places, data["postures"], *(data[name] for name in _VALUES)])
         return stream.getvalue()
 
+    def designs_csv(self) -> str:
+        """The payloads on changed bases as a table: one row per base and reach."""
+        stream = io.StringIO()
+        rows = csv.writer(stream, lineterminator="\n")
+        rows.writerow(["changed", "value", "reach_to_m", "payload_kg"])
+        for one in self.designs:
+            for reach, payload in zip(self.edges[1][1:], one.payloads, strict=True):
+                rows.writerow([one.quantity, one.value, reach, "" if payload is None else payload])
+        return stream.getvalue()
+
     def picture(self) -> bytes:
         """The content of chart.png."""
         views = self.cells(azimuth=False), self.cells(height=False)
@@ -368,6 +378,8 @@ class LoadChart(SavedFolder):
     def contents(self, figures: bool) -> dict[str, bytes]:
         """chart.csv and chart.png."""
         found = {"chart.csv": self.to_csv().encode()}
+        if self.designs:
+            found["design.csv"] = self.designs_csv().encode()
         if figures:
             found["chart.png"] = self.picture()
             if self.designs:

@@ -75,7 +75,7 @@ OUTPUTS = {
     "retime": (*_PLAN, *_FIGURES, "phase_plane.png"),
     "place": ("placement.json", "placement.png", "map.png"),
     "cell": ("cell.json", "placement.png"),
-    "chart": ("chart.json", "chart.csv", "chart.png", "design.png", SUMS),
+    "chart": ("chart.json", "chart.csv", "chart.png", "design.csv", "design.png", SUMS),
     "studio": ("task/task.toml",),
     "drive": ("drive.json", "drive.csv", "nav2.yaml", "drive.png", SUMS),
 }

@@ -96,9 +96,16 @@ def _plan(
         loc="left",
         fontsize=10.5,
     )
-    ax.tick_params(labelsize=8, labelcolor=style.NOTE)
+    _readable_ticks(ax)
     ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(-0.3, 0.22), **style.TEXT)
     return image
+
+
+def _readable_ticks(ax: Any) -> None:
+    """Small labels of polar axes, above what is drawn."""
+    ax.tick_params(labelcolor=style.NOTE, labelsize=8)
+    for label in ax.get_yticklabels():
+        label.set(zorder=8, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8})
 
 
 def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: float) -> None:
@@ -123,8 +130,8 @@ def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: floa
 
 
 _DESIGNS = {
-    BALLAST: "ballast at the centre of mass of the base [kg]",
-    FOOT_WIDTH: "foot width / present width",
+    BALLAST: ("ballast", "ballast at the centre of mass of the base [kg]"),
+    FOOT_WIDTH: ("foot width", "foot width / present width"),
 }
 
 
@@ -156,9 +163,10 @@ def design_picture(name: str, scope: str, reaches: np.ndarray, designs: Sequence
                     gid=f"reach-{k}",
                 )
         ax.set_ylim(bottom=0.0)
-        style.finish(ax, "Payload that all postures hold, by reach", "payload [kg]", _DESIGNS[own])
-    style.head(figure, f"{name}: payload by ballast and foot width", scope)
-    style.note(figure, "from the payload on the left to a line, then down: ballast or width that holds it")
+        style.finish(ax, "Payload that all postures hold, by reach", "payload [kg]", _DESIGNS[own][1])
+    varied = " and ".join(_DESIGNS[own][0] for own in quantities)
+    style.head(figure, f"{name}: payload by {varied}", scope)
+    style.note(figure, f"from the payload on the left to a line, then down: the {varied} that holds it")
     return png(figure)
 
 
@@ -238,9 +246,7 @@ def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
             gid=f"tilt-{name}",
         )
     ax.set_ylim(bottom=0.0)
-    ax.tick_params(axis="y", labelcolor="#606060", labelsize=8, zorder=3)
-    for label in ax.get_yticklabels():
-        label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8})
+    _readable_ticks(ax)
     ax.set_title("Largest tilt of the floor at rest [deg], by direction downhill (0: x, 90: y)", fontsize=9.5)
     figure.legend(frameon=False, loc="outside lower center", ncols=2, **style.TEXT)
     return figure

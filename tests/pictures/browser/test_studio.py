@@ -1,7 +1,10 @@
 """The studio: its answers against `stand`, its page in process, and in a browser where there is one."""
 
+import json
+
 import numpy as np
 import pytest
+from PIL import Image
 
 import ocptip
 from ocptip.basics.errors import InputError
@@ -214,8 +217,8 @@ def test_a_second_plan_plays_beside_the_first(studio, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
-def test_a_person_types_a_payload(studio, page):
-    """The largest payload can be read; typed into the page it is stable, and more than that is not."""
+def test_a_person_types_and_drags_a_payload(studio, page, tmp_path):
+    """The margins of what was typed, or dragged with the mouse, can be read; a push tips the base."""
     with browser_page(f"http://localhost:{page.server.get_port()}") as shown:
         shown.wait_for("document.body.innerText.includes('payload, contacts')")
         for payload, word in ((2.0, "STABLE"), (0.5, "STABLE")):
@@ -223,6 +226,18 @@ def test_a_person_types_a_payload(studio, page):
             margin = dict(studio.answer(payload=payload).lines)["tipping margin"]
             shown.wait_for(f"document.body.innerText.includes('{margin}')")
             assert word in shown.text()
+        before = shown.text()
+        shown.drag("payload [kg]", 0.8)
+        shown.wait_for(f"document.body.innerText !== {json.dumps(before)}")
+        assert page.idle.wait(60)
+        payload = page.sliders["payload"].value
+        assert 0.6 * page.sliders["payload"].max < payload <= page.sliders["payload"].max
+        margin = dict(studio.answer(payload=payload).lines)["tipping margin"]
+        shown.wait_for(f"document.body.innerText.includes('{margin}')")
+        shown.picture(tmp_path / "studio.png")
+        with Image.open(tmp_path / "studio.png") as picture:
+            assert len(picture.convert("RGB").getcolors(1 << 20)) > 100
+        shown.enter("payload [kg]", 0.5)
         shown.enter("push at the TCP [N]", 200)
         shown.wait_for("document.body.innerText.includes('TIPS')")
         assert not shown.errors
