@@ -14,6 +14,7 @@ from ocptip.api.chart import halton_postures
 from ocptip.cli.main import main
 from ocptip.cli.verify.drive import DriveReport
 from ocptip.contact.verdict import equilibrium
+from ocptip.pictures.load_chart import envelope_figure
 from ocptip.standing.at_rest.stow_pose import StowSearch
 from ocptip.standing.limits import Limits
 from tests.places import EXAMPLES
@@ -225,6 +226,14 @@ def test_objects_on_the_deck_and_on_a_tray_limit_how_hard_the_base_drives():
     assert found.worst_direction[0] <= 0.3 * G * (1 + 1e-6)
     assert -found.navigation["max_decel"][0] <= found.limit("brake")
     assert set(found.to_dict()["objects"]) == {"glass_left", "crate"}
+    rows = list(csv.DictReader(io.StringIO(found.to_csv())))
+    assert [row["object"] for row in rows[:: len(rows) // 3]] == ["", "glass_left", "crate"]
+    last = [row for row in rows if row["object"] == "crate" and row["manoeuvre"] == "direction"]
+    assert [float(row["nominal_largest"]) for row in last] == box.nominal.largest[:4].tolist()
+    objects = {name: own.worst for name, own in found.objects.items()}
+    figure = envelope_figure("", "", found.angles, found.nominal, None, np.eye(3), objects)
+    drawn = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
+    np.testing.assert_allclose(drawn["glass_left tips or slides"], 0.3 * G, rtol=1e-5)
     text = DriveReport(found, None, False).to_text()
     assert re.search(r"^brake +m/s\^2 .* 2\.943 \(glass_left slides\)", text, re.MULTILINE)
 

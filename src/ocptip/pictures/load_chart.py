@@ -174,21 +174,25 @@ _WHEELS = {"color": "black", "ms": 4, "label": "contacts, not to scale"}
 _WIDEST = 1.6  # times the median limit: what lies farther out is not drawn
 
 
-def envelope_picture(
+def envelope_figure(
     name: str,
     scope: str,
     angles: np.ndarray,
     nominal: LargestManoeuvres,
     within: LargestManoeuvres | None,
     feet: np.ndarray,
-) -> bytes:
-    """Draw a PNG with the tip and the slip limit around the base, nominal and in the worst case.
+    objects: Mapping[str, LargestManoeuvres],
+) -> Figure:
+    """The tip and the slip limit around the base, nominal and in the worst case.
+
+    Of objects the smaller limit, in the worst case if there is one. What keeps all is shaded.
 
     Args:
         name, scope: for the title.
         angles: (D,) rad, directions of the first D results.
         nominal, within: results.
         feet: (n, 3), m: the contacts.
+        objects: results by name.
     """
     figure = new_figure(6.6, 6.2)
     ax: Any = figure.add_subplot(projection="polar")
@@ -211,7 +215,11 @@ def envelope_picture(
                 beyond = f": beyond {least:.3g} m/s^2" if least > top else ""
                 label = f"{word}, {title}{beyond}"
                 ax.plot(around, np.append(drawn, drawn[0]), color=color, label=label, **line)
-    least = known[-1]
+    for number, (word, own) in enumerate(objects.items()):
+        drawn = np.where(own.largest < LARGEST, own.largest, np.nan)[:count]
+        closed = np.append(drawn, drawn[0])
+        ax.plot(around, closed, **style.member(number), lw=1.4, label=f"{word} tips or slides")
+    least = np.min([known[-1], *(own.largest[:count] for own in objects.values())], axis=0)
     ax.fill(around, np.append(least, least[0]), color=style.SHADE, zorder=0, gid="envelope")
     places = feet[:, :2] - feet[:, :2].mean(axis=0)
     shown = 0.25 * top * places / max(float(np.hypot(*places.T).max()), 1e-9)
@@ -221,7 +229,7 @@ def envelope_picture(
     ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(-0.18, 0.06), **style.TEXT)
     style.head(figure, f"{name}: drive envelope", scope)
     style.note(figure, "largest acceleration of the base [m/s^2] by direction; up: forward (x axis)")
-    return png(figure)
+    return figure
 
 
 def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:

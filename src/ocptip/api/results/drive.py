@@ -14,7 +14,8 @@ import numpy as np
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
-from ocptip.pictures.load_chart import envelope_picture
+from ocptip.pictures.frame import png
+from ocptip.pictures.load_chart import envelope_figure
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.drive_envelope import (
     LARGEST,
@@ -123,19 +124,15 @@ class DriveEnvelope(SavedFolder):
         """m/s^2: of the emergency stop whose largest speed is computed; by default 80 % of the largest."""
         if self.given.deceleration is not None:
             return positive_number("deceleration", self.given.deceleration)
-        every = (self._of(k, self.given)._worst_of(self._straight) for k in range(len(self.robot.interfaces)))
-        return 0.8 * min(float(own.largest[1]) for own in every)
-
-    def _of(self, interface: int, given: DriveArguments) -> DriveEnvelope:
-        """The envelope of an interface alone."""
-        return replace(self, interface=interface, given=given)
+        every = (replace(self, interface=k) for k in range(len(self.robot.interfaces)))
+        return 0.8 * min(float(own._worst_of(self._straight).largest[1]) for own in every)
 
     @cached_property
     def objects(self) -> dict[str, DriveEnvelope]:
         """Envelopes of the objects by name; of a base, else there are none."""
         names = [own.name for own in self.robot.interfaces] if not self.interface else []
         given = replace(self.given, deceleration=self.stop_deceleration) if names[1:] else self.given
-        return {name: self._of(k, given) for k, name in enumerate(names) if k}
+        return {name: replace(self, interface=k, given=given) for k, name in enumerate(names) if k}
 
     # Each builder takes the share of the acceleration that acts: 1; more when it sets in at once and
     # overshoots; less than 0 when it ends and the load swings back, which is at rest for stops.
@@ -192,9 +189,7 @@ class DriveEnvelope(SavedFolder):
     @cached_property
     def within(self) -> LargestManoeuvres | None:
         """In the worst case of the uncertainty; None without one."""
-        if not self.counting.given:
-            return None
-        return self._worst_of(self._all, self.nominal)
+        return self._worst_of(self._all, self.nominal) if self.counting.given else None
 
     def _worst_of(
         self, build: Callable[[float], Manoeuvres], nominal: LargestManoeuvres | None = None
@@ -240,8 +235,8 @@ class DriveEnvelope(SavedFolder):
     @cached_property
     def _around(self) -> np.ndarray:
         """(D,) largest accelerations in the directions that base and objects allow."""
-        every = (self, *self.objects.values())
-        return np.min([own.worst.largest[: len(self.angles)] for own in every], axis=0)
+        count, every = len(self.angles), (self, *self.objects.values())
+        return np.min([own.worst.largest[:count] for own in every], axis=0)
 
     @property
     def worst_direction_words(self) -> str:
@@ -416,19 +411,20 @@ class DriveEnvelope(SavedFolder):
         }
 
     def to_csv(self) -> str:
-        """Directions and manoeuvres as a table; empty: without a limit."""
-        stream = io.StringIO()
+        """Directions and manoeuvres of the base, then of each object, as a table; empty: without a limit."""
+        stream, of_object = io.StringIO(), ["object"] if self.objects else []
         rows = csv.writer(stream, lineterminator="\n")
-        names = ("largest", "tips_at", "slips_at")
         cases = ["nominal", *(["within"] if self.within else [])]
-        rows.writerow(
-            ["manoeuvre", "direction_deg", "unit", *(f"{case}_{name}" for case in cases for name in names)]
-        )
-        data = self.to_dict()
-        named = [("direction", one) for one in data["directions"]] + [*data["manoeuvres"].items()]
-        for key, one in named:
-            values = ["" if one[case][name] is None else one[case][name] for case in cases for name in names]
-            rows.writerow([key, one.get("direction_deg", ""), one["unit"], *values])
+        values = [(case, name) for case in cases for name in ("largest", "tips_at", "slips_at")]
+        rows.writerow(["manoeuvre", "direction_deg", "unit", *map("_".join, values), *of_object])
+        for name, own in {"": self, **self.objects}.items():
+            limits = own.limits
+            around = [("direction", one) for one in limits["directions"]]
+            for key, one in (*around, *limits["manoeuvres"].items()):
+                found = [one[case][value] for case, value in values]
+                rows.writerow(
+                    [key, one.get("direction_deg"), one["unit"], *found, *[name for _ in of_object]]
+                )
         return stream.getvalue()
 
     def to_yaml(self) -> str:
@@ -450,6 +446,7 @@ class DriveEnvelope(SavedFolder):
         found = {"drive.csv": self.to_csv().encode(), "nav2.yaml": self.to_yaml().encode()}
         if figures:
             feet = np.array([contact.position for contact in self.robot.support.contacts])
-            about = self.name, self.scope, self.angles
-            found["drive.png"] = envelope_picture(*about, self.nominal, self.within, feet)
+            objects = {name: own.worst for name, own in self.objects.items()}
+            about = self.name, self.scope, self.angles, self.nominal, self.within
+            found["drive.png"] = png(envelope_figure(*about, feet, objects))
         return found
