@@ -135,7 +135,7 @@ def study(options: argparse.Namespace) -> str:
     load = os.getloadavg()[0]
     runs = [map_with(tasks, workers, options.seed) for workers in options.workers]
     result = {"cells": options.cells, "places": places, "seed": options.seed, "load": load, "runs": runs}
-    result |= {"machine": machine(), "versions": versions(("numpy", "casadi", "numba", "distributed"))}
+    result |= {"machine": machine(), "versions": versions(("numpy", "casadi", "llvmlite", "distributed"))}
     write_json(folder / "cluster.json", result)
     text = report(result)
     (folder / "report.md").write_text(text, encoding="utf-8")

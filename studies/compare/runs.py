@@ -198,7 +198,7 @@ def _executed(keys: Sequence[Key], runs: Runs, settings: Settings, jobs: int) ->
 
 def environment() -> dict:
     """Versions and machine."""
-    return {"versions": versions(("numpy", "scipy", "casadi", "numba")), "machine": machine()}
+    return {"versions": versions(("numpy", "scipy", "casadi", "llvmlite")), "machine": machine()}
 
 
 def state() -> str:

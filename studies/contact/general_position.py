@@ -329,7 +329,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     rows = compared(options.feet, options.stands, options.loads, options.seed)
     data = {
         "options": {name: value for name, value in vars(options).items() if name != "out"},
-        "versions": versions(("numpy", "scipy", "numba", "clarabel")),
+        "versions": versions(("numpy", "scipy", "llvmlite", "clarabel")),
         "machine": machine(),
         "summary": summary(rows, options.feet),
         "times": times(options.feet, max(1, options.stands // 4), options.seed),

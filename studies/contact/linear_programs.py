@@ -245,7 +245,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     data = {
         "options": {name: value for name, value in vars(options).items() if name != "out"},
-        "versions": versions(("numpy", "scipy", "numba", "clarabel")),
+        "versions": versions(("numpy", "scipy", "llvmlite", "clarabel")),
         "machine": machine(),
         "programs": against_programs(options.problems, options.seed),
         "enumeration": against_enumeration(options.enumerated, options.seed),

@@ -132,7 +132,7 @@ def summary(chunks: list[dict], seed: int) -> dict:
         "unsolved": unsolved[:50],
         "microseconds_per_problem": 1e6 * sum(c["solve_seconds"] for c in chunks) / total,
         "seed": seed,
-        "versions": versions(("numpy", "scipy", "numba")),
+        "versions": versions(("numpy", "scipy", "llvmlite")),
         "chunks_of_another_state_of_the_source": sum(c.get("state") not in (None, state()) for c in chunks),
         "chunks_of_an_unknown_state_of_the_source": sum("state" not in c for c in chunks),
     }

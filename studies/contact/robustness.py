@@ -39,7 +39,8 @@ def run(out: Path, feet: Sequence[int], loads: int, seed: int) -> dict:
     options = {"loads": loads, "seed": seed}
     folder = out / "contact_robustness_cases"
     folder.mkdir(parents=True, exist_ok=True)
-    groups = {"compiled": ("numpy", "numba"), **{peer.name: ("numpy", "pin", "drake") for peer in EXTERNAL}}
+    external = {peer.name: ("numpy", "pin", "drake") for peer in EXTERNAL}
+    groups = {"compiled": ("numpy", "llvmlite"), **external}
     peers = {peer.name: peer for peer in EXTERNAL}
     cases = list(all_cases(feet, loads, seed))
     tallies, used = [], {}

@@ -362,7 +362,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     data = {
         "options": {name: value for name, value in vars(options).items() if name != "out"},
-        "versions": versions(("numpy", "numba", "clarabel")),
+        "versions": versions(("numpy", "llvmlite", "clarabel")),
         "machine": machine(),
         "targets": TARGETS,
         "automaton": automaton_against_conventional(

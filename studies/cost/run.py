@@ -2,7 +2,7 @@
 
 Each case runs `ocptip check`, or `ocptip retime` of waypoints, in a process of its own. Recordings are
 seeded: smooth motions between random postures with structural vibrations and encoder noise. Machine code
-must be in Numba's cache: the first runs are left out. Seconds are those of a busy machine, up to a half more
+must be in the cache: the first runs are left out. Seconds are those of a busy machine, up to a half more
 than on an idle one.
 """
 

@@ -40,7 +40,7 @@ from studies.common import RESULTS, ended, machine, number, table
 PARTS = ("values", "gradient", "jacobian", "hessian")
 COMMANDS = {
     "python": "pass",
-    "numpy, casadi, numba": "import numpy, casadi, numba",
+    "numpy, casadi, llvmlite": "import numpy, casadi, llvmlite",
     "planner": "import ocptip.motion.plan",
     "command line, plan": "import ocptip.cli.plan.plan",
     "a worker that is ready": "from studies.plan_cases.profile import ready; ready()",

@@ -131,7 +131,7 @@ def test_who_is_blamed(error, cause, code, said):
 
 
 def test_an_interruption_that_a_callback_has_lost(monkeypatch):
-    """Numba compiles in callbacks, where an interruption is dropped, and something else fails."""
+    """Callbacks of other libraries drop an interruption, and something else fails."""
     monkeypatch.setattr(command, "stops", [signal.SIGTERM])
     assert explained(RuntimeError("no compiled object yet")) == (INTERRUPTED, "interrupted")
 

@@ -36,21 +36,21 @@ def test_help_and_version_load_no_numerics():
     code, modules = loaded(*asked)
     assert code == 0
     assert "ocptip.cli.commands" in modules
-    assert not modules & {"numpy", "scipy", "casadi", "numba", "matplotlib", "pinocchio", "clarabel"}
+    assert not modules & {"numpy", "scipy", "casadi", "llvmlite", "matplotlib", "pinocchio", "clarabel"}
 
 
 def test_stand_loads_what_it_needs():
     code, modules = loaded(["stand", str(EXAMPLES / "scenes" / "rover_on_slope.toml")])
     assert code == 0
     assert modules >= {"numpy", "clarabel"}
-    assert not modules & {"casadi", "numba", "matplotlib", "pinocchio", "scipy.optimize", "scipy.sparse"}
+    assert not modules & {"casadi", "matplotlib", "pinocchio", "scipy.optimize", "scipy.sparse"}
     assert not any(name.startswith(("ocptip.motion", "ocptip.robots")) for name in modules)
 
 
 def test_plan_and_check_begin_without_what_only_some_tasks_need():
     code, modules = loaded(["plan", "missing.toml", "--jobs", "1"], ["check", "missing.csv"])
     assert code == 2
-    assert modules >= {"ocptip.motion.plan", "casadi", "numba"}
+    assert modules >= {"ocptip.motion.plan", "casadi", "llvmlite"}
     heavy = ("interpolate", "optimize", "sparse", "spatial", "stats")
     assert not modules & {f"scipy.{name}" for name in heavy}
     assert not any(name.startswith("ocptip.parallel") for name in modules)

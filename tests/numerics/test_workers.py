@@ -89,10 +89,9 @@ def test_prepared_processes_have_the_modules():
         "with worker_pool(None, 2, 2) as pool:\n"
         "    has = pool.submit(eval, \"'colorsys' in __import__('sys').modules\").result()\n"
         "    threads = pool.submit(eval, \"__import__('os').environ['OMP_NUM_THREADS']\").result()\n"
-        "    warm = pool.submit(eval, \"'numba.np.arraymath' in __import__('sys').modules\").result()\n"
-        "print(has, warm, threads)\n"
+        "print(has, threads)\n"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     prepared = f"{sys.platform.startswith('linux')}"
-    assert said.stdout.split() == ["False", prepared, prepared, "1"], said.stderr
+    assert said.stdout.split() == ["False", prepared, "1"], said.stderr
     assert said.stderr == ""

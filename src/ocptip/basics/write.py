@@ -19,7 +19,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.version import version
 
-PACKAGES = ("casadi", "numpy", "scipy", "numba", "clarabel", "pin")
+PACKAGES = ("casadi", "numpy", "scipy", "llvmlite", "clarabel", "pin")
 """The packages that decide the numbers of plans and placements."""
 MARK = "written by ocptip"
 """In files whose format has room for it: such a file may be replaced by the next run."""

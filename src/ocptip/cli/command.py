@@ -42,7 +42,7 @@ stops: list[int] = []
 """Signals that asked this process to stop."""
 FURTHER_CODES = f"{BAD_INPUT} bad input, {INTERNAL_ERROR} internal error, {INTERRUPTED} interrupted"
 _LONGEST = 4000  # characters of a message
-_NO_MEMORY = "Cannot allocate memory"
+_NO_MEMORY = "Cannot allocate memory", "bad_alloc", "libllvmlite"  # which is large
 _FILES, _FILES_PER_JOB = 32, 8
 
 
@@ -349,7 +349,7 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 def _lack(error: BaseException) -> str:
     """The resource that the system lacks, if that is the cause of an error; else empty."""
     code, text = getattr(error, "errno", None), f"{error}"
-    if isinstance(error, MemoryError) or code == errno.ENOMEM or "bad_alloc" in text or _NO_MEMORY in text:
+    if isinstance(error, MemoryError) or code == errno.ENOMEM or any(words in text for words in _NO_MEMORY):
         return f"out of memory{_allowed('RLIMIT_AS', 'ulimit -v', 2**20, 'MiB')}"
     if code in (errno.EMFILE, errno.ENFILE):
         return f"too many open files{_allowed('RLIMIT_NOFILE', 'ulimit -n', 1, 'files')}"

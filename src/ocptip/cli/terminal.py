@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
@@ -112,23 +110,6 @@ def lines_while(stream: TextIO, name: str, every: float = EVERY) -> Iterator[Non
     finally:
         done.set()
         thread.join()
-
-
-def say_if_compiling() -> None:
-    """Say why the first run takes longer: at once on a terminal, else with the lines of progress."""
-    if _kernels_are_compiled():
-        return
-    latest.text = "compiling the contact solver (first run only, up to a minute) ..."
-    if sys.stderr.isatty() and not latest.quiet:
-        print(latest.text, file=sys.stderr)
-
-
-def _kernels_are_compiled() -> bool:
-    """True if Numba's cache holds the solver (the cache is beside the module, or in the user's folder)."""
-    from ocptip.contact import pivoting  # loads numerics
-
-    cache = Path(pivoting.solve_batch.machine_code.stats.cache_path or os.devnull)
-    return any(cache.glob("pivoting.solve_batch-*.nbi"))
 
 
 def coloured(text: str, stream: TextIO) -> str:

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from multiprocessing import forkserver
 
 THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-_WARM = "ocptip.numerics.warm"
 _start_method = ["spawn"]
 _environment = threading.Lock()
 
@@ -23,15 +22,15 @@ _environment = threading.Lock()
 def prepare_workers(modules: Sequence[str]) -> None:
     """Load modules for later processes while this one loads others; on Linux only, elsewhere nothing.
 
-    They are then forked from one that has them, and what Numba loads at its first call, with its environment
-    of now: for a process that does one thing, such as a command.
+    They are then forked from one that has them, with its environment of now: for a process that does one
+    thing, such as a command.
 
     Args:
         modules: names to import; one that cannot be imported is left out.
     """
     if not sys.platform.startswith("linux"):
         return
-    multiprocessing.get_context("forkserver").set_forkserver_preload([*modules, _WARM])
+    multiprocessing.get_context("forkserver").set_forkserver_preload(list(modules))
     with interrupts_held(), environment(THREADS):
         forkserver.ensure_running()
     _start_method[0] = "forkserver"

@@ -154,7 +154,8 @@ def brake(
         own = terms(model, q[going] + 0.5 * step * old, ahead, gravity, about, acting)
         new = old.copy()
         moved = np.empty_like(new)
-        _slow_down(own.inertia, own.bias, closed[going] * torque[going], step, new, moved)
+        inertia, bias = np.ascontiguousarray(own.inertia), np.ascontiguousarray(own.bias)
+        _slow_down(inertia, bias, closed[going] * torque[going], step, new, moved)
         before, q, qd = qd.copy(), q.copy(), qd.copy()
         q[going] += moved
         qd[going] = new
@@ -214,7 +215,7 @@ def _slow_down(inertia, bias, torque, step, speeds, moved):
             for k in range(n):
                 both[j, k], both[j, n + k] = inertia[i, j, k], 0.0
             both[j, n + j] = 1.0
-        _solve(both, n)
+        _solve(both, n, 2 * n)
         for j in range(n):
             for k in range(n):
                 inverse[j, k] = both[j, n + k]
@@ -271,7 +272,7 @@ def _hold(inverse, step, torque, brakes, speed, both):
         for b in range(count):
             both[a, b] = step * inverse[held[a], held[b]]
         both[a, count] = -speed[held[a]]
-    _solve(both[:count, : count + 1], count)
+    _solve(both, count, count + 1)
     for a in range(count):
         j = held[a]
         change = min(max(brakes[j] + both[a, count], -torque[j]), torque[j]) - brakes[j]
@@ -281,13 +282,12 @@ def _hold(inverse, step, torque, brakes, speed, both):
 
 
 @compiled
-def _solve(both, n):
-    """Gauss-Jordan elimination in place: columns from n on become those of the solution (definite matrix)."""
-    rows, columns = both.shape
+def _solve(both, n, columns):
+    """Gauss-Jordan elimination in n rows: columns from n on become the solution (definite matrix)."""
     for j in range(n):
         for k in range(j + 1, columns):
             both[j, k] /= both[j, j]
-        for i in range(rows):
+        for i in range(n):
             if i != j and both[i, j] != 0.0:
                 for k in range(j + 1, columns):
                     both[i, k] -= both[i, j] * both[j, k]

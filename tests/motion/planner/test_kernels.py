@@ -8,5 +8,5 @@ from ocptip.published.tasks import experiment_task
 def test_kernels_are_prepared_for_the_arguments_that_a_search_gives_them():
     search = Search(experiment_task("A", "effective"))
     search.run(1, 0)
-    several = {kernel.__name__ for kernel in ARGUMENTS if len(kernel.machine_code.signatures) != 1}
+    several = {kernel.__name__ for kernel in ARGUMENTS if len(kernel.made) != 1}
     assert several == set()

@@ -5,15 +5,12 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-import subprocess
-import sys
 import warnings
-from pathlib import Path
 
 import pytest
 
 from ocptip.basics.errors import InputWarning
-from ocptip.numerics.jit import native, private
+from ocptip.numerics.jit import machine, private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes of POSIX")
 
@@ -22,18 +19,17 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and mo
 def cache(monkeypatch, tmp_path):
     """The folder of machine code, with one file; a process of its own afterwards."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
-    monkeypatch.setattr(native.config, "CACHE_DIR", "")
+    monkeypatch.setenv("OCPTIP_CACHE_DIR", "")
     for one in (private._instead, private._temporary):
         one.cache_clear()
-    native._write(native._path(b"key"), b"code")
+    machine.keep_code(b"key", b"code")
     yield tmp_path / "ocptip"
     for one in (private._instead, private._temporary):
         one.cache_clear()
 
 
 def loaded():
-    return native._read(native._path(b"key"))
+    return machine.kept_code(b"key")
 
 
 def test_what_is_made_is_private(cache):
@@ -49,12 +45,12 @@ def test_a_folder_that_others_can_write_to(cache, mode):
         assert loaded() is None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        native._write(native._path(b"key"), b"other")  # no second warning
+        machine.keep_code(b"key", b"other")  # no second warning
         assert loaded() == b"other"
-    instead = native._path(b"key").parent
+    instead = machine._path(b"key").parent
     assert instead != cache
     assert stat.S_IMODE(instead.stat().st_mode) == 0o700
-    assert os.environ["NUMBA_CACHE_DIR"] == str(instead)  # of processes that are started
+    assert os.environ["OCPTIP_CACHE_DIR"] == str(instead.parent)  # of processes that are started
     assert len(list(cache.iterdir())) == 1
 
 
@@ -110,44 +106,3 @@ def test_code_planted_with_a_right_digest_is_not_run(cache):
     cache.chmod(0o777)
     with pytest.warns(InputWarning):
         assert loaded() is None
-
-
-PROGRAM = """
-import sys, warnings
-warnings.simplefilter("always")
-from ocptip.numerics.jit.compiled import compiled
-
-@compiled
-def twice(x):
-    return 2.0 * x
-
-@compiled
-def thrice(x):
-    return twice(x) + x
-
-print(thrice(2.0), thrice.machine_code._cache.cache_path)
-"""
-
-
-def test_folders_of_numba(tmp_path):
-    program = tmp_path / "program.py"
-    program.write_text(PROGRAM)
-    folder = tmp_path / "numba"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "TMPDIR": str(tmp_path)}
-
-    def run():
-        found = subprocess.run(
-            [sys.executable, program], env=environment, capture_output=True, text=True, check=True
-        )
-        value, kept = found.stdout.split()
-        assert value == "6.0"
-        return Path(kept), found.stderr
-
-    kept, said = run()
-    assert kept.is_relative_to(folder)
-    assert not said
-    kept.chmod(0o777)
-    instead, said = run()
-    assert not instead.is_relative_to(folder)
-    assert said.count("can be written by others (mode 777)") == 1
-    assert not instead.exists()  # removed at the end

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.jit import native
+from ocptip.numerics.jit import machine
 from ocptip.numerics.jit.native import LANES
 from ocptip.numerics.jit.tape import BLOCK, SEARCHED, WORTH, Tape
 
@@ -100,7 +100,7 @@ def test_unknown_operations_are_left_to_casadi(count):
 
 @pytest.mark.parametrize("name", [*UNARY, *BINARY])
 def test_machine_code_gives_the_same_bits(name, monkeypatch, tmp_path):
-    monkeypatch.setattr(native, "_path", lambda key: tmp_path / "code.tape")
+    monkeypatch.setattr(machine, "_path", lambda key: tmp_path / "code")
     x, y = cs.SX.sym("x", 3), cs.SX.sym("y", 3)
     result = UNARY[name](x) if name in UNARY else BINARY[name](x, y)
     tape = Tape(cs.Function("f", [x, y], [result, cs.dot(x, result) + 2]))
@@ -112,7 +112,7 @@ def test_machine_code_gives_the_same_bits(name, monkeypatch, tmp_path):
             for code in (made, from_disk):
                 code(inputs, tape._constants, found := np.full((4, count), np.nan))
                 np.testing.assert_array_equal(found, tape(inputs))
-        (tmp_path / "code.tape").unlink()
+        (tmp_path / "code").unlink()
     arguments, results, compute = tape.point()
     for column in inputs.T:
         arguments[:] = column
@@ -122,27 +122,28 @@ def test_machine_code_gives_the_same_bits(name, monkeypatch, tmp_path):
 
 def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(native.config, "CACHE_DIR", "")
+    monkeypatch.setenv("OCPTIP_CACHE_DIR", "")
     x = cs.SX.sym("x", 2)
     tape, inputs = Tape(cs.Function("f", [x], [cs.sin(x) * 3])), np.array([[0.5, 1.0], [2.0, 3.0]])
+    kept = set(tmp_path.rglob("*.code"))
     for _ in range(WORTH + 1):
         np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
-        assert len(list(tmp_path.rglob("*.tape"))) == (tape._blocks >= WORTH)
-    [file] = tmp_path.rglob("*.tape")
+        assert len(list(tmp_path.rglob("*.code"))) - len(kept) == (tape._blocks >= WORTH)
+    [file] = set(tmp_path.rglob("*.code")) - kept
     other = Tape(cs.Function("f", [x], [cs.sin(x) * 4]))  # another constant: the same code
     assert other.native(compile_it=False) is not None
     np.testing.assert_array_equal([other(inputs) for _ in range(SEARCHED + 1)][-1], np.sin(inputs) * 4)
     file.write_bytes(file.read_bytes()[:-1])
     assert other.native(compile_it=False) is None  # a torn file is no code
     assert other.native(compile_it=True) is not None
-    for k in range(native.KEPT + 5):
-        native._write(file.with_name(f"{k}.tape"), b"code")
-    assert len(list(file.parent.iterdir())) == native.KEPT
+    for k in range(machine.KEPT + 5):
+        machine.keep_code(bytes(k), b"code")
+    assert len(list(file.parent.iterdir())) == machine.KEPT
 
 
 def test_a_run_of_many_states_counts_as_many_blocks(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(native.config, "CACHE_DIR", "")
+    monkeypatch.setenv("OCPTIP_CACHE_DIR", "")
     x = cs.SX.sym("x", 2)
     tape, inputs = Tape(cs.Function("f", [x], [cs.sin(x) * 3])), np.ones((2, WORTH * BLOCK // 2))
     np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
@@ -153,7 +154,7 @@ def test_a_run_of_many_states_counts_as_many_blocks(monkeypatch, tmp_path):
 
 def test_without_a_folder_to_write_into_code_is_made_anew(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.setattr(native.config, "CACHE_DIR", "")
+    monkeypatch.setenv("OCPTIP_CACHE_DIR", "")
     (tmp_path / "file").write_text("no folder")
     x = cs.SX.sym("x", 2)
     tape = Tape(cs.Function("f", [x], [x + 1]))

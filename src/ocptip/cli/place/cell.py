@@ -24,7 +24,6 @@ from ocptip.cli.many import digest_of
 from ocptip.cli.options import given_tolerance, output_directory, require_least, taken
 from ocptip.cli.place.place import refusal_lines, where_text
 from ocptip.cli.plan.plan_report import PlanReport
-from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.placement.for_cycle import CyclePlacement, CyclePlacements, place_for_cycle
 from ocptip.placement.output import refusal_to_dict
@@ -48,7 +47,6 @@ def run(options: Namespace) -> Report:
     with naming("--out"):
         further = source.places if source else ()
         require_replaceable(directory / PLAN_FOLDER, "plan", further, overwrite=options.overwrite)
-    say_if_compiling()
     say = partial(print, file=sys.stderr)
     try:
         found = place_for_cycle(

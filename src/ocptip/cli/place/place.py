@@ -20,7 +20,7 @@ from ocptip.cli.command import FolderReport, Report
 from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import given_tolerance, output_directory, require_least
-from ocptip.cli.terminal import Progress, say_if_compiling
+from ocptip.cli.terminal import Progress
 from ocptip.motion.check import scope_of
 from ocptip.placement.result import NoPlacementError, Placement, PlacementMargin, PlacementResult
 from ocptip.reserves.tipping import moment_at
@@ -38,7 +38,6 @@ def run(options: Namespace) -> Report:
     if len(options.task) > 1 or options.scheduler:
         return answer_many(options, _asked, placed)
     one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
-    say_if_compiling()
     return placed(one, options)
 
 

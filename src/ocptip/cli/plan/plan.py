@@ -25,7 +25,7 @@ from ocptip.cli.options import (
     with_cancel,
 )
 from ocptip.cli.plan.plan_report import PlanReport
-from ocptip.cli.terminal import Progress, say_if_compiling
+from ocptip.cli.terminal import Progress
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.violations import sentence
 from ocptip.trajectories.bags import require_new
@@ -47,7 +47,6 @@ def run(options: Namespace) -> Report:
             raise InputError(f"--{name}: is for one task, got {len(options.task)}")
         return answer_many(options, _asked, planned)
     one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
-    say_if_compiling()
     with cluster(options) as executor:
         return planned(one, options, executor)
 

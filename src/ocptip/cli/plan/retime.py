@@ -23,7 +23,7 @@ from ocptip.cli.options import (
     typed,
 )
 from ocptip.cli.plan.plan_report import PlanReport
-from ocptip.cli.terminal import Progress, say_if_compiling
+from ocptip.cli.terminal import Progress
 from ocptip.motion.violations import broken_words
 from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.path import refuse_early
@@ -43,7 +43,6 @@ def run(options: Namespace) -> Report:
         task, path = task_of_motion(options.motion, asked, options.base)
         task = load_task(task, **given_limits(options))
         directory = output_directory(options, task.name, task.source)
-        say_if_compiling()
         with Progress(sys.stderr, "reading the path ...") as progress:
             same = "drive_profile base_limits objective price_per_second max_duration jerk path_tolerance "
             same += "controller rate unit topic"

@@ -20,7 +20,6 @@ from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import files_lines
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import given_limits, naming_options, taken
-from ocptip.cli.terminal import say_if_compiling
 from ocptip.motion.summary import margin_table, motion_line
 from ocptip.task_files.option_files import read_columns
 
@@ -41,7 +40,6 @@ def run(options: Namespace) -> Report:
         if task.is_cycle and options.out is not None:
             raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
         task = load_task(task, **given_limits(options))
-        say_if_compiling()
         reading = taken(options, "unit rate topic rise_time")
         found = certify(task, options.motion, columns=read_columns(options.columns), **reading)
     return CertifyReport(found, options.out, yes=found.certified)

@@ -14,7 +14,6 @@ from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
-from ocptip.cli.terminal import say_if_compiling
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH
 
 _COLUMNS = 8  # of a table of 80 characters
@@ -27,7 +26,6 @@ def run(options: Namespace) -> ChartReport:
     require_least(options, samples=1, seed=0, sectors=1)
     task = load_task(options.task)
     folder = output_directory(options, task.name)
-    say_if_compiling()
     with naming_options("payloads", "cell", "most", "ballast", "foot_width"):
         same = taken(options, "samples seed payloads sectors cell most ballast foot_width")
         found = chart(task, uncertainty=given_tolerance(options), **same)

@@ -28,7 +28,7 @@ from ocptip.cli.options import (
     taken,
     with_cancel,
 )
-from ocptip.cli.terminal import Progress, say_if_compiling
+from ocptip.cli.terminal import Progress
 from ocptip.cli.verify.stand import check_plot_target
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.summary import motion_line
@@ -60,7 +60,6 @@ def run(options: Namespace) -> CheckReport:
     ):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
         task = with_cancel(load_task(task, **given_limits(options)), options)
-        say_if_compiling()
         with Progress(sys.stderr, "reading the motion ...", what="instants") as progress:
             same = "drive_profile step time_scale stops sensitivities design rise_time unit rate topic"
             how = {"columns": read_columns(options.columns), "stage": progress.stage, "progress": progress}

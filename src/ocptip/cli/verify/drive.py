@@ -15,7 +15,6 @@ from ocptip.basics.text import joint_words, quantity, table, wrapped
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
-from ocptip.cli.terminal import say_if_compiling
 from ocptip.cli.verify.stand_posture import posture_of
 from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
 from ocptip.task_files.plan_folder import is_plan_folder
@@ -32,7 +31,6 @@ def run(options: Namespace) -> DriveReport:
     if plan and options.posture:
         raise InputError("not with the folder of a plan, whose motion counts", "--posture")
     folder = output_directory(options, Path(options.task).name if plan else posture.scene.name)
-    say_if_compiling()
     require_least(options, samples=1, seed=0)
     names = "directions speed turning deceleration payload slope"
     with naming_options(*names.split()):

@@ -23,7 +23,6 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import files_lines, masses, segment_rows, tolerated_lines, within_rows
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import taken
-from ocptip.cli.terminal import say_if_compiling
 from ocptip.cli.verify.check import worst_rows
 from ocptip.cli.verify.drive import envelope_rows
 from ocptip.motion.check import MotionCheck
@@ -86,7 +85,6 @@ def run(options: Namespace) -> DocumentReport:
     with naming("--out"):
         out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
         require_replaceable_file(out, overwrite=options.overwrite)
-    say_if_compiling()
     about = report(path, cases=options.cases)
     return DocumentReport(about, out, yes=about.stands, **taken(options, "cases serial author"))
 

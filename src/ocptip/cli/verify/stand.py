@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,11 +26,9 @@ from ocptip.basics.text import (
 )
 from ocptip.cli.layout import changes_table, fitted, under
 from ocptip.cli.options import GatedReport, gate_of, given_tolerance, read_gate
-from ocptip.cli.terminal import say_if_compiling
 from ocptip.contact.elastic import Shared
 from ocptip.contact.resting import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS
-from ocptip.numerics.jit.compiled import interpreted
 from ocptip.standing.at_rest.slope import FloorSlope
 from ocptip.task_files.scene import read_scene
 
@@ -39,7 +36,6 @@ if TYPE_CHECKING:
     from ocptip.standing.within.design import Design
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
-FEW = 8  # contacts: one state is solved sooner than machine code is loaded
 
 
 def run(options: Namespace) -> StandReport:
@@ -52,30 +48,25 @@ def run(options: Namespace) -> StandReport:
             if getattr(options, name) is not None:
                 raise InputError(f"--{name.replace('_', '-')}: needs --posture; a scene has no robot")
         what = read_scene(options.scene)
-        support, tolerance = what.support, what.tolerance
+        tolerance = what.tolerance
     else:
         from ocptip.cli.verify.stand_posture import read_posture  # loads for 0.3 s what scenes do not need
 
         what = read_posture(options)
-        support, tolerance = what.robot.support, what.scene.tolerance
+        tolerance = what.scene.tolerance
     tolerance = given_tolerance(options) or tolerance
-    slow = tolerance.given or options.sensitivities or len(support.contacts) > FEW
-    if slow:
-        say_if_compiling()
-    with nullcontext() if slow else interpreted():
-        try:
-            found = stand(
-                what,
-                uncertainty=tolerance,
-                reference_moment=options.gn_reference,
-                sensitivities=options.sensitivities,
-            )
-        except InputError as error:
-            if error.path != "reference_moment":
-                raise
-            raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
-        _ = found.largest_slope  # of few contacts without machine code, too
-        design = found.smallest_design if options.design else None
+    try:
+        found = stand(
+            what,
+            uncertainty=tolerance,
+            reference_moment=options.gn_reference,
+            sensitivities=options.sensitivities,
+        )
+    except InputError as error:
+        if error.path != "reference_moment":
+            raise
+        raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
+    design = found.smallest_design if options.design else None
     return StandReport(found, options.plot, design, **gate_of(options, found))
 
 

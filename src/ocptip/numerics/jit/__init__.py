@@ -1,1 +1,1 @@
-"""Machine code: kernels that Numba compiles, and tapes of CasADi functions."""
+"""Machine code: of kernels, which are Python functions of plain loops, and of tapes of CasADi functions."""

@@ -1,115 +1,178 @@
-"""Compilation of the inner loops with Numba, with the machine code kept on disk where that is possible."""
+"""Inner loops in Python that run as machine code."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from functools import cached_property, update_wrapper
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache, update_wrapper
 from hashlib import sha256
-from importlib import import_module
 from pathlib import Path
+from struct import Struct
+from threading import RLock
 from types import FunctionType
 from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
 
-from ocptip.numerics.jit.private import complaint, trusted
+from ocptip.numerics.jit.lowering import Lowered
+from ocptip.numerics.jit.machine import Library, keep_code, kept_code, target
+from ocptip.numerics.jit.module import Module
+from ocptip.numerics.jit.values import BOOL, FLOAT, INT, WORD, ValueKind
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
+_NUMBERS = {
+    **dict.fromkeys((bool, np.bool_), ValueKind(BOOL)),
+    **dict.fromkeys((int, np.int64), ValueKind(INT)),
+    **dict.fromkeys((float, np.float64), ValueKind(FLOAT)),
+}
+_ELEMENTS = {np.dtype(of).char: of for of in (FLOAT, INT, WORD, BOOL)}
+_FORMATS = {FLOAT: "d", INT: "q", WORD: "Q", BOOL: "q"}
+_LANGUAGE = {
+    str(Path(__file__).with_name(f"{name}.py")) for name in ("lowering", "expressions", "module", "values")
+}
 _interpreting = False  # in all of this process, see `interpreted`
-_held = set[str]()  # source files whose kernels this process compiles now
+_making = RLock()
 
 
 class Kernel:
-    """A function that Numba, loaded only then, compiles when it is called for the first time.
+    """A function whose machine code is loaded, or made, when it is called first with such arguments.
 
-    The machine code is kept for the next start of the program if a cache exists. Numba refuses if it finds no
-    writable folder for it (a read-only installation of a user without a home): then every process compiles
-    the function again. Machine code does not hold the interpreter's lock: several threads may run it.
+    Machine code does not hold the interpreter's lock: several threads may run it.
     """
 
     def __init__(self, function: FunctionType, any_order: bool = False) -> None:
         update_wrapper(self, function)
-        self._function, self._any_order = function, any_order
+        self.function, self.any_order = function, any_order
+        self.made: dict[tuple[ValueKind, ...], MachineCode] = {}
+        self._by_types: dict[tuple, MachineCode] = {}
 
     def __call__(self, *arguments: Any) -> Any:
-        return self._function(*arguments) if _interpreting else self.machine_code(*arguments)
+        if _interpreting:
+            return self.function(*arguments)
+        types = tuple([(a.dtype.char, a.ndim) if isinstance(a, np.ndarray) else type(a) for a in arguments])
+        code = self._by_types.get(types)
+        if code is None:
+            code = self._by_types[types] = self._for_types(types)
+        return code(arguments)
 
     def prepare(self, arguments: str) -> None:
-        """Load the machine code for these arguments, or compile it, without a call.
+        """Load or make the machine code for these arguments, without a call.
 
         Args:
             arguments: of each f (float), i (integer) or b (bool), and the dimensions of an array, such as
                 "f2 i1 f" for `kernel(matrix, numbers, factor)`.
         """
-        kinds, types = {"f": "float64", "i": "int64", "b": "boolean"}, []
-        for one in arguments.split():
-            size = int(one[1:] or 0)
-            types.append(kinds[one[0]] + (f"[{':,' * (size - 1)}::1]" if size else ""))
-        self.machine_code.compile(f"({', '.join(types)})")
+        kinds = {"f": FLOAT, "i": INT, "b": BOOL}
+        self._machine_code(tuple(ValueKind(kinds[one[0]], int(one[1:] or 0)) for one in arguments.split()))
 
-    @cached_property
-    def machine_code(self) -> Any:
-        """Numba's dispatcher of the function, in which the kernels that it calls are theirs."""
-        try:
-            made = self._compiler(cache=True)
-            if self._moved(made):
-                made = self._compiler(cache=True)
-        except RuntimeError:
-            return self._compiler()
-        _watch(made, self._files())
-        _compile_once(made, self._function.__code__.co_filename)
-        return made
+    def _for_types(self, types: tuple) -> MachineCode:
+        kinds = []
+        for k, of in enumerate(types):
+            array = isinstance(of, tuple)
+            if (of[0] if array else of) not in (_ELEMENTS if array else _NUMBERS):
+                raise TypeError(f"{self.function.__name__}: no machine code for argument {k + 1}, {of}")
+            kinds.append(ValueKind(_ELEMENTS[of[0]], of[1]) if array else _NUMBERS[of])
+        return self._machine_code(tuple(kinds))
 
-    def _compiler(self, **options: Any) -> Any:
-        import numba
+    def _machine_code(self, kinds: tuple[ValueKind, ...]) -> MachineCode:
+        with _making:
+            if kinds not in self.made:
+                files = _digest(frozenset(self._files() | _LANGUAGE))
+                key = f"{self.function.__qualname__} {self.any_order} {kinds} {files}".encode()
+                content = kept_code(key)
+                if content is None:
+                    content = self._make(kinds)
+                    keep_code(key, content)
+                self.made[kinds] = MachineCode(self.function.__name__, kinds, content)
+            return self.made[kinds]
 
-        callees = {name: kernel.machine_code for name, kernel in self._callees().items()}
-        code = self._function.__code__
-        function = FunctionType(code, {**self._function.__globals__, **callees}, code.co_name)
-        if self._any_order:
-            options["fastmath"] = {"reassoc", "nsz", "contract"}
-        # Nothing takes the address of a kernel, so that no function for C is made of it.
-        return numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)  # pyright: ignore[reportCallIssue]
-
-    def _callees(self) -> dict[str, Kernel]:
-        known, names = self._function.__globals__, self._function.__code__.co_names
-        return {name: known[name] for name in names if isinstance(known.get(name), Kernel)}
+    def _make(self, kinds: tuple[ValueKind, ...]) -> bytes:
+        """A line with the kinds of the results, and machine code."""
+        module = Module(_callee, Lowered)
+        results = module.entry(self.function, self.any_order, kinds)
+        code, machine = llvm.parse_assembly(str(module.module)), target()
+        tuning = llvm.create_pipeline_tuning_options(speed_level=2)
+        tuning.loop_vectorization = tuning.slp_vectorization = True
+        builder = llvm.create_pass_builder(machine, tuning)
+        builder.getModulePassManager().run(code, builder)
+        head = " ".join(f"{kind.of} {kind.dimensions}" for kind in results)
+        return head.encode() + b"\n" + machine.emit_object(code)
 
     def _files(self) -> set[str]:
         """The files of this function and of all that it calls."""
-        called = (kernel._files() for kernel in self._callees().values())
-        return {self._function.__code__.co_filename}.union(*called)
+        known, code = self.function.__globals__, self.function.__code__
+        called = [known[name] for name in code.co_names if isinstance(known.get(name), Kernel)]
+        return {code.co_filename}.union(*(kernel._files() for kernel in called))
 
-    def _moved(self, made: Any) -> bool:
-        """Whether Numba keeps machine code where others could put theirs; then it gets a private folder."""
-        from numba.core import config
 
-        kept = getattr(getattr(made, "_cache", None), "cache_path", None)
-        beside = Path(self._function.__code__.co_filename).parent / "__pycache__"
-        if kept is None or Path(kept) == beside:  # as safe as the source itself
-            return False
-        folder = Path(kept)
-        if complaint(folder) and not any(folder.iterdir()):  # made by Numba just now
-            with suppress(OSError):
-                folder.chmod(0o700)
-        instead = trusted(folder)
-        if instead != folder:
-            setattr(config, "CACHE_DIR", str(instead))  # noqa: B010  # it declares none
-        return instead != folder
+@cache
+def _digest(files: frozenset[str]) -> str:
+    return " ".join(sha256(Path(file).read_bytes()).hexdigest() for file in sorted(files))
+
+
+class MachineCode:
+    """Machine code of a kernel for arguments of given kinds.
+
+    Args:
+        name: of the kernel.
+        kinds: of the arguments.
+        content: see `Kernel._make`.
+    """
+
+    def __init__(self, name: str, kinds: tuple[ValueKind, ...], content: bytes) -> None:
+        self._name = name
+        head, code = content.split(b"\n", 1)
+        words = iter(head.decode().split())
+        self._results = [ValueKind(of, int(next(words))) for of in words]
+        self._pack = Struct("".join("q" if kind.dimensions else _FORMATS[kind.of] for kind in kinds))
+        layout = (
+            "q" * (1 + kind.dimensions) if kind.dimensions else _FORMATS[kind.of] for kind in self._results
+        )
+        self._unpack = Struct("".join(layout))
+        self._row = ctypes.c_int64 * (self._unpack.size // 8)
+        library = Library(code)
+        self._run = library.function("run", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_void_p)
+        self._release = library.function("release", ctypes.c_void_p, ctypes.c_void_p)
+
+    def __call__(self, arguments: tuple) -> Any:
+        row = []
+        for one in arguments:
+            if isinstance(one, np.ndarray):
+                if not one.flags.c_contiguous:
+                    raise ValueError(f"{self._name}: an argument is not contiguous")
+                row.append(id(one))
+            else:
+                row.append(one)
+        results, memory = self._row(), ctypes.c_void_p()
+        self._run(self._pack.pack(*row), results, ctypes.byref(memory))
+        if not self._results:
+            return None
+        numbers = list(self._unpack.unpack_from(results))
+        found = [_taken(kind, numbers) for kind in self._results]
+        if memory:
+            self._release(ctypes.byref(memory), None)
+        return tuple(found) if len(found) > 1 else found[0]
+
+
+def _callee(value: Any) -> tuple[FunctionType, bool] | None:
+    return (value.function, value.any_order) if isinstance(value, Kernel) else None
+
+
+def _taken(kind: ValueKind, row: list) -> Any:
+    """The next value of a row of results, which loses it; an array is copied."""
+    first = row.pop(0)
+    if not kind.dimensions:
+        return bool(first) if kind.of == BOOL else first
+    shape = row[: kind.dimensions]
+    del row[: kind.dimensions]
+    array = np.empty(shape, dtype=kind.of)
+    ctypes.memmove(array.ctypes.data, first, array.nbytes)
+    return array
 
 
 def compiled(function: Callable) -> Kernel:
-    """Decorate a function for inner loops: plain Python and NumPy without keyword arguments and closures.
-
-    Loops over elements compile several times faster than operations on whole arrays: for `a[:] = b` Numba
-    also compiles the message about shapes that do not match.
-    """
+    """Decorate a function for inner loops: plain loops over elements of arrays, see `lowering`."""
     assert isinstance(function, FunctionType)
     return Kernel(function)
 
@@ -125,10 +188,7 @@ def compiled_in_any_order(function: Callable) -> Kernel:
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Let Python run the kernels in this block, with the same results to the last bit, or to rounding.
-
-    For a process that solves a few small problems and ends: loading Numba and machine code takes longer.
-    """
+    """Let Python run the kernels in this block, with the same results to the last bit, or to rounding."""
     global _interpreting
     before, _interpreting = _interpreting, True
     try:
@@ -136,45 +196,3 @@ def interpreted() -> Iterator[None]:
             yield
     finally:
         _interpreting = before
-
-
-def _compile_once(made: Any, source: str) -> None:
-    """Let one process at a time compile kernels of a source file: others wait, and load what it has kept.
-
-    Workers begin with the same kernels, and each would compile them.
-    """
-    kept = getattr(getattr(getattr(made, "_cache", None), "_cache_file", None), "_index_path", None)
-    if kept is None or os.path.exists(kept):
-        return
-    compile_it = made.compile
-
-    def alone(signature: Any) -> Any:
-        with _alone(source):
-            return compile_it(signature)
-
-    made.compile = alone
-
-
-@contextmanager
-def _alone(source: str) -> Iterator[None]:
-    """Hold a file's lock, which ends with the process, unless this process holds it already."""
-    threads = import_module("numba.core.compiler_lock").global_compiler_lock
-    with threads, ExitStack() as held:  # that of the threads first, or one would wait for it with the other
-        if fcntl is not None and source not in _held:
-            with suppress(OSError):
-                file = held.enter_context(open(source, "rb"))
-                fcntl.flock(file, fcntl.LOCK_EX)
-            _held.add(source)
-            held.callback(_held.discard, source)
-        yield
-
-
-def _watch(made: Any, files: Iterable[str]) -> None:
-    """Make kept machine code stale where a file has changed whose functions it contains.
-
-    Numba only compares the file that defines the function. (A version of Numba that keeps the code elsewhere
-    does so as before.)
-    """
-    kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
-    if kept is not None:
-        kept._source_stamp = tuple(sha256(Path(file).read_bytes()).digest() for file in sorted(files))

@@ -1,33 +1,25 @@
 """Instructions of a tape as machine code: no decoding, eight states at a time or one, kept on disk.
 
-LLVM, which Numba brings along, gets one straight line of vector instructions, without licence to reorder or
+LLVM gets one straight line of vector instructions, without licence to reorder or
 contract: results are those of the interpreter to the last bit. Compiling costs about 0.1 ms per instruction,
 so that a tape asks for it only where it has run often; a later process finds the code on disk.
 """
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
-import hashlib
-import os
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-import llvmlite
 import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
-from numba.core import config
 
-from ocptip.numerics.jit.private import read_private, trusted, write_private
+from ocptip.numerics.jit.machine import Library, keep_code, kept_code, target
 
 LANES = 8
 """States at a time where there are many."""
-KEPT = 200  # files in the folder at most
-_VERSION = 1  # of what is generated here
 _DOUBLE, _INTEGER = ir.DoubleType(), ir.IntType(64)
 _DIRECT = {"ADD": "fadd", "SUB": "fsub", "MUL": "fmul", "DIV": "fdiv"}
 _INTRINSICS = {
@@ -51,12 +43,7 @@ class Native:
 
     def __init__(self, code: bytes, lanes: int) -> None:
         self._lanes = lanes
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
-        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-        engine.finalize_object()
-        kind = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
-        self._function = kind(engine.get_function_address("run"))
-        setattr(self._function, "engine", engine)  # noqa: B010  # owns the code, as long as that is called
+        self._function = Library(code).function("run", *[ctypes.c_void_p] * 3, ctypes.c_int64)
 
     def __call__(self, inputs: np.ndarray, constants: np.ndarray, outputs: np.ndarray) -> None:
         """Puts results into outputs (results, N) for inputs (arguments, N), both contiguous."""
@@ -92,25 +79,17 @@ def native(
     Returns:
         None if there is none.
     """
-    path = _path(bytes([lanes]) + key)
-    code = _read(path)
+    key = bytes([lanes]) + key
+    code = kept_code(key)
     if code is None and compile_it:
         code = machine_code(instructions(), lanes)
-        _write(path, code)
+        keep_code(key, code)
     return None if code is None else Native(code, lanes)
 
 
 def machine_code(instructions: list[Instruction], lanes: int) -> bytes:
     """Machine code of instructions for this processor."""
-    return _machine().emit_object(llvm.parse_assembly(_assembly(instructions, lanes)))
-
-
-def _machine() -> llvm.TargetMachine:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    target = llvm.Target.from_triple(llvm.get_process_triple())
-    features = llvm.get_host_cpu_features().flatten()
-    return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=1, jit=True)
+    return target().emit_object(llvm.parse_assembly(_assembly(instructions, lanes)))
 
 
 def _assembly(instructions: list[Instruction], lanes: int) -> str:
@@ -222,39 +201,3 @@ class _Line:
             given = [build.extract_element(v, place) for v in (x, y)[: len(function.args)]]
             result = build.insert_element(result, build.call(function, given), place)
         return result
-
-
-# --- on disk ----------------------------------------------------------------------------------------------
-
-
-def _path(key: bytes) -> Path | None:
-    """Where the code of a tape is, or would be; None where there is no such place."""
-    base = (
-        getattr(config, "CACHE_DIR", "") or os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    )
-    try:
-        folder = (Path(base) if base else Path.home() / ".cache") / "ocptip"
-    except RuntimeError:  # no home
-        return None
-    folder = trusted(folder)
-    processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
-    made_by = f"{_VERSION} {llvmlite.__version__} {llvm.get_process_triple()} {processor} "
-    return folder / f"{hashlib.sha256(made_by.encode() + key).hexdigest()}.tape"
-
-
-def _read(path: Path | None) -> bytes | None:
-    """The code in a file that is whole, in a folder where only this user can have put it."""
-    text = (path and read_private(path)) or b""
-    digest, code = text[:32], text[32:]
-    return code if code and hashlib.sha256(code).digest() == digest else None
-
-
-def _write(path: Path | None, code: bytes) -> None:
-    """Put the code where a later process finds it, whole or not at all; the oldest files make room."""
-    if path is None:
-        return
-    with contextlib.suppress(OSError):
-        write_private(path, hashlib.sha256(code).digest() + code)
-        files = sorted(path.parent.glob("*.tape"), key=lambda one: one.stat().st_mtime)
-        for old in files[:-KEPT]:
-            old.unlink(missing_ok=True)

@@ -18,6 +18,8 @@ from pathlib import Path
 
 from ocptip.basics.errors import doubt
 
+CACHE = "OCPTIP_CACHE_DIR"
+"""The environment variable that names another folder than that of the user's caches."""
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -63,8 +65,8 @@ def _temporary() -> Path:
     folder = Path(tempfile.mkdtemp(prefix="ocptip-"))
     maker = os.getpid()
     atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == maker else None)
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    return folder
+    os.environ[CACHE] = str(folder)
+    return folder / "ocptip"
 
 
 def read_private(path: Path) -> bytes | None:

@@ -60,7 +60,7 @@ class Tape:
         if not function.is_a("SXFunction"):
             raise NotImplementedError(f"{function.name()} is no SX function")
         count = function.n_instructions()
-        self._code = np.zeros((count, 4), dtype=np.int32)  # operation, two arguments, result
+        self._code = np.zeros((count, 4), dtype=np.int64)  # operation, two arguments, result
         self._constants = np.zeros(count)
         inputs = np.cumsum([0, *(function.numel_in(i) for i in range(function.n_in()))])
         outputs = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))])
@@ -212,7 +212,7 @@ def _value(operation, x, y):
         return np.fmax(x, y)
     if operation == _Op.INV:
         return 1.0 / x
-    if operation in (_Op.POW, _Op.CONSTPOW):
+    if operation == _Op.POW or operation == _Op.CONSTPOW:
         return x**y
     if operation == _Op.LT:
         return 1.0 if x < y else 0.0
