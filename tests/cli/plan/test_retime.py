@@ -20,6 +20,7 @@ from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import read_plan_folder
 from ocptip.trajectories.read import load_motion
 from tests.places import EXAMPLES
+from tests.quick import some
 
 TASK = str(EXAMPLES / "tasks" / "ur5_cart.toml")
 PLAIN = ("--tolerance", "none")
@@ -211,17 +212,20 @@ def test_figures_are_those_of_a_plan_and_the_phase_plane(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
-    [
-        ([SWEEP], "or --task TASK.toml"),
-        ([SWEEP, "--task", TASK, "--path-tolerance", "-1"], "--path-tolerance"),
-        ([SWEEP, "--task", TASK, "--objective", "both"], "price_per_second"),
-        ([SWEEP, "--task", TASK, "--max-duration", "0"], "--max-duration"),
-        ([SWEEP, "--task", TASK, "--rate", "0"], "--rate"),
-        ([TASK, "--task", TASK], "is a motion task (ocptip plan), not a path"),
-        (["missing.json", "--task", TASK], "missing.json"),
-        ([SWEEP, "--task", TASK, "--tolerance", "garage"], "--tolerance: "),
-        ([SWEEP, "--task", TASK, "--controller", "quintic"], "quintics need --jerk"),
-    ],
+    some(
+        7,
+        [
+            ([SWEEP], "or --task TASK.toml"),
+            ([SWEEP, "--task", TASK, "--path-tolerance", "-1"], "--path-tolerance"),
+            ([SWEEP, "--task", TASK, "--objective", "both"], "price_per_second"),
+            ([SWEEP, "--task", TASK, "--max-duration", "0"], "--max-duration"),
+            ([SWEEP, "--task", TASK, "--rate", "0"], "--rate"),
+            ([TASK, "--task", TASK], "is a motion task (ocptip plan), not a path"),
+            (["missing.json", "--task", TASK], "missing.json"),
+            ([SWEEP, "--task", TASK, "--tolerance", "garage"], "--tolerance: "),
+            ([SWEEP, "--task", TASK, "--controller", "quintic"], "quintics need --jerk"),
+        ],
+    ),
 )
 def test_bad_arguments_are_one_line(
     tmp_path: Path, arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]

@@ -46,8 +46,7 @@ def planned(make):
     ("make", "controller"),
     [
         *((published, controller) for controller in ("ramps", "S-curves", *CONTROLLERS)),
-        (cart, "S-curves"),
-        *(pytest.param(cart, how, marks=pytest.mark.slow) for how in ("ramps", "quintic", "cubic", "linear")),
+        *(pytest.param(cart, how, marks=pytest.mark.slow) for how in ("S-curves", "ramps", *CONTROLLERS)),
     ],
 )
 def test_files_say_what_was_checked(make, controller, tmp_path):
