@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.write import plain, versions, write_json
+from ocptip.basics.write import versions, write_json
 from ocptip.measured.compare import LEVEL
 from ocptip.measured.compare import compare as compared
 from ocptip.measured.comparison import Comparison
@@ -100,6 +100,6 @@ class PlanComparison:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the data as JSON (.json), or a figure (.png, .pdf, .svg), into a file; returns its path."""
         if Path(path).suffix == ".json":
-            write_json(Path(path), plain(self.to_dict()))
+            write_json(Path(path), self.to_dict())
             return Path(path)
         return save_comparison(path, self.found, self.predictor, self.name)

@@ -22,7 +22,7 @@ from ocptip.basics.errors import InputError, finite_array, naming
 from ocptip.basics.read import read_text
 from ocptip.basics.schema import ANY_FILE
 from ocptip.basics.toml import Table
-from ocptip.basics.write import plain, versions, write_json
+from ocptip.basics.write import versions, write_json
 from ocptip.indices.arms.values import ARM_INDICES, index_values, rate_arm
 from ocptip.indices.meanings import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
@@ -181,7 +181,7 @@ class Rating:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the data as JSON into a file; returns its path."""
-        write_json(Path(path), plain(self.to_dict()))
+        write_json(Path(path), self.to_dict())
         return Path(path)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.basics.text import quantity
-from ocptip.basics.write import plain, versions, write_json
+from ocptip.basics.write import versions, write_json
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import remarks
 from ocptip.standing.simulation.objects import predicted_objects
@@ -22,6 +22,10 @@ from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
 STEEPEST = 60.0
 """deg: the largest tilt."""
 _LONGEST_STEP = 5e-4
+_BOUNDS = {
+    "stiffness": (1e3, 1e8, "1e3 to 1e8 N/m, got {:g}; without it feet are stiff"),
+    **dict.fromkeys(("friction", "speed"), (0.01, 100.0, "a factor of 0.01 to 100, got {:g}")),
+}
 
 
 def simulate(
@@ -55,7 +59,9 @@ def simulate(
     Raises:
         InputError: an argument, or the folder cannot be used; one line.
     """
-    world = World(**_changes(stiffness, damping, tilt, downhill, payload, friction, speed))
+    given = {"stiffness": stiffness, "damping": damping, "payload": payload}
+    given |= {"friction": friction, "speed": speed}
+    world = World(**cast(Any, _changes(given, tilt, downhill)))
     step = positive_number("step", step)
     if step > _LONGEST_STEP:
         raise InputError(f"step: at most {_LONGEST_STEP:g} s, got {step:g}")
@@ -67,37 +73,24 @@ def simulate(
         return Simulated(folder.task.name, there, replay, compared(parts, replay), predicted_objects(there))
 
 
-def _changes(
-    stiffness: float | None,
-    damping: float | None,
-    tilt: float | None,
-    downhill: float,
-    payload: float | None,
-    friction: float | None,
-    speed: float | None,
-) -> dict[str, Any]:
+def _changes(given: dict[str, float | None], tilt: float | None, downhill: float) -> dict[str, float]:
     """Fields of the world that differ, checked."""
-    changes: dict[str, Any] = {}
-    if stiffness is not None:
-        changes["stiffness"] = positive_number("stiffness", stiffness)
-        if not 1e3 <= stiffness <= 1e8:
-            raise InputError(f"stiffness: 1e3 to 1e8 N/m, got {stiffness:g}; without it feet are stiff")
-    if damping is not None:
-        if stiffness is None:
-            raise InputError("damping: only for compliant feet; give stiffness as well")
-        changes["damping"] = share_of_one("damping", damping)
-    if tilt is not None:
-        if not 0 <= tilt <= np.radians(STEEPEST):
-            raise InputError(f"tilt: 0 to {np.radians(STEEPEST):.4g} rad, got {tilt!r}")
-        changes |= {"tilt": float(tilt), "downhill": float(downhill)}
-    if payload is not None:
-        changes["payload"] = positive_number("payload", payload, zero_allowed=True)
-    for key, value in (("friction", friction), ("speed", speed)):
-        if value is not None:
-            changes[key] = positive_number(key, value)
-            if not 0.01 <= value <= 100:
-                raise InputError(f"{key}: a factor of 0.01 to 100, got {value:g}")
-    return changes
+    changes = {name: value for name, value in given.items() if value is not None}
+    for name, value in changes.items():
+        if name == "damping":
+            if "stiffness" not in changes:
+                raise InputError("damping: only for compliant feet; give stiffness as well")
+            changes[name] = share_of_one(name, value)
+        else:
+            changes[name] = positive_number(name, value, zero_allowed=name == "payload")
+        low, high, words = _BOUNDS.get(name, (-np.inf, np.inf, ""))
+        if not low <= value <= high:
+            raise InputError(f"{name}: {words.format(value)}")
+    if tilt is None:
+        return changes
+    if not 0 <= tilt <= np.radians(STEEPEST):
+        raise InputError(f"tilt: 0 to {np.radians(STEEPEST):.4g} rad, got {tilt!r}")
+    return {**changes, "tilt": float(tilt), "downhill": float(downhill)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,5 +163,5 @@ class Simulated:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the data as JSON into a file; returns its path."""
-        write_json(Path(path), plain(self.to_dict()))
+        write_json(Path(path), self.to_dict())
         return Path(path)

@@ -15,7 +15,7 @@ from ocptip import pictures
 from ocptip.api.inputs.requirements import PAYLOAD, Outcome, Requirement, deviation, read_requirements
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import NOISE, percent, quantity
-from ocptip.basics.write import plain, versions, write_json
+from ocptip.basics.write import versions, write_json
 from ocptip.contact.elastic import Shared
 from ocptip.contact.states import ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, state_remark
@@ -96,7 +96,7 @@ class Standing:
         """Write the data as JSON, or a picture (.png, .pdf, .svg), into a file; returns its path."""
         path = Path(path)
         if path.suffix == ".json":
-            write_json(path, plain(self.to_dict()))
+            write_json(path, self.to_dict())
             return path
         pictures.scene.plot_scene(
             self.scene, self.states, self.tip, reported_slip(self.states, self.slip), path

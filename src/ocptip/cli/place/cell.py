@@ -17,7 +17,7 @@ from ocptip.api.tasks import load_task
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import OUTPUTS, remove_figures, require_replaceable
 from ocptip.basics.text import quantity, table
-from ocptip.basics.write import plain, versions, write_json
+from ocptip.basics.write import versions, write_json
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import summary, under
 from ocptip.cli.many import digest_of
@@ -98,20 +98,18 @@ class CellReport(Report):
 
     def entries(self) -> dict[str, Any]:
         """Content of cell.json."""
-        return plain(
-            {
-                "task": self.cell.name,
-                "verified": self.good,
-                "objective": self.cell.cycle.objective.to_dict(),
-                "tolerance": self.cell.tolerance.to_table(),
-                "places": [one.to_dict() for one in self.found.ranked],
-                "plan": f"{PLAN_FOLDER}/plan.json" if self.best else None,
-                "seed": self.found.static.seed,
-                "seconds_static": self.found.static.seconds,
-                "warnings": self.warnings,
-                "versions": versions(),
-            }
-        )
+        return {
+            "task": self.cell.name,
+            "verified": self.good,
+            "objective": self.cell.cycle.objective.to_dict(),
+            "tolerance": self.cell.tolerance.to_table(),
+            "places": [one.to_dict() for one in self.found.ranked],
+            "plan": f"{PLAN_FOLDER}/plan.json" if self.best else None,
+            "seed": self.found.static.seed,
+            "seconds_static": self.found.static.seconds,
+            "warnings": self.warnings,
+            "versions": versions(),
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """The content of cell.json and the list `written`."""
@@ -140,7 +138,9 @@ class CellReport(Report):
     def to_text(self) -> str:
         """The ranked places, then what `plan` says of the best one."""
         head = "\n".join([self._title(), "", *_table(self.found.ranked), ""])
-        lines = under("refused", [f"place {k}: {p.refusal}" for k, p in self._ranked() if p.refusal])
+        lines = under(
+            "refused", [f"place {k}: {p.refusal}" for k, p in enumerate(self.found.ranked, 1) if p.refusal]
+        )
         lines.append(("tolerance", str(self.cell.tolerance)))
         if self.cell.problem.tolerance.given:
             lines.append(("", f"of it at rest, in the search for places: {self.cell.problem.tolerance}"))
@@ -150,9 +150,6 @@ class CellReport(Report):
             return summary(head, lines, self.written)
         self.best.written, self.best.verbose = self.written, self.verbose
         return "\n".join([summary(head, lines, []), "", self.best.to_text()])
-
-    def _ranked(self) -> Iterator[tuple[int, CyclePlacement]]:
-        yield from enumerate(self.found.ranked, 1)
 
 
 def _table(ranked: tuple[CyclePlacement, ...]) -> list[str]:

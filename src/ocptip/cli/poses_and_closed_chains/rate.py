@@ -80,33 +80,30 @@ def _robot_and_pose(
     options: Namespace, kind: Kind
 ) -> tuple[Any, np.ndarray | None, OperationEllipsoid | None]:
     """The robot with what the options change, its pose, m and rad, and the ellipsoid that is typed."""
-    typed = options.pose
+    typed, pose = options.pose, None
+    asked = not options.along and (typed or kind == "arm")
     if kind == "arm":
-        model = _arm(options).with_payload(_payload(options))
-        if options.along:
-            return model, None, _ellipsoid(options)
-        if len(typed) != model.n:
-            raise InputError(f"POSE: {model.name} has {model.n} joints, got {len(typed)} angles (degrees)")
-        return model, np.radians(bounded_array("POSE", typed, (model.n,))), _ellipsoid(options)
-    if kind == "platform":
-        platform = rated_robot(options.robot, kind)
-        if options.along or not typed:
-            return platform, None, _ellipsoid(options)
-        if len(typed) != 6:
-            raise InputError(
-                f"POSE: a platform needs x y z (m), rotation vector (deg), got {len(typed)} numbers"
-            )
-        values = bounded_array("POSE", typed, (6,))
-        return platform, np.append(values[:3], np.radians(values[3:])), _ellipsoid(options)
-    description = read_robot(options.robot)
-    robot = ParallelRobot(with_ranges(description, options.range) if options.range else description)
-    names = robot.description.platform.coordinates
-    if options.along or not typed:
-        return robot, None, _ellipsoid(options)
-    if len(typed) != len(names):
-        raise InputError(f"POSE: expected {', '.join(names)} (m, degrees), got {len(typed)} numbers")
-    z = np.where([one.startswith("phi") for one in names], np.radians(typed), typed)
-    return robot, z, _ellipsoid(options)
+        robot = _arm(options).with_payload(_payload(options))
+        if asked and len(typed) != robot.n:
+            raise InputError(f"POSE: {robot.name} has {robot.n} joints, got {len(typed)} angles (degrees)")
+        pose = np.radians(bounded_array("POSE", typed, (robot.n,))) if asked else None
+    elif kind == "platform":
+        robot = rated_robot(options.robot, kind)
+        if asked and len(typed) != 6:
+            text = f"a platform needs x y z (m), rotation vector (deg), got {len(typed)} numbers"
+            raise InputError(f"POSE: {text}")
+        if asked:
+            values = bounded_array("POSE", typed, (6,))
+            pose = np.append(values[:3], np.radians(values[3:]))
+    else:
+        description = read_robot(options.robot)
+        robot = ParallelRobot(with_ranges(description, options.range) if options.range else description)
+        names = robot.description.platform.coordinates
+        if asked and len(typed) != len(names):
+            raise InputError(f"POSE: expected {', '.join(names)} (m, degrees), got {len(typed)} numbers")
+        turns = [one.startswith("phi") for one in names]
+        pose = np.where(turns, np.radians(typed), typed) if asked else None
+    return robot, pose, _ellipsoid(options)
 
 
 def _lines(rating: Rating) -> list[tuple[str, str]]:
@@ -251,12 +248,15 @@ class AlongReport(ResultReport):
         return "\n".join([*lines, *(f"wrote {path}" for path in self.written)])
 
 
+def _figure(options: Namespace, *animations: str) -> Path | None:
+    """The file of `--plot`, if it can be written."""
+    with naming("--plot"):
+        return file_target(options.plot, (".png", ".pdf", ".svg", *animations)) if options.plot else None
+
+
 def along_report(robot: Rated, options: Namespace, ellipsoid: OperationEllipsoid | None) -> AlongReport:
     """Indices of every row of the file `--along`."""
-    figure = None
-    if options.plot:
-        with naming("--plot"):
-            figure = file_target(options.plot, (".png", ".pdf", ".svg", *pictures.movie.SUFFIXES))
+    figure = _figure(options, *pictures.movie.SUFFIXES)
     rated = rate_along(robot, options.along, indices=options.index, ellipsoid=ellipsoid)
     return AlongReport(rated, figure, yes=rated.regular)
 
@@ -310,10 +310,7 @@ def workspace_report(
     robot: Rated, pose: np.ndarray | None, options: Namespace, ellipsoid: OperationEllipsoid | None
 ) -> MapsReport:
     """Indices over the grid that `--workspace` and `--cells` ask for, about a pose."""
-    figure = None
-    if options.plot:
-        with naming("--plot"):
-            figure = file_target(options.plot, (".png", ".pdf", ".svg"))
+    figure = _figure(options)
     with Progress(sys.stderr, "computing the poses ...", what="poses") as progress:
         found = rate_workspace(
             robot,
