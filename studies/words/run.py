@@ -18,7 +18,7 @@ from studies.common import table
 from studies.words.code import module, words_of
 
 ROOT = Path(__file__).resolve().parents[2]
-WORDS, MEAN, LONGEST, CELL, EASE = 1500, 18.0, 40, 15, 50.0
+WORDS, MEAN, LONGEST, CELL, EASE = 1500, 18.0, 25, 15, 50.0
 """Maximum words of a page, mean and maximum words of a sentence, maximum words of a cell; minimum ease."""
 
 GENERATED = "task-file-reference.md"

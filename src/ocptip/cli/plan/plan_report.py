@@ -123,7 +123,8 @@ class PlanReport(GatedReport):
     def _interrupted(self) -> str:
         plan = self.plan.planned
         if "slow" in plan.options:
-            return "the search gave no motion; this one is the joints in step, so slow that all limits hold"
+            slow = "the search gave no motion; this one is the joints in step, as slow as all limits ask for"
+            return f"{slow}; more --seconds may give a better one"
         if plan.complete:
             return "interrupted: this is the best of the starts that had finished"
         left = ", ".join(s.name for s in plan.task.segments[len(plan.parts) :])
