@@ -1,5 +1,6 @@
-"""Wheels with a drive or a brake: laws, statics by hand, and linear programs that know nothing of modes."""
+"""Wheels with a drive or a brake: laws, statics by hand, and programs that know nothing of modes."""
 
+import clarabel
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -11,8 +12,10 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.solver import solve, solve_many
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import stability
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.reserves.friction_needed import friction_needed, missing_force
 from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
 from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
 from tests.quick import some
 from tests.standing.test_base_motion import carried
@@ -21,11 +24,12 @@ G, FRICTION, TORQUE, RADIUS = 9.81, 0.6, 2.0, 0.1
 FORCE = TORQUE / RADIUS  # N, along, of each
 FOUR = [0.3, 0.2, 0], [0.3, -0.2, 0], [-0.3, -0.2, 0], [-0.3, 0.2, 0]
 THREE = [0.4, 0, 0], [-0.3, -0.2, 0], [-0.3, 0.2, 0]
-FACES = 256  # of the cones of the linear programs: radii are off by less than 8e-5
 
 
 def driven(place, **more):
-    return DrivenWheel(position=place, friction=FRICTION, torque=TORQUE, radius=RADIUS, **more)
+    return DrivenWheel(
+        **{"position": place, "friction": FRICTION, "torque": TORQUE, "radius": RADIUS, **more}
+    )
 
 
 def on(contacts, **more):
@@ -99,34 +103,47 @@ def test_the_drive_envelope_ends_at_the_drive():
     assert found.slip == pytest.approx([4 * FORCE / 50, FRICTION * G], rel=1e-6)
 
 
-def largest(base: Support, wrench: np.ndarray, pyramid: bool) -> float:
-    """Largest factor on what is across in a load, by a linear program; -1: normal forces do not hold it.
+def balance_of(base: Support, wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of all forces and of a factor on what is across in a load, and what they have to give."""
+    arm = -np.array(base.center_of_mass)
+    force = np.r_[wrench[:2], 0]
+    turn = (wrench[3:] - np.cross(arm, wrench[:3]))[2]
+    across = np.r_[force, np.array([0, 0, turn]) + np.cross(arm, force)]
+    return np.column_stack([base.wrench_matrix, across]), across - wrench
 
-    With faces of the solver's pyramids (the factor is at most 1), or nearly cones.
-    """
+
+def pyramids_hold(base: Support, wrench: np.ndarray) -> bool:
+    """Whether forces in the solver's pyramids balance a load, by a linear program."""
     n, size = base.n_contacts, 3 * base.n_contacts + 1
     rows, limits = [], []
     for k, own in enumerate(base.contacts):
         normal, along, across = np.eye(size)[3 * k : 3 * k + 3]
         free = isinstance(own, FreeWheel)
-        angles = 2 * np.pi * np.arange(FACES) / FACES
-        if pyramid or free:
-            slope = own.friction if free else own._slope
-            faces = [across, -across] + ([] if free else [along, -along])
-        else:
-            slope, faces = own.friction, [np.cos(a) * along + np.sin(a) * across for a in angles]
-        most = 0.0 if free else FORCE
+        slope = own.friction if free else own._slope
+        faces = [across, -across] + ([] if free else [along, -along])
         rows += [-normal, *(face - slope * normal for face in faces), along, -along]
-        limits += [0.0] * (1 + len(faces)) + [most, most]
-    arm = -np.array(base.center_of_mass)
-    force = np.r_[wrench[:2], 0]
-    turn = (wrench[3:] - np.cross(arm, wrench[:3]))[2]
-    across = np.r_[force, np.array([0, 0, turn]) + np.cross(arm, force)]
-    balance = np.column_stack([base.wrench_matrix, across])
+        limits += [0.0] * (1 + len(faces)) + [0.0 if free else FORCE] * 2
+    bounds = [(None, None)] * (3 * n) + [(0.0, 1.0)]
     cost = np.append(np.zeros(3 * n), -1.0)
-    bounds = [(None, None)] * (3 * n) + [(0.0, 1.0 if pyramid else 1e3)]
-    found = linprog(cost, np.array(rows), limits, balance, across - wrench, bounds, method="highs")
-    return float(found.x[-1]) if found.status == 0 else -1.0
+    found = linprog(cost, np.array(rows), limits, *balance_of(base, wrench), bounds, method="highs")
+    return found.status == 0 and found.x[-1] > 1 - 1e-9
+
+
+def largest(base: Support, wrench: np.ndarray) -> float:
+    """Largest factor on what is across in a load, by a cone program; -1: normal forces do not hold it."""
+    size, weight = 3 * base.n_contacts + 1, np.linalg.norm(base.weight)
+    columns, load = balance_of(base, wrench)
+    columns[:, -1] /= weight
+    rows, limits, cones = [columns], [load / weight], [clarabel.ZeroConeT(6)]
+    for k, own in enumerate(base.contacts):
+        normal, along, across = np.eye(size)[3 * k : 3 * k + 3]
+        most = 0.0 if isinstance(own, FreeWheel) else FORCE / weight
+        rows += [-np.array([FRICTION * normal, along, across]), np.array([along, -along])]
+        limits += [np.zeros(3), np.full(2, most)]
+        cones += [clarabel.SecondOrderConeT(3), clarabel.NonnegativeConeT(2)]
+    cost = np.append(np.zeros(size - 1), -1.0)
+    found = solve_cones(cost, np.vstack(rows), np.concatenate(limits), cones, quiet_settings(1e-12))
+    return float(found.x[-1]) if str(found.status) in USABLE else -1.0
 
 
 @pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
@@ -141,18 +158,37 @@ def test_random_states_are_those_of_linear_programs(kind, count):
     states = solve_many(base, wrenches)
     assert states.solved.all()
     assert np.nanmax(states.law_violation()) < 1e-9
-    factors = np.array([largest(base, own, True) for own in wrenches])
-    assert not np.any(states.persistent & (factors < 1 - 1e-7))
+    holds = np.array([pyramids_hold(base, own) for own in wrenches])
+    assert not np.any(states.persistent & ~holds)
     if kind == "tricycle":  # forces are unique: what can stand does
-        np.testing.assert_array_equal(states.persistent, factors > 1 - 1e-9)
+        np.testing.assert_array_equal(states.persistent, holds)
         assert 0.1 * count < np.sum(states.persistent) < 0.9 * count
     resting = solve_resting(base, wrenches)
     used = Slip(base).evaluate(resting, derivatives=False)
-    factors = np.array([largest(base, own, False) for own in wrenches])
-    stands = resting.persistent & (factors < 1e3)
-    np.testing.assert_allclose(used.GT[stands], 1 / factors[stands], rtol=2e-4)
-    assert np.sum(stands) > 0.1 * count
-    assert np.all(factors[~resting.persistent] < 1 + 1e-3)
+    factors = np.array([largest(base, own) for own in wrenches])
+    np.testing.assert_allclose(used.GT[resting.persistent], 1 / factors[resting.persistent], rtol=1e-6)
+    assert np.sum(resting.persistent) > 0.1 * count
+    assert np.all(factors[~resting.persistent] < 1 + 1e-6)
+
+
+def test_a_block_that_brakes_loads_its_axles_and_a_tricycle_its_wheels_as_by_hand():
+    """About the front axle remains m g l / 2 - m a h; wheels of a tricycle balance by moments."""
+    length, height, a = 0.6, 0.4, 4.0
+    base = on([driven(place, torque=50.0) if k < 2 else driven(place) for k, place in enumerate(FOUR)])
+    states = solve_resting(base, pushed(base, 50 * a)[None])
+    moments = TipOver(base).evaluate(states).moments[0]
+    assert moments.min() == pytest.approx(50 * (G * length / 2 - a * height), rel=1e-9)
+    tip = largest_manoeuvres(
+        carried(on([driven(place, torque=1e3) for place in FOUR], mass=49.0)), np.zeros(1),
+        Manoeuvres.accelerations(np.array([[-1.0, 0, 0]]), base.gravity),
+    ).tip[0]  # fmt: skip
+    assert tip == pytest.approx(G * length / (2 * height), rel=1e-9)
+    three = tricycle(center_of_mass=[0.05, 0.02, 0.4])
+    push = 15.0
+    forces = solve(three, pushed(three, push)).contact_forces[:, 0]
+    front = (50 * G * (0.05 + 0.3) + push * 0.4) / 0.7
+    left = ((50 * G - front) * 0.2 + 50 * G * 0.02) / 0.4
+    np.testing.assert_allclose(forces, [front, 50 * G - front - left, left], rtol=1e-9)
 
 
 def test_stand_says_that_it_rolls_and_what_is_missing(tmp_path, capsys):
