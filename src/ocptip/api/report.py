@@ -40,13 +40,17 @@ from ocptip.standing.at_rest.load_cases import (
     load_cases,
     tilt_by_direction,
 )
+from ocptip.standing.margins import Margins
 from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import NONE
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.option_files import load_asked
 from ocptip.task_files.plan_folder import PlanFolder, arms_of, read_plan_folder
+from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 CHART_POSTURES = 4000  # of the load chart
+SPEEDS = np.linspace(0.5, 1.6, 12)  # of a motion, over the planned one
+INSTANTS = 150  # of a motion at each of them, besides both sides of its switching times
 POSTURES = 60  # of a motion, for the largest payload
 _SAME = 1e-3  # s: postures no farther apart are one
 
@@ -109,6 +113,7 @@ class Stage:
         self.checked: MotionCheck | None = None
         self.stops: Stops | None = None
         self.payloads: tuple[np.ndarray, np.ndarray] | None = None
+        self.speeds: tuple[np.ndarray, np.ndarray] | None = None
         self.cases: list[LoadCase] = []
         self.tilts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
@@ -120,6 +125,7 @@ class Stage:
             nominal = replace(self.task.limits, tolerance=NONE)
             stopped = check_motion(robot, motion, self.task.stops.asked(nominal))
             self.stops = stops_of(self.task, motion, stopped, "path")
+            self.speeds = margins_by_speed(robot, motion)
         times = np.linspace(0.0, motion.end, POSTURES)
         acting = robot.driving(None).during(motion).acting(times)
         self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0], acting)
@@ -155,6 +161,23 @@ class Stage:
             if min(abs(time - other) for other in found.values()) > _SAME:
                 found[f"{word} ({self.part.begin + time:.3f} s)"] = time
         return found
+
+
+def margins_by_speed(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Minimum tipping margin, N m, and maximum friction used of a motion at all `SPEEDS`, nominal.
+
+    Of what cannot tip the margin is infinite; where a contact is lost it is 0, and the friction infinite.
+    """
+    edges = motion.intervals.ravel()
+    times = np.unique([*np.linspace(0.0, motion.end, INSTANTS), *(edges - INSIDE), *(edges + INSIDE)])
+    q, qd, qdd = motion.states(times[(times >= 0) & (times <= motion.end)])
+    found = [
+        Margins.under(robot.loads(q, speed * qd, speed**2 * qdd)[1], robot.tip_over, robot.slip)
+        for speed in SPEEDS
+    ]
+    moments = [np.maximum(np.nan_to_num(one.tipping_moment, nan=0.0, posinf=np.inf), 0.0) for one in found]
+    shares = [np.nan_to_num(one.GT, nan=np.inf, posinf=np.inf) for one in found]
+    return np.min(moments, axis=1), np.max(shares, axis=1)
 
 
 class Stability:
@@ -280,6 +303,7 @@ class Stability:
             **({} if self.envelope is None else {"drive": self.envelope.to_dict()}),
             **({"stops": stops if self.task.is_cycle else stops[0]} if stops else {}),
             **({"least_more_payload_kg": min(held)} if held else {}),
+            **({"margins_by_speed": self._speeds()} if any(s.speeds for s in self.stages) else {}),
             "tolerated": [one.to_dict() for one in (self.motion.robustness if self.motion else ())],
             "load_cases": [case.to_dict() for case in self.cases],
             "least_tilt_deg": {
@@ -290,3 +314,14 @@ class Stability:
             "assumed": list(self.task.robot.notes),
             "versions": versions(),
         }
+
+    def _speeds(self) -> list[dict[str, Any]]:
+        """Rows by segment and speed; None: nothing tips, or no friction holds."""
+        names = "speed", "tipping_margin_Nm", "friction_used"
+        return [
+            {"segment": stage.name}
+            | {name: value if np.isfinite(value) else None for name, value in zip(names, row, strict=True)}
+            for stage in self.stages
+            if stage.speeds
+            for row in zip(SPEEDS.tolist(), *(own.tolist() for own in stage.speeds), strict=True)
+        ]

@@ -280,3 +280,21 @@ def payload_figure(times: np.ndarray, masses: np.ndarray, drives: float | None =
     )
     ax.set_ylim(0.0, 1.15 * max(top, 1e-9))
     return figure
+
+
+def speed_figure(speeds: np.ndarray, moments: np.ndarray, friction: np.ndarray) -> Figure:
+    """Minimum tipping margin (S,), N m, and maximum friction used (S,) over the speed of a motion."""
+    figure = new_figure(8.0, 3.2)
+    panels = figure.subplots(1, 2)
+    for ax, quantity, values in zip(
+        panels, (style.TIPPING, style.FRICTION), (moments, friction), strict=True
+    ):
+        known = quantity.scale * np.where(np.isfinite(values), values, np.nan)
+        ax.plot(speeds, known, color=quantity.color, marker="o", ms=3, **style.NOMINAL, gid=quantity.name)
+        ax.axvline(1.0, color=style.EVENT, lw=1.2, zorder=0)
+        style.finish(ax, quantity.name.capitalize(), quantity.label, "speed / planned speed")
+    panels[0].set_ylim(bottom=0.0)
+    panels[1].axhline(100.0, **style.LIMIT)
+    panels[1].set_ylim(0.0, 150.0)
+    style.note(figure, "from a margin on the left to the line, then down: the speed that keeps it")
+    return figure

@@ -7,9 +7,14 @@ from html import unescape
 
 import pytest
 
+from ocptip.api.report import SPEEDS, margins_by_speed
 from ocptip.cli.main import main
+from ocptip.motion.check import check_motion
 from ocptip.motion.files.plan_files import write_plan
+from ocptip.motion.tolerated import robustness
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import NONE
 from tests.motion.cycles.cycle_files import planned
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
@@ -113,3 +118,17 @@ def test_what_it_cannot_be_about_is_refused(tmp_path, monkeypatch, capsys, argum
     assert main(["report", *arguments]) == 2
     assert words in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_margins_by_speed_are_those_of_the_scaled_motion():
+    """Of a check of the motion with other times; a contact is lost beyond the speed that robustness has."""
+    task = experiment_task("A", limits=Limits(tolerance=NONE))
+    moments, friction = margins_by_speed(task.robot, task.reference)
+    for k in (0, 9):
+        checked = check_motion(task.robot, task.reference.time_scaled(1 / SPEEDS[k]), task.limits)
+        assert moments[k] == pytest.approx(max(checked.contacts.moment.value, 0.0), rel=0.02)
+        assert friction[k] == pytest.approx(checked.worst["GT"].value, rel=0.02)
+    faster = next(one for one in robustness(task, task.reference) if one.quantity == "faster")
+    lost = 1 + faster.value / 100
+    assert ((moments > 0) & (friction < 1) == (lost > SPEEDS)).all()
+    assert SPEEDS[0] < lost < SPEEDS[-1]

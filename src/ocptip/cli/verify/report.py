@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.api.chart import NOT_COVERED
-from ocptip.api.report import Stability, Stage, report
+from ocptip.api.report import SPEEDS, Stability, Stage, report
 from ocptip.api.results.drive import ASSUMED
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import SUMS, read_sums, require_replaceable_file
@@ -42,7 +42,7 @@ from ocptip.pictures.document import (
     picture,
     verdict,
 )  # fmt: skip
-from ocptip.pictures.load_chart import payload_figure, tilt_figure
+from ocptip.pictures.load_chart import payload_figure, speed_figure, tilt_figure
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.at_rest.load_cases import MOST_TILT, LoadCase
 
@@ -74,7 +74,7 @@ _TESTS = (
     ("overload test", "Load cases; Largest payload; Robustness, one at a time"),
     ("stop test (controlled stop at any instant)", "Stops; Cancels"),
     ("driving, braking and turning with the arm at rest", "Drive envelope"),
-    ("test run at higher speed", "Robustness, one at a time"),
+    ("test run at higher speed", "Margins by speed; Robustness, one at a time"),
     ("slope and friction of the floor", "Tilt by direction; Robustness, one at a time"),
 )
 
@@ -226,6 +226,12 @@ class DocumentReport(Report):
         yield heading("Robustness, one at a time")
         yield paragraph("Under each of these deviations, all else nominal, the motion loses no contact:")
         yield items(tolerated_lines(moving.robustness))
+        if timed := [(stage.name, stage.speeds) for stage in self.about.stages if stage.speeds]:
+            yield heading("Margins by speed")
+            yield paragraph("Of the motion with all times scaled, in the nominal model, at sampled instants.")
+            for name, speeds in timed:
+                caption = f"Margins of {name or 'the motion'} over its speed; grey: as planned."
+                yield picture(speed_figure(SPEEDS, *speeds), caption)
         if any(stage.stops for stage in self.about.stages):
             yield heading("Stops")
             yield paragraph("In the nominal model, without uncertainty.")
