@@ -230,6 +230,35 @@ class ArmOnBase:
         moment = moment + twists + np.cross(tool, at_tool) + np.cross(worlds.centre, at_base)
         return np.hstack([force, moment])
 
+    def on_object(self, carried, worlds, moved, shares, shifts):
+        """(N, 6) on an object of the model about its reference point, in axes of its link.
+
+        Args:
+            carried: the object.
+            worlds, moved: as of `wrench`.
+            shares: (N, k) factors of the masses of its bodies.
+            shifts: (N, k, 3), m, of their centres of mass along the object's box.
+        """
+        fast = worlds.pace[:, None] ** 2
+        if callable(moved):
+            links, fast = moved(worlds), np.ones(fast.shape)
+        else:
+            none = np.zeros(worlds.gravity.shape)
+            still = np.broadcast_to(np.eye(3), (len(none), 3, 3))
+            links = [(still, none, none, none, none), *moved]
+        R, _, *motion = links[carried["link"]]
+        omega, domega, accel, gravity = (np.einsum("nji,nj->ni", R, v) for v in (*motion, worlds.gravity))
+        about, axes = np.array(carried["base"]["center_of_mass"]), np.array(carried["axes"])
+        force, moment = np.zeros((2, *omega.shape))
+        for k, body in enumerate(carried["bodies"]):
+            place, inertia = np.array(body["center"]) + shifts[:, k] @ axes.T, np.array(body["inertia"])
+            a = accel + np.cross(domega, place) + np.cross(omega, np.cross(omega, place))
+            f = (shares[:, k] * body["mass"])[:, None] * (gravity - fast * a)
+            turns = domega @ inertia.T + np.cross(omega, omega @ inertia.T)
+            force = force + f
+            moment = moment + np.cross(place - about, f) - shares[:, k, None] * fast * turns
+        return np.hstack([force, moment])
+
     # --- the worst ----------------------------------------------------------------------------------------
 
     def least(self, h, worlds, moved, acting, rounds=3):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.trusted.arm import Arm, Driven, Motion, crossed, inertial, times_rows, turned
-from ocptip.certificate.trusted.forms import Form, joined
+from ocptip.certificate.trusted.forms import Form, U, joined
 from ocptip.certificate.trusted.plain import DRIVE_SPEED
 
 Part = tuple[Form, Form, Form]
@@ -116,6 +116,54 @@ def base_bodies(
     weights = [(1 + low, 1 + high, mass), *[(-1.0, 1.0, 0.0)] * len(shifts)]
     rows = zip(weights, parts, strict=True)
     return [Body(-1, least, most, share, *part) for (least, most, share), part in rows], second
+
+
+def carried_bodies(
+    carried: Mapping[str, Any], tolerance: Mapping[str, Any], moved: Motion
+) -> tuple[list[Body], list[Form]]:
+    """Bodies of an object on contacts, with shifts of their centres of mass, in axes of its link.
+
+    The last is a place: where their weight acts, with nominal masses. Also moments as of `bodies`.
+
+    Args:
+        carried, tolerance: of a certificate.
+        moved: of the link.
+    """
+    about = np.array(carried["base"]["center_of_mass"], dtype=float)
+    none = Form.of(np.zeros(moved[0].r.shape))
+    still = Form.of(np.broadcast_to(np.eye(3)[:, :, None], (3, *none.r.shape)))
+    h, half = float(tolerance["payload_mass"]), np.array(tolerance["payload_center"], dtype=float)
+    axes, sides = np.array(carried["axes"], dtype=float).T, np.flatnonzero(half)
+    found, second = [], []
+    for body in carried["bodies"]:
+        mass, frame = float(body["mass"]), ((still, none), moved, about)
+        centre, inertia = (np.array(body[key], dtype=float) for key in ("center", "inertia"))
+        found.append(Body(carried["link"], 1 - h, 1 + h, mass, *part_of(*frame, mass, centre, inertia)))
+        parts, products = shifted(*frame, mass * (1 + h), centre, axes[sides], half[sides])
+        second += products
+        found += [
+            Body(carried["link"], -x, x, 0.0, *part) for x, part in zip(half[sides], parts, strict=True)
+        ]
+    masses, levers = _levers(carried)
+    place = Form.of(np.broadcast_to((masses @ levers / np.sum(masses))[:, None], none.r.shape))
+    return [*found, Body(carried["link"], 0.0, 0.0, 0.0, place, none, none)], second
+
+
+def tilted(carried: Mapping[str, Any], tolerance: Mapping[str, Any]) -> tuple[float, float]:
+    """Of an object on contacts, per unit by which gravity changes: by how much its weight does at most, kg.
+
+    And by how much the moment differs from that of this force at the place of `carried_bodies`, kg m.
+    """
+    (masses, levers), h = _levers(carried), float(tolerance["payload_mass"])
+    shift = float(np.linalg.norm(tolerance["payload_center"]))
+    far = 2 * h * masses @ np.linalg.norm(levers, axis=1) + (1 + h) * np.sum(masses) * shift
+    return float((1 + h) * np.sum(masses) * (1 + U)), float(far * (1 + U)) + U * float(np.sum(masses))
+
+
+def _levers(carried: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Masses (k,) and places (k, 3) of bodies from the reference point."""
+    masses, centres = (np.array([body[key] for body in carried["bodies"]]) for key in ("mass", "center"))
+    return masses.astype(float), centres - np.array(carried["base"]["center_of_mass"], dtype=float)
 
 
 def term_of(*shares: Body) -> tuple[float, float, float, Form]:

@@ -20,6 +20,8 @@ A certificate is plain data:
 - `cover_within`: for the tolerance the ends t_0 < t_1 < ... of intervals (from 0 to the delay after the
   motion; without delays, from 1 s before it to 1 s after it), joints that are taken apart on each, contact
   forces and weights of every combination of the possible states of these delayed joints, or null;
+- `objects`: of each object of the model `cover`, and `cover_within` for the tolerance, or null: as
+  `cover_within`, of its contacts;
 - `cover_cancel`, `cover_cancel_within`, where something is claimed of cancels: how times of cancels and times
   after them are divided, forces and weights of every box of these;
 - `sha256`: of model, motion and tolerance.
@@ -51,6 +53,7 @@ from ocptip.certificate.trusted.plain import (
     DECELERATIONS,
     LARGEST,
     NOTHING,
+    OBJECTS,
     POINTS,
     VELOCITIES,
     MalformedError,
@@ -118,8 +121,12 @@ def check_certificate(data: Mapping[str, Any]) -> Verdict:
         return Verdict(False, (str(error),), {}, 0)
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
         return Verdict(False, (f"not readable: {type(error).__name__}: {error}",), {}, 0)
-    tips = {} if problems or unit is None else {key: bounds[key] for key in _TIPPING if key in bounds}
-    moments = {key: unit * (1 / bound - 1) for key, bound in tips.items()}
+    if problems:
+        return Verdict(False, tuple(problems), bounds, intervals, tolerance)
+    units = {} if unit is None else dict.fromkeys(_TIPPING, unit)
+    for one in data["model"].get(OBJECTS, []):
+        units |= {claims_of(one, within)[0]: one["base"]["reference_moment"] for within in (False, True)}
+    moments = {key: own * (1 / bounds[key] - 1) for key, own in units.items() if key in bounds}
     return Verdict(not problems, tuple(problems), bounds, intervals, tolerance, moments)
 
 
@@ -127,6 +134,11 @@ def digest(data: Any) -> str:
     """SHA-256 of plain data."""
     text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def claims_of(carried: Mapping[str, Any], within: bool) -> tuple[str, ...]:
+    """Names of the bounds of an object's contacts, of the nominal model or within a tolerance."""
+    return tuple(f"{key}[{carried['name']}]" for key in (CLAIMS_WITHIN if within else CLAIMS[:2]))
 
 
 def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
@@ -155,6 +167,8 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     own = (*within, *(key for key in ratios if within and key in bounds))
     own += (SPEED_OF_POINTS,) if model.get(POINTS) else ()
     own += tuple(key for names in cancels for key in names)
+    carried, kinds = model.get(OBJECTS, []), (False, True) if within else (False,)
+    own += tuple(key for one in carried for kind in kinds for key in claims_of(one, kind))
     apart = [key for key in ("clearance", CLEARANCE) if key in bounds]
     angles = [key for key in (ANGLE_MARGIN_CANCEL,) if cancels]
     if unknown := set(bounds) - {*CLAIMS, *own, *(apart if within else ()), *angles}:
@@ -176,6 +190,8 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         found.append("clearance: claimed without anything that may collide, or not claimed with it")
     if len(data["cover"]) != len(motion["times"]):
         found.append(f"cover: of {len(data['cover'])} pieces, the motion has {len(motion['times'])}")
+    if len(data.get(OBJECTS, [])) != len(carried):
+        found.append(f"{OBJECTS}: of {len(data.get(OBJECTS, []))}, the model has {len(carried)}")
     if found:
         return found, 0
     missing = (tolerance is None) != (data["cover_within"] is None)
@@ -183,8 +199,17 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         return ["cover_within: given without a tolerance, or not given with one"], 0
     problems, intervals = _problems_as_described(data)
     if tolerance is not None:
-        other, rows = _problems_within(data)
+        other, rows = _problems_within(data, data["cover_within"], tolerance, bounds)
         problems, intervals = problems + other, intervals + rows
+    for one, covers in zip(carried, data.get(OBJECTS, []), strict=True):
+        for kind in kinds:
+            claims = {name: bounds[k] for name, k in zip(CLAIMS_WITHIN, claims_of(one, kind), strict=True)}
+            cover = covers["cover_within" if kind else "cover"]
+            world = tolerance if kind and tolerance is not None else NOTHING
+            other, rows = _problems_within(data, cover, world, claims, one)
+            if not kind:
+                other = [text.replace(" within tolerance", "") for text in other]
+            problems, intervals = problems + [f"{one['name']}: {text}" for text in other], intervals + rows
     for cover, names in COVERS_OF_CANCELS.items():
         if names in cancels:
             other, rows = _problems_of_cancels(data, cover, names)
@@ -223,10 +248,15 @@ def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
     return found, len(piece)
 
 
-def _problems_within(data: Mapping[str, Any]) -> tuple[list[str], int]:
-    """The problems of the claims within the uncertainty, and the number of rows."""
-    cover = data["cover_within"]
-    sharing = Sharing(data["model"], data["motion"], data["tolerance"], data["bounds"])
+def _problems_within(
+    data: Mapping[str, Any],
+    cover: Mapping[str, Any],
+    tolerance: Mapping[str, Any],
+    bounds: Mapping[str, float],
+    carried: Mapping[str, Any] | None = None,
+) -> tuple[list[str], int]:
+    """The problems of claims within an uncertainty about the base or an object, and the number of rows."""
+    sharing = Sharing(data["model"], data["motion"], tolerance, bounds, carried)
     ends = require_ends(cover["ends"], sharing.late.start, sharing.late.end)
     apart = require_joints(cover["apart"], len(ends) - 1, sharing.late.joints)
     groups = sharing.late.rows(ends[:-1], ends[1:], apart)

@@ -20,6 +20,9 @@ LONGEST = 1e5  # s: so long may a motion be, so that its times are rounded by fa
 LINE = 1e-6  # breadth over length: contacts narrower than that are on one line
 POINTS = "points"
 """Key of points of an arm whose speeds are limited."""
+OBJECTS = "objects"
+"""Key of a model: what links carry on contacts alone, with bodies and contacts in axes of the link, 0: of the
+base; each proved by an entry of the certificate of that name."""
 DECELERATIONS = "decelerations_on_cancel"
 """Key of what joints decelerate by when a motion is cancelled, (m,), rad/s^2 or m/s^2."""
 SPRING_SHARE = "springs"
@@ -92,6 +95,7 @@ def require_model(model: Mapping[str, Any]) -> None:
     _require_bodies(model["bodies"], model["pairs"], links)
     if DECELERATIONS in model:
         numbers(DECELERATIONS, model[DECELERATIONS], (joints,), 1e-9)
+    _require_objects(model.get(OBJECTS, []), links)
     for point in points:
         require(set(point) == {"link", "place", "speed"}, f"{POINTS}: link, place and speed are expected")
         _index("link", point["link"], 1, links + 1)
@@ -210,6 +214,32 @@ def require_cover(part: Mapping[str, Any], number: int, forces: tuple[int, ...],
         _index("directions", row[0], 0, len(ends) - 1)
         _index("directions", row[1], 0, pairs)
     numbers("directions", [row[2:] for row in rows] or np.empty((0, 4)), (len(rows), 4))
+
+
+def _require_objects(objects: Any, links: int) -> None:
+    require(isinstance(objects, list) and (links or not objects), f"{OBJECTS}: of an arm")
+    names = [one["name"] for one in objects]
+    good = all(isinstance(name, str) and name for name in names) and len(set(names)) == len(names)
+    require(good, f"{OBJECTS}: different names are expected")
+    for one in objects:
+        require(
+            set(one) == {"name", "link", "axes", "bodies", "base", "contacts"},
+            f"{OBJECTS}: others are expected",
+        )
+        _index("link", one["link"], 0, links + 1)
+        _rotations("axes", [one["axes"]], 1)
+        require(isinstance(one["bodies"], list) and one["bodies"], f"{OBJECTS}: bodies are expected")
+        for body in one["bodies"]:
+            require(set(body) == {"mass", "center", "inertia"}, f"{OBJECTS}: other bodies are expected")
+            numbers("mass of an object", body["mass"], (), 1e-9)
+            numbers("center of an object", body["center"], (3,))
+            numbers("inertia of an object", body["inertia"], (3, 3))
+        base = one["base"]
+        numbers("mass of objects", base["mass"], (), 0.0)
+        numbers("center_of_mass of objects", base["center_of_mass"], (3,))
+        numbers("gravity of objects", base["gravity"], (3,))
+        numbers("reference_moment of objects", base["reference_moment"], (), 1e-9)
+        _require_contacts(one["contacts"])
 
 
 def _require_contacts(contacts: Mapping[str, Any]) -> None:

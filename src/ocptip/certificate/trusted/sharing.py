@@ -15,8 +15,9 @@ import numpy as np
 from ocptip.certificate.trusted.contacts import Contacts, patterns
 from ocptip.certificate.trusted.forms import U, known
 from ocptip.certificate.trusted.late import Late, Rows
+from ocptip.certificate.trusted.terms import Terms
 from ocptip.certificate.trusted.twists import Limits, Twists
-from ocptip.certificate.trusted.within import Terms, Within
+from ocptip.certificate.trusted.within import Within
 
 FACETS = (8, 48)  # of cones: few first, more where these are not enough
 _REGULAR = 1e-15
@@ -27,6 +28,7 @@ class Sharing:
 
     Args:
         model, motion, tolerance, bounds: of a certificate; of the bounds GN_worst_case and GT_worst_case.
+        carried: one of the model's objects, whose contacts they are; None: those of the base.
 
     Attributes:
         late: what the joints may be doing.
@@ -39,9 +41,10 @@ class Sharing:
         motion: Mapping[str, Any],
         tolerance: Mapping[str, Any],
         bounds: Mapping[str, float],
+        carried: Mapping[str, Any] | None = None,
     ) -> None:
-        self.contacts = Contacts(model, bounds["GN_worst_case"], 1 - tolerance["friction"])
-        self._share, self._within = bounds["GT_worst_case"], Within(model, tolerance, motion)
+        self.contacts = Contacts(carried or model, bounds["GN_worst_case"], 1 - tolerance["friction"])
+        self._share, self._within = bounds["GT_worst_case"], Within(model, tolerance, motion, carried)
         self.late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"])
 
     def terms(self, rows: Rows) -> Terms:

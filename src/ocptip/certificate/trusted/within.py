@@ -12,15 +12,14 @@ Plain data and NumPy only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, crossed, driven, turned
-from ocptip.certificate.trusted.bodies import base_bodies, bodies, paces, term_of
+from ocptip.certificate.trusted.arm import Arm, Driven, Motion, crossed, driven, turned
+from ocptip.certificate.trusted.bodies import base_bodies, bodies, carried_bodies, paces, term_of, tilted
 from ocptip.certificate.trusted.forms import (
     BERNSTEIN,
     ORDER,
@@ -28,97 +27,18 @@ from ocptip.certificate.trusted.forms import (
     K,
     U,
     alike,
-    beside,
     joined,
     numbers_of,
     stack,
 )
 from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.plain import VELOCITIES
+from ocptip.certificate.trusted.terms import Terms, moment_bounds, wrench_bounds
 
 _NODES = np.linspace(-1.0, 1.0, ORDER + 1)  # Bernstein coefficients of s
 _AT_ONCE = 8000  # functionals times rows
 _ROWS = 200  # whose terms are made at once: those of more leave the processor's cache, and take twice as long
 _HALVINGS = 2  # of numbers e where a bound is short
-_BY_ROW = ("size", "error", "middle", "spread", "centre", "half")
-
-
-@dataclass(frozen=True, eq=False)
-class Terms:
-    """The terms of the wrench on the base, over R rows.
-
-    Attributes:
-        low, high: (T,) ends of the weights.
-        masses: (T,) kg: times gravity it is a term's force.
-        process: forms (6, R): what acts on the gripper, for any speed factor and any weights.
-        parts: forms (T, 3 + 6 G, R): first moment about the reference point, kg m, and the wrench that its
-            motion needs, in G shares, at speed factors of 1.
-        tool: index of the term of a unit mass at the gripper.
-        gravity: (3,), m/s^2.
-        size, error: (6, R) bounds of absolute values of the wrench, and of errors.
-        middle, spread: (T, 6, R): a term's wrench in the middle, and by how much at most it differs.
-        centre, half: (6, R): a box round all wrenches.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    masses: np.ndarray
-    parts: Form
-    process: Form
-    tool: int
-    gravity: np.ndarray
-    size: np.ndarray
-    error: np.ndarray
-    middle: np.ndarray
-    spread: np.ndarray
-    centre: np.ndarray
-    half: np.ndarray
-
-    def some(self, rows: Any) -> Terms:
-        """The terms of some rows."""
-        own = {name: getattr(self, name)[..., rows] for name in _BY_ROW}
-        parts, process = (Form(form.c[..., rows], form.r[..., rows]) for form in (self.parts, self.process))
-        return Terms(self.low, self.high, self.masses, parts, process, self.tool, self.gravity, **own)
-
-    @classmethod
-    def joined(cls, groups: list[Terms]) -> Terms:
-        """The terms of the rows of some groups, one after the other."""
-        by_row = {name: np.concatenate([getattr(g, name) for g in groups], axis=-1) for name in _BY_ROW}
-        parts, process = beside([g.parts for g in groups]), beside([g.process for g in groups])
-        return replace(groups[0], parts=parts, process=process, **by_row)
-
-    @property
-    def ends(self) -> np.ndarray:
-        """(3, T): ends of the weights, and masses."""
-        return np.array([self.low, self.high, self.masses])
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers e there are."""
-        return numbers_of(len(self.parts.c))[0]
-
-    def in_box(self, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
-        """As `Within.least`, of any wrench of the boxes: quicker, and as a rule less."""
-        half = self.half * (1 + U) + 8 * U * np.abs(self.centre)
-        inside = np.einsum("air,ir->ar", h, self.centre) - np.einsum("air,ir->ar", np.abs(h), half)
-        return np.min(constant, axis=0) + inside - 8 * U * np.max(np.abs(constant), axis=0)
-
-    def described(self, s: float) -> np.ndarray:
-        """(6, R): the wrench with middle weights at s, everybody on time."""
-        powers = s ** np.arange(K)
-        c = np.einsum("t,k,ktir->ir", 0.5 * (self.low + self.high), powers, self.parts.c[:K])
-        weight = np.sum(0.5 * (self.low + self.high) * self.masses) * self.gravity
-        moment = np.cross(c[:3], self.gravity, axisa=0, axisc=0)
-        own = np.einsum("k,kir->ir", powers, self.process.c[:K])
-        needed = self.needed(c)
-        return own + np.concatenate([weight[:, None] + needed[:3], moment + needed[3:]])
-
-    @staticmethod
-    def needed(c: np.ndarray, factors: np.ndarray | None = None) -> np.ndarray:
-        """(..., 6, R): the sum of shares of parts (..., 3 + 6 G, R) times factors (G,), 1 by default."""
-        shares = np.split(c[..., 3:, :], (c.shape[-2] - 3) // 6, axis=-2)
-        factors = np.ones(len(shares)) if factors is None else factors
-        return np.sum([factor * share for factor, share in zip(factors, shares, strict=True)], axis=0)
 
 
 class Within:
@@ -126,10 +46,15 @@ class Within:
 
     Args:
         model, tolerance, motion: of a certificate; without motion the base rests.
+        carried: one of the model's objects, of whose wrench they are; None: of that on the base.
     """
 
     def __init__(
-        self, model: Mapping[str, Any], tolerance: Mapping[str, Any], motion: Mapping[str, Any] | None = None
+        self,
+        model: Mapping[str, Any],
+        tolerance: Mapping[str, Any],
+        motion: Mapping[str, Any] | None = None,
+        carried: Mapping[str, Any] | None = None,
     ) -> None:
         base = model["base"]
         self._own, self._drives = tolerance, motion is not None and VELOCITIES in motion
@@ -141,9 +66,17 @@ class Within:
         self._arm = Arm(model["arm"], np.zeros(3), self._about)
         self._size = float(np.linalg.norm(self._gravity))
         self._tilt = float(tolerance["tilt"])
-        self._paces, self._bent = paces(tolerance, self._drives)
-        self._fastest = np.max(self._paces, axis=0)
         self._off = self._size * self._tilt * (1 + U)  # by so much gravity changes at most
+        self._paces, self._bent = paces(tolerance, self._drives)
+        self._push, self._base_push = float(tolerance["push"]), float(tolerance["base_push"])
+        self._carried, self._pull = carried, self._gravity
+        if carried is not None:  # gravity is a share of its own, its tilt a push at the object's middle
+            self._shifts, self._tilt, self._gravity = self._shifts[:0], 0.0, np.zeros(3)
+            weight, self._far = (self._off * most for most in tilted(carried, tolerance))
+            self._push, self._base_push, self._off = weight, 0.0, 0.0
+            self._paces = np.column_stack([self._paces, np.ones(len(self._paces))])
+            self._bent = np.append(self._bent, 0.0)
+        self._fastest = np.max(self._paces, axis=0)
 
     # --- what the wrench is made of -----------------------------------------------------------------------
 
@@ -157,8 +90,11 @@ class Within:
         q, qd, qdd = at.q[:n], at.qd[:n], at.qdd[:n]
         drives = driven(at.qd[n:], at.qdd[n:]) if self._drives else None
         turns = arm.turns(q)
-        frames = arm.frames(turns)[1:]
         nothing = Form.of(np.zeros((3, at.q.r.shape[-1])))
+        if self._carried is not None:
+            still = arm.accelerations(turns, qd * 0.0, qdd * 0.0, self._pull)
+            return self._terms_of_carried([*arm.shares(turns, qd, qdd, drives), (still, None)], nothing)
+        frames = arm.frames(turns)[1:]
         of_bodies, of_base, second = [], [], []
         for moved, base in arm.shares(turns, qd, qdd, drives):
             rows, products = bodies(arm, self._payload, own, frames, moved)
@@ -179,27 +115,48 @@ class Within:
             process = joined(force, moment + crossed(p + -self._about[:, None], force))
         return self._terms(ends, stack(*(part for *_, part in found)), process, tool)
 
+    def _terms_of_carried(self, shares: Sequence[tuple[list[Motion], Driven | None]], nothing: Form) -> Terms:
+        """Of an object, in axes of its link; the last share is gravity."""
+        carried, rows, loose = self._carried, [], []
+        assert carried is not None
+        for k, (moved, base) in enumerate(shares):
+            level = -self._pull[:, None] if k == len(shares) - 1 else np.zeros((3, 1))
+            rest = nothing + level, nothing, Form.of(np.zeros((6, nothing.r.shape[1])))
+            own = moved[carried["link"] - 1] if carried["link"] else rest if base is None else base[1]
+            bodies_, second = carried_bodies(carried, self._own, own)
+            rows.append(bodies_)
+            loose.append(sum((m.size + m.r for m in second), nothing.r + self._far * (level.any())))
+        found = [term_of(*same) for same in zip(*rows, strict=True)]
+        turning = [Form.of(np.zeros(nothing.r.shape), radius=own) for own in loose]
+        found.append((1.0, 1.0, 0.0, joined(nothing, *(x for m in turning for x in (nothing, m)))))
+        ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
+        parts = stack(*(part for *_, part in found))
+        return self._terms(ends, parts, joined(nothing, nothing), len(found) - 2)
+
     def _terms(self, ends: np.ndarray, parts: Form, process: Form, tool: int) -> Terms:
         """With bounds of the terms for any speed factor and any tilt of gravity."""
         low, high, masses = ends
         most = np.maximum(np.abs(low), np.abs(high))[:, None, None]
-        fast, off, push = self._fastest, np.full(3, self._off), np.full(3, self._own["push"])
+        fast, off, push = self._fastest, np.full(3, self._off), np.full(3, self._push)
         gravity = np.abs(self._gravity) + off
         first, size = np.abs(parts.c[0]), (parts.size + parts.r) * (1 + U)
         half = size - first + U * first
-        middle, spread = self._middle(masses, parts.c[0]), _wrench(half, gravity, fast, 0.0 * masses)
-        spread = spread + _wrench(first, off, fast - 1, masses)
-        error = np.sum(most * _wrench(parts.r, gravity, fast, 0.0 * masses), axis=0)
+        middle, spread = self._middle(masses, parts.c[0]), wrench_bounds(half, gravity, fast, 0.0 * masses)
+        spread = spread + wrench_bounds(first, off, fast - 1, masses)
+        error = np.sum(most * wrench_bounds(parts.r, gravity, fast, 0.0 * masses), axis=0)
         if np.any(self._bent):  # no factor of shares is between its ends alone
-            error += np.sum(most * _wrench(size, 0.0 * gravity, self._bent, 0.0 * masses), axis=0)
-        error[3:] += _around(parts.r[tool, :3], push)
-        at_base = np.full(3, self._own["base_push"])
+            error += np.sum(most * wrench_bounds(size, 0.0 * gravity, self._bent, 0.0 * masses), axis=0)
+        error[3:] += moment_bounds(parts.r[tool, :3], push)
+        at_base = np.full(3, self._base_push)
         forces = np.broadcast_to((push + at_base)[:, None], error[3:].shape)
-        turning = _around(size[tool, :3], push) + _around(np.sum(self._shifts, axis=0), at_base)[:, None]
+        turning = (
+            moment_bounds(size[tool, :3], push)
+            + moment_bounds(np.sum(self._shifts, axis=0), at_base)[:, None]
+        )
         pushes = np.concatenate([forces, turning])
         process, still = Form(alike(process.c, parts.c)[0], process.r), np.abs(process.c[0])
         acts = (process.size + process.r) * (1 + U)
-        size = np.sum(most * _wrench(size, gravity, fast, masses), axis=0) + pushes + acts
+        size = np.sum(most * wrench_bounds(size, gravity, fast, masses), axis=0) + pushes + acts
         mean, width = (0.5 * x[:, None, None] for x in (high + low, high - low))
         centre, error = np.sum(mean * middle, axis=0) + process.c[0], error + process.r
         half = np.sum(most * spread + width * np.abs(middle), axis=0) + pushes + error + acts - still
@@ -328,7 +285,7 @@ class Within:
         corners that the weights (T, A, R) of the shifts do not name, each such weight brings at least `sure`,
         (T, A, R), more.
         """
-        push, shifts = float(self._own["base_push"]), self._shifts
+        push, shifts = self._base_push, self._shifts
         first, most = len(weights) - len(shifts), np.full(sure.shape[1:], -np.inf if push else 0.0)
         force, turn = np.moveaxis(h[:, :3], 1, 0), np.moveaxis(h[:, 3:], 1, 0)  # (3, A, R)
         for signs in product((-1.0, 1.0), repeat=len(shifts)) if push else ():
@@ -347,7 +304,7 @@ class Within:
         by_node = _NODES.reshape(-1, 1, 1, 1)
         slopes = [X[K + k] + by_node * X[K + m + k] for k in range(m)]
         bends = X[K + 2 * m :]
-        push = self._own["push"]
+        push = self._push
         reach = np.linalg.norm(at[push_], axis=1)
         unit = at[push_] / np.maximum(reach, 1e-300)[:, None]
         pushed = [slope[free] - push * np.sum(unit * slope[push_], axis=1) for slope in slopes]
@@ -430,17 +387,3 @@ def _sides(
         fixed = np.sum(share * np.abs(between[k]), axis=0)
         beyond[k] += fixed + sides[k] * np.einsum("jar,jvar->var", (1 - share) * between[k], sides)
     return list(sides), beyond
-
-
-def _wrench(sizes: np.ndarray, gravity: np.ndarray, factors: np.ndarray, masses: np.ndarray) -> np.ndarray:
-    """(T, 6, R): what wrenches of terms can be at most, whose numbers are at most sizes (T, 3 + 6 G, R)."""
-    needed = Terms.needed(sizes, factors)
-    force = needed[:, :3] + (masses[:, None] * gravity)[:, :, None]
-    moment = np.stack([_around(lever, gravity) for lever in sizes[:, :3]])
-    return np.concatenate([force, needed[:, 3:] + moment], axis=1)
-
-
-def _around(lever: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """The maximum moments (3, R) of levers (3, R) and a force (3,), each given by its maximum amount."""
-    (x, y, z), (a, b, c) = lever, force
-    return np.stack([y * c + z * b, z * a + x * c, x * b + y * a])

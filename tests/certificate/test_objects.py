@@ -1,0 +1,202 @@
+"""Proofs of objects on contacts: random ones against an independent model, a box by hand, a glass."""
+
+import copy
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ocptip.certificate.trusted.checker import claims_of
+from ocptip.certificate.trusted.late import Late
+from ocptip.certificate.trusted.plain import NOTHING
+from ocptip.certificate.trusted.sharing import Sharing
+from ocptip.certificate.trusted.within import Within
+from tests.certificate.test_driven import _driving
+from tests.certificate.test_hostile import _judged, _judged_within, _set, _within
+from tests.certificate.test_within_attacked import KINDS, NONE, driving
+from tests.certificate.test_within_in_balls import _random_model, _random_motion
+from tests.oracles.worlds import ArmOnBase
+from tests.quick import THOROUGH
+
+# --- random objects -----------------------------------------------------------------------------------------
+
+
+def _random_object(model, rng):
+    """Bodies on a link or on the base; whose contacts they are does not matter here."""
+    bodies = []
+    for _ in range(int(rng.integers(1, 3))):
+        half = 0.05 * rng.normal(size=(3, 3))
+        inertia = (half @ half.T).tolist()
+        body = {
+            "mass": rng.uniform(0.1, 2.0),
+            "center": rng.uniform(-0.2, 0.2, 3).tolist(),
+            "inertia": inertia,
+        }
+        bodies.append(body)
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    link = int(rng.integers(len(model["arm"]["masses"]) + 1))
+    base = {"center_of_mass": rng.uniform(-0.2, 0.2, 3).tolist()}
+    return {"link": link, "axes": (axes * np.linalg.det(axes)).tolist(), "bodies": bodies, "base": base}
+
+
+@pytest.mark.parametrize("seed", range(60 if THOROUGH else 12))
+def test_no_corner_of_the_uncertainty_is_worse_than_is_proved(seed):
+    rng = np.random.default_rng(seed)
+    model = _random_model(rng)
+    n = len(model["arm"]["armature"])
+    motion, carried = _random_motion(n, rng), _random_object(model, rng)
+    if seed % 2:
+        model, motion = driving(model, motion, rng)
+    share = rng.uniform(0, 0.3) if seed % 3 else 0.0
+    kinds = ("payload_mass", "payload_center", "speed", "drive_speed", "tilt")
+    tolerance = {**NONE, **{name: (share * np.array(KINDS[name])).tolist() for name in kinds}}
+    t = rng.uniform(0, motion["times"][-1][1])
+    [rows] = Late(motion, 0.0, 0.0).rows(np.array([t - 1e-7]), np.array([t + 1e-7]))
+    within = Within(model, tolerance, motion, carried)
+    terms, h = within.terms(rows), rng.normal(size=(5, 6)) * [1, 1, 1, 5, 5, 5]
+    proved = within.least(terms, h[:, :, None], np.zeros((2, 5, 1)))[:, 0]
+    own, count, k = ArmOnBase(model, tolerance), 1500, len(carried["bodies"])
+    q, qd, qdd = (np.repeat(form.c[0].T, count, axis=0) for form in (rows.q, rows.qd, rows.qdd))
+    joints = q[:, :n], qd[:, :n], qdd[:, :n]
+    moved = own.driven(*joints, qd[:, n:], qdd[:, n:]) if seed % 2 else own.moved(*joints)
+    masses = 1 + tolerance["payload_mass"] * rng.choice([-1, 1], (count, k))
+    shifts = np.array(tolerance["payload_center"]) * rng.choice([-1, 1], (count, k, 3))
+    found = own.on_object(carried, own.corners(count, rng), moved, masses, shifts) @ h.T
+    size = np.abs(h) @ terms.size[:, 0]
+    assert np.all(found.min(axis=0) >= proved - 1e-9 * size)
+    assert np.all(found.min(axis=0) - proved <= (0.1 if share else 1e-6) * size)
+
+
+# --- a box by hand ------------------------------------------------------------------------------------------
+
+
+def _box(link=0):
+    """A cube of 1 kg and 0.1 m on the deck."""
+    frame = np.roll(np.eye(3), 1, axis=0).T.tolist()
+    corners = [[x, y, 0.0] for x, y in ((0.05, 0.05), (-0.05, 0.05), (-0.05, -0.05), (0.05, -0.05))]
+    center, inertia = [0.0, 0.0, 0.05], (np.eye(3) / 600).tolist()
+    return {
+        "name": "box",
+        "link": link,
+        "axes": np.eye(3).tolist(),
+        "bodies": [{"mass": 1.0, "center": center, "inertia": inertia}],
+        "base": {
+            "mass": 1.0,
+            "center_of_mass": center,
+            "gravity": [0.0, 0.0, -9.81],
+            "reference_moment": 0.1,
+        },
+        "contacts": {"positions": corners, "frames": [frame] * 4, "sets": [[[0.0, None, 0.0, 0.5]]] * 4},
+    }
+
+
+def _with_box(data, nominal, worst=None):
+    """With a box, the same forces and weights in all rows, and claims of moments, N m."""
+    box, covers, end = _box(), {"cover_within": None}, data["motion"]["times"][-1][0]
+    data["model"]["objects"] = [box]
+    kinds = [("cover", NOTHING, nominal)] + ([("cover_within", data["tolerance"], worst)] if worst else [])
+    for key, world, moment in kinds:
+        tip, slip = claims_of(box, key != "cover")
+        data["bounds"] |= {tip: 0.1 / (0.1 + moment), slip: 0.98}
+        claims = {"GN_worst_case": data["bounds"][tip], "GT_worst_case": 0.98}
+        late = Sharing(data["model"], data["motion"], world, claims, box).late
+        ends = [late.start, 0.0, end, late.end] if late.start else [0.0, end, late.end]
+        [rows] = late.rows(np.array(ends[:-1]), np.array(ends[1:]))
+        count = len(rows.number)
+        forces, weights = np.zeros((count, 2, 1, 4, 3)).tolist(), np.ones((count, 4, 2)).tolist()
+        apart = [list(range(late.joints))] * (len(ends) - 1)
+        covers[key] = {"ends": ends, "apart": apart, "forces": forces, "weights": weights}
+    data["objects"] = [covers]
+    return data
+
+
+@cache
+def _data():
+    """On a base that speeds up by 2.5 m/s^2, within an uncertainty of its speed and of the box."""
+    more = {"drive_speed": 0.03, "payload_mass": 0.1, "payload_center": [0.002, 0.0, 0.0]}
+    data = _driving(_within([1e-9], 0.01, **more), 2.5)
+    end = data["motion"]["times"][-1][0]
+    data["bounds"]["GN"] = 0.5
+    _judged_within(data, [-1.0, 0.0, end, end + 1.0], 0.3)
+    return data
+
+
+LEFT = 0.05 * (9.81 - 2.5)
+TRUE = 0.9 * (0.048 * 9.81 - 0.05 * 2.5 * 1.03**2)
+WORST = TRUE - 0.2 * 0.002 * 9.81  # products of mass and place are bounded as those of the largest mass
+
+
+@pytest.mark.parametrize(
+    ("nominal", "worst", "problems"),
+    [
+        (LEFT - 1e-4, WORST - 1e-4, ""),
+        (LEFT + 1e-4, WORST - 1e-4, "box: tip-over:"),
+        (LEFT - 1e-4, TRUE + 1e-4, "box: tip-over within"),
+    ],
+)
+def test_a_box_by_hand(nominal, worst, problems):
+    verdict = _judged(_with_box(copy.deepcopy(_data()), nominal, worst))
+    assert verdict.holds == (not problems), verdict.problems
+    assert problems in str(verdict.problems)
+    if verdict.holds:
+        assert verdict.moments["GN_worst_case[box]"] == pytest.approx(worst)
+
+
+def _dropped(data):
+    data["model"]["objects"] = []
+
+
+def _dropped_with_proof(data):
+    data["model"]["objects"], data["objects"] = [], []
+
+
+def _twice(data):
+    data["model"]["objects"] *= 2
+    data["objects"] *= 2
+
+
+_CHANGES = {
+    "an object dropped": _dropped,
+    "an object dropped with its proof": _dropped_with_proof,
+    "an object twice": _twice,
+    **{
+        f"{place} = {value!r}": lambda data, place=place, value=value: _set(place, value, data)
+        for place, value in (
+            ("objects", []),
+            ("objects.0.cover", None),
+            ("objects.0.cover_within", None),
+            ("objects.0.cover.ends", [0.0, 0.02]),
+            ("objects.0.cover.forces", []),
+            ("objects.0.cover.weights", [[[0.0, 0.0]] * 4] * 3),
+            ("bounds.GN[box]", 1.0),
+            ("bounds.GT[box]", 0.4),
+            ("bounds.GT_worst_case[box]", 0.5),
+            ("model.objects.0.name", ""),
+            ("model.objects.0.name", "glass"),
+            ("model.objects.0.link", 2),
+            ("model.objects.0.link", -1),
+            ("model.objects.0.axes", np.diag([1.0, 1.0, -1.0]).tolist()),
+            ("model.objects.0.bodies", []),
+            ("model.objects.0.bodies.0.mass", -1.0),
+            ("model.objects.0.bodies.0.center", [0.0, 0.0, 0.09]),
+            ("model.objects.0.bodies.0.center", [0.0, 0.0]),
+            ("model.objects.0.base.reference_moment", None),
+            ("model.objects.0.contacts.sets", [[[0.0, None, 0.0, 0.2]]] * 4),
+            ("model.objects.0.contacts.sets", [[[0.0, None, 0.0, 0.5]]] * 3),
+            ("tolerance.payload_center", [0.02, 0.0, 0.0]),
+            ("tolerance.drive_speed", 0.2),
+            ("tolerance.tilt", 0.1),
+        )
+    },
+}
+
+
+@pytest.mark.parametrize("name", _CHANGES)
+def test_it_is_refused(name):
+    data = _with_box(copy.deepcopy(_data()), LEFT - 1e-3, WORST - 1e-3)
+    assert _judged(data).holds
+    data = copy.deepcopy(data)
+    _CHANGES[name](data)
+    verdict = _judged(data)
+    assert not verdict.holds
+    assert verdict.problems
