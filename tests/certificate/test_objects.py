@@ -6,16 +6,24 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ocptip.certificate.trusted.checker import claims_of
+import ocptip
+from ocptip.certificate.checks import certified
+from ocptip.certificate.result import claim_rows
+from ocptip.certificate.trusted.checker import check_certificate, claims_of
 from ocptip.certificate.trusted.late import Late
 from ocptip.certificate.trusted.plain import NOTHING
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.certificate.trusted.within import Within
+from ocptip.motion.check import check_motion
+from ocptip.standing.limits import Limits
+from ocptip.standing.tolerance import Uncertainty
+from ocptip.trajectories.trajectory import Trajectory
 from tests.certificate.test_driven import _driving
 from tests.certificate.test_hostile import _judged, _judged_within, _set, _within
 from tests.certificate.test_within_attacked import KINDS, NONE, driving
 from tests.certificate.test_within_in_balls import _random_model, _random_motion
 from tests.oracles.worlds import ArmOnBase
+from tests.places import EXAMPLES
 from tests.quick import THOROUGH
 
 # --- random objects -----------------------------------------------------------------------------------------
@@ -200,3 +208,78 @@ def test_it_is_refused(name):
     verdict = _judged(data)
     assert not verdict.holds
     assert verdict.problems
+
+
+# --- a glass on a tray --------------------------------------------------------------------------------------
+
+_UNCERTAIN = Uncertainty(
+    tilt=0.005, friction=0.1, speed=0.02, payload_mass=0.05, payload_center=(0.002, 0.001, 0.0)
+)
+
+
+@cache
+def _proved():
+    """A UR5 that swings a tray with a glass."""
+    task = ocptip.load_task(EXAMPLES / "tasks" / "ur5_waiter.toml", uncertainty="none").segments[0].task
+    robot = task.robot.without_objects().carrying(task.robot.objects[:1])
+    start, goal = (np.asarray(q, dtype=float) for q in (task.start, task.goal))
+    u = np.array([0.0, 0.25, 0.75, 1.0])
+    shares = 10 * u**3 - 15 * u**4 + 6 * u**5, 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
+    states = [np.outer(share, 0.04 * (goal - start)) / 0.3**k for k, share in enumerate(shares)]
+    motion = Trajectory.from_points(0.3 * u, start + states[0], *states[1:])
+    limits = Limits(tolerance=_UNCERTAIN)
+    return robot, motion, certified(robot, motion, check_motion(robot, motion, limits), limits)
+
+
+@pytest.mark.slow
+def test_a_glass_on_a_tray_is_proved():
+    checked = _proved()[2]
+    assert checked.headline.startswith("PROVED for the given uncertainty"), checked.certificate
+    verdict = check_certificate(checked.certificate.data)
+    assert verdict.holds
+    for name in ("GN", "GT", "GN_worst_case", "GT_worst_case"):
+        bound = verdict.bounds[f"{name}[glass_left]"]
+        assert 0.9 * bound <= checked.worst[f"{name}[glass_left]"].value <= bound, name
+    titles = [row[0] for row in claim_rows(verdict)]
+    assert titles[-2:] == ["Tipping margin, glass_left", "Friction used, glass_left"]
+
+
+@pytest.mark.slow
+def test_no_world_loses_the_glass_as_the_contact_solver_sees_it():
+    """Random instants and corners of the uncertainty, wrenches of an independent model, Lemke's solver."""
+    robot, motion, checked = _proved()
+    data, rng, count = checked.certificate.data, np.random.default_rng(7), 600
+    [carried], own = data["model"]["objects"], ArmOnBase(data["model"], data["tolerance"])
+    moved = own.moved(*motion.states(rng.uniform(0, motion.end, count)))
+    half = np.array(_UNCERTAIN.payload_center)
+    off = (
+        1 + _UNCERTAIN.payload_mass * rng.choice([-1, 1], (count, 1)),
+        half * rng.choice([-1, 1], (count, 1, 3)),
+    )
+    turn, footing = robot.arm.tool_rotation, robot.interfaces[1]
+    for within, worlds, (masses, shifts) in (
+        (False, own.nominal(count), (np.ones((count, 1)), np.zeros((count, 1, 3)))),
+        (True, own.corners(count, rng), off),
+    ):
+        wrench = own.on_object(carried, worlds, moved, masses, shifts)
+        wrench = np.hstack([wrench[:, :3] @ turn, wrench[:, 3:] @ turn])  # in gripper axes
+        held = footing.weakest(_UNCERTAIN) if within else footing
+        states = held.contact_states(wrench)
+        tip, slip = (data["bounds"][name] for name in claims_of(carried, within))
+        used = held.slip.evaluate(states, derivatives=False).slip_ratio
+        tipping = held.tip_over.evaluate(states).tip_ratio
+        assert 0.7 * slip <= np.max(used) <= slip
+        assert 0.7 * tip <= np.max(tipping) <= tip
+
+
+@pytest.mark.slow
+def test_a_proof_of_another_glass_is_refused():
+    data = dict(_proved()[2].certificate.data)
+    for place, value in (
+        ("model.objects.0.bodies.0.center", [0.0, 0.0, 0.3]),
+        ("model.objects.0.contacts.sets", [[[0.0, None, 0.0, 0.1]]] * 8),
+        ("model.arm.mount_rotation", [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+    ):
+        changed = copy.deepcopy(data)
+        _set(place, value, changed)
+        assert not _judged(changed).holds, place

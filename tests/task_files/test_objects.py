@@ -156,7 +156,6 @@ def swing(start, goal):
 def test_what_takes_a_motion_but_no_objects_says_so(task):
     motion = swing(tuple(task.start), tuple(task.goal))
     for call in (
-        lambda: ocptip.certify(task, motion),
         lambda: ocptip.plan(task, sensitivities=True),
         lambda: ocptip.check(task, motion, design=True),
     ):

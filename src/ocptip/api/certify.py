@@ -100,7 +100,7 @@ def certify(
             f"{motion}: its samples do not say the accelerations exactly, and a proof about a fit to "
             "them says nothing about the motion; certify the commanded motion, or use ocptip check"
         )
-    refuse_objects(task, "certify")
+    refuse_objects(task)
     with naming(name):
         sequence = segments_of(task, given)
         checked = certified_cycle(task, sequence, check_cycle(task, sequence))

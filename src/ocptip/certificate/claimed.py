@@ -54,7 +54,7 @@ def bounds_near(limits: Limits, worst: Mapping[str, Worst], collides: bool) -> d
 
 def limit_within(limits: Limits, name: str) -> float:
     """The limit of an index within an uncertainty; contacts that are just not lost have the highest."""
-    limit = getattr(limits, name)
+    limit = getattr(limits, name.partition("[")[0])
     return HIGHEST if limit >= NEARLY_LOST else limit
 
 
@@ -64,7 +64,12 @@ def goal_within(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
         return HIGHEST
     value, limit = worst[name].value, limit_within(limits, name)
     near, most = value * (1 + LOSS_WITHIN), max(limit, value * (1 + LOSS))
-    if name == SLIP_WITHIN:  # far from the limit a close bound takes most of the time
+    if "[" in name and value <= limit * (1 + 0.1 * AT_LIMIT):
+        most = limit * (1 + AT_LIMIT)
+    if name.partition("[")[0] in (
+        SLIP_WITHIN,
+        "GT",
+    ):  # far from the limit a close bound takes most of the time
         near = max(near, value + _SLIP_SLACK * (most - value))
     return min(near, most, HIGHEST)
 
@@ -82,6 +87,8 @@ def kept(limits: Limits, bounds: Mapping[str, float]) -> bool:
     most &= bounds.get(SPEED_OF_POINTS, 0.0) <= 1 + 2 * AT_LIMIT
     for name in CLAIMS_WITHIN:
         most &= bounds.get(name, 0.0) <= limit_within(limits, name)
+    of_objects = [name for name in bounds if "[" in name]
+    most &= all(bounds[name] <= limit_within(limits, name) * (1 + 2 * AT_LIMIT) for name in of_objects)
     return most and all(
         bounds.get(name, np.inf) >= getattr(limits, name) - 2 * AT_LIMIT for name in ("clearance", CLEARANCE)
     )

@@ -21,6 +21,7 @@ from ocptip.robots.dynamics import process_parts
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import TCP, joint_names, link_frames
 from ocptip.standing.arm import Robot
+from ocptip.standing.footing import Footing
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.drive_profile import DriveProfile
@@ -159,14 +160,29 @@ def model_data(
         own, (bodies, pairs) = _arm_data(robot, end), _bodies(robot)
     else:
         own, bodies, pairs = {"arm": None, "program": _program_data(robot), "payload": None}, [], []
+    held = contacts_data(robot)
+    if robot.acts.end:
+        held["base"]["inertia"] = support.inertia.tolist()
     return {
         **own,
+        **held,
+        "limits": {key: [_finite(x) for x in getattr(robot.limits, key)] for key in _LIMITS.split()},
+        "bodies": bodies,
+        "pairs": pairs,
+        **({POINTS: points} if (points := _points(robot)) else {}),
+        **({DECELERATIONS: list(cancel.decelerations)} if cancel else {}),
+    }
+
+
+def contacts_data(footing: Footing) -> dict[str, Any]:
+    """What stands on contacts, the base or an object, and these, as parts of a model."""
+    support = footing.support
+    return {
         "base": {
             "mass": float(support.mass),
             "center_of_mass": support.center_of_mass.tolist(),
             "gravity": support.gravity.tolist(),
-            "reference_moment": robot.tip_over.reference_moment,
-            **({"inertia": support.inertia.tolist()} if robot.acts.end else {}),
+            "reference_moment": footing.tip_over.reference_moment,
         },
         "contacts": {
             "positions": (support.arms + support.center_of_mass).tolist(),
@@ -179,11 +195,6 @@ def model_data(
                 for pieces in (contact.force_pieces() for contact in support.contacts)
             ],
         },
-        "limits": {key: [_finite(x) for x in getattr(robot.limits, key)] for key in _LIMITS.split()},
-        "bodies": bodies,
-        "pairs": pairs,
-        **({POINTS: points} if (points := _points(robot)) else {}),
-        **({DECELERATIONS: list(cancel.decelerations)} if cancel else {}),
     }
 
 

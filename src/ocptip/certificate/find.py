@@ -23,6 +23,7 @@ from ocptip.certificate.describe import (
     unlike,
 )
 from ocptip.certificate.find_cancels import cancel_claims, every_of_cancels, proved_of_cancels
+from ocptip.certificate.find_objects import object_claims
 from ocptip.certificate.find_within import HIGHEST, SearchWithin
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.result import LATE, Certificate, Undecided
@@ -42,6 +43,7 @@ from ocptip.certificate.trusted.described import (
     Checker,
     Intervals,
 )
+from ocptip.certificate.trusted.plain import OBJECTS
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.standing.arm import Robot
@@ -112,7 +114,9 @@ def certify(
         sampled += search.run_within(limits, worst, tolerance)
     if cancel is not None and isinstance(described, Robot):
         search.run_cancels(limits, worst)
-    proved = proved_of_cancels(search.bounds)
+    if isinstance(described, Robot) and described.carried:
+        search.run_objects(limits, worst)
+    proved = proved_of_cancels(search.bounds).union(name for name in search.bounds if "[" in name)
     sampled = tuple(name for name in sampled if name not in proved)
     data, verdict = search.checked()
     return Certificate(
@@ -176,6 +180,7 @@ class _ProofSearch:
         self.motion = motion_data(motion, robot.acts.drive_profile)
         self.model = model_data(robot, self.motion["times"][-1][1], cancel)
         self._covers_of_cancels: dict[str, Any] = {}
+        self._objects: list[dict[str, Any]] = []
         varying = robot.varying
         self.knots = np.empty(0) if varying is None else np.asarray(varying.knots)
         self.checker = Checker(self.model, bounds, tolerance, self.motion)
@@ -267,6 +272,15 @@ class _ProofSearch:
         self.bounds |= found.bounds
         self._covers_of_cancels = found.cover
         self._short += [Undecided(*one) for one in found.short]
+
+    def run_objects(self, limits: Limits, worst: Mapping[str, Worst]) -> None:
+        """Prove the contacts of objects, each by itself; of those without a proof nothing is claimed."""
+        robot = cast("Robot", self.robot)
+        found = object_claims(robot, self.model, self.motion, self._tolerance, limits, worst, self.knots)
+        self.bounds |= found.bounds
+        self._objects, self._short = found.proofs, [*self._short, *(Undecided(*one) for one in found.short)]
+        if found.model:
+            self.model[OBJECTS] = found.model
 
     def _goals(self, goals: dict[str, float]) -> list[tuple[dict[str, float], float]]:
         """Goals one after the other, and the share of intervals that may be short of them at first.
@@ -399,6 +413,7 @@ class _ProofSearch:
             "cover": parts,
             "cover_within": self._cover_within,
             **self._covers_of_cancels,
+            **({OBJECTS: self._objects} if self._objects else {}),
             "sha256": {
                 "model": digest(self.model),
                 "motion": digest(self.motion),

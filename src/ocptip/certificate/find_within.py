@@ -16,7 +16,7 @@ from ocptip.certificate.interior import Interior
 from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.sharing import Rule, Sharing
-from ocptip.certificate.trusted.within import Terms
+from ocptip.certificate.trusted.terms import Terms
 from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.footing import Footing
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
@@ -71,10 +71,11 @@ class SearchWithin:
     """Searches bounds of GN and GT within an uncertainty, and what proves them.
 
     Args:
-        footing: the base on contacts with the minimum friction.
+        footing: the base, or an object, on contacts with the minimum friction.
         model, motion, tolerance: of a certificate.
         goals: bounds that are good enough; better ones are not searched.
         knots: s, at which what acts on the gripper bends.
+        carried: the object in the model; None: the base.
 
     Attributes:
         sharing: the claims of the checker.
@@ -89,10 +90,11 @@ class SearchWithin:
         tolerance: Mapping[str, Any],
         goals: Mapping[str, float],
         knots: np.ndarray,
+        carried: Mapping[str, Any] | None = None,
     ) -> None:
         self._footing, self.goals, self._knots = footing, goals, knots
         self._interior = Interior(footing.support)
-        self.sharing = Sharing(model, motion, tolerance, goals)
+        self.sharing = Sharing(model, motion, tolerance, goals, carried)
         contacts = self.sharing.contacts
         self._several = contacts.count > 3 or not contacts.flat  # else the wrench says what feet bear
         self._starts, self._ends = np.zeros((2, 0))

@@ -71,9 +71,11 @@ class Undecided:
 
     def remedy(self, worst: Mapping[str, float]) -> str:
         """What helps, with the worst sampled values by name: a limit by as much below them."""
-        claim, within, _ = self.claim.partition(" within tolerance")
+        of_object, _, claimed = self.claim.rpartition(": ")
+        claim, within, _ = claimed.partition(" within tolerance")
         _, helps = _WORDS.get(claim, ("", _BY_SLOWER))
-        name, planned = _OF_CONTACTS.get(self.claim, ("", ""))
+        name, planned = _OF_CONTACTS.get(claimed, ("", ""))
+        name += f"[{of_object}]" if of_object else ""
         if (value := worst.get(name, 0.0)) > 0 and self.short < 1:
             # So much more has to be left than now: of the friction, or of the moment M0 (1 / GN - 1).
             wanted = value - self.short if claim == "contacts" else 1 / (1 / value + self.short)
@@ -86,8 +88,10 @@ class Undecided:
 
     def __str__(self) -> str:
         """What is not proved, where, and by how much it falls short."""
-        claim, within, _ = self.claim.partition(" within tolerance")
+        of_object, _, claim = self.claim.rpartition(": ")
+        claim, within, _ = claim.partition(" within tolerance")
         name, _ = _WORDS.get(claim, (claim, ""))
+        name += f" of {of_object}" if of_object else ""
         name += " within the uncertainty" if within else ""
         ends = dict.fromkeys(f"{time:.5f}" for time in (self.start, self.end))
         when = f"{'from' if len(ends) > 1 else 'at'} {' to '.join(ends)} s"
@@ -260,8 +264,13 @@ def claim_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
 
     Rounded to the safe side; what exceeds a limit by rounding is the limit.
     """
-    rows = []
-    for title, at_least, *keys in _CLAIMS:
+    rows, objects = [], [key[3:-1] for key in verdict.bounds if key.startswith("GN[")]
+    of_objects = [
+        (f"{title}, {name}", unit, *(f"{key}[{name}]" for key in keys))
+        for name in objects
+        for title, unit, *keys in _CLAIMS[:2]
+    ]
+    for title, at_least, *keys in (*_CLAIMS, *of_objects):
         texts = [_proved(verdict, key, at_least) for key in keys]
         if set(texts) != {"-"}:
             rows.append((title, *texts))

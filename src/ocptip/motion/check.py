@@ -104,7 +104,7 @@ class MotionCheck:
         feet: how the base swings on compliant feet; None where it does not, or where that is not known.
         drives: how gripper and base vibrate with elastic joints; None where they do not.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
-        objects: the same of each object's contacts, by name; they are checked at samples only.
+        objects: the same of each object's contacts, by name.
         collision: what was checked, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts in the worst case of the uncertainty; None without uncertainty.
         certificate: what is proved for all instants; None where nobody has put one there.

@@ -127,7 +127,8 @@ class StandingMechanism(MadeOf, Footing, ABC):
         """Raise InputError if it carries objects, which `what` does not take."""
         if names := ", ".join(own.name for own in self.interfaces[1:]):
             raise InputError(
-                f"object: {what} does not take objects ({names}); stand, check, plan, retime and drive do"
+                f"object: {what} does not take objects ({names}); stand, check, certify, plan, retime and "
+                "drive do"
             )
 
     def joint_label(self, joint: int) -> str:
