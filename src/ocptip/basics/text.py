@@ -7,8 +7,10 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:  # `ocptip --help` loads no numerics
+    import numpy as np
 
 WIDTH = 80
 """Characters of a line of output."""
@@ -22,8 +24,9 @@ NOISE = 1e-9
 
 def without_noise(values: np.ndarray) -> np.ndarray:
     """Zero where a value is nothing but rounding; NaN and infinity stay."""
-    finite = np.abs(values[np.isfinite(values)])
-    return np.where(np.abs(values) <= NOISE * (finite.max() if finite.size else 0.0), 0.0, values)
+    sizes, shown = abs(values), values.copy()
+    shown[sizes <= NOISE * sizes[sizes < math.inf].max(initial=0.0)] = 0.0
+    return shown
 
 
 def ratio(value: float) -> str:
@@ -75,11 +78,11 @@ def margin_text(value: float, unit: str, digits: int = 3) -> str:
 
 def towards(side: np.ndarray) -> str:
     """A direction in words: "towards -y", "towards (0.71, -0.71, 0)"."""
-    unit = side / max(np.linalg.norm(side), 1e-300)
-    k = int(np.argmax(np.abs(unit)))
+    unit = side / max(math.hypot(*side), 1e-300)
+    k = int(abs(unit).argmax())
     if abs(unit[k]) > 0.999:
         return f"towards {'-' if unit[k] < 0 else '+'}{'xyz'[k]}"
-    return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(unit, 2) + 0.0))
+    return "towards ({})".format(", ".join(f"{x:.2g}" for x in unit.round(2) + 0.0))
 
 
 def with_error(value: float, half: float, unit: str = "") -> str:

@@ -7,7 +7,6 @@ error in ocptip itself; the environment variable OCPTIP_DEBUG shows its tracebac
 from __future__ import annotations
 
 import argparse
-import difflib
 import os
 import re
 import signal
@@ -194,6 +193,4 @@ def _refuse_unknown(words: Sequence[str], whole: argparse.ArgumentParser) -> Non
     names = [command.name for command in COMMANDS]
     word = next(iter(words), "")
     if word and not word.startswith("-") and word not in names:
-        near = difflib.get_close_matches(word, names, 1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        whole.error(f"no such command: {word!r}{hint}")
+        whole.error(f"no such command: {word!r}{did_you_mean(word, names)}")
