@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ocptip.motion.check import check_motion
@@ -23,6 +24,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
+from ocptip.trajectories.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")
@@ -203,3 +205,19 @@ def test_titles_name_the_quantity_instead_of_the_index():
         "tipping margin in cancels in the worst case",
         "clearance",
     ]
+
+
+@pytest.mark.parametrize(("turned", "constant"), [(5, True), (1, False)])
+def test_a_clearance_that_the_motion_does_not_change_is_of_no_instant(task, turned, constant):
+    """Only the last joint turns: the bodies that are nearest to each other stay where they are."""
+    robot, goal = task.robot, task.start + 0.4 * (np.arange(task.robot.n) == turned)
+    none, limits = [None] * robot.n, (robot.limits.speed, robot.limits.acceleration)
+    motion = Trajectory.ending_together(task.start, goal, none, *(0.2 * one for one in limits))
+    nearest = check_motion(robot, motion, task.limits).worst["clearance_m"].value
+    found = check_motion(robot, motion, replace(task.limits, clearance=0.99 * nearest))
+    row = by_name(motion_margins(robot, found))[CLEARANCE]
+    assert row.nominal.value == nearest
+    assert (row.nominal.time is None) == constant
+    assert (critical(motion_margins(robot, found)).name == CLEARANCE) == (not constant)
+    beyond = check_motion(robot, motion, replace(task.limits, clearance=1.01 * nearest))
+    assert critical(motion_margins(robot, beyond)).name == CLEARANCE

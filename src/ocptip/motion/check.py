@@ -41,6 +41,7 @@ from ocptip.trajectories.trajectory import INSIDE, Trajectory
 MOST_INSTANTS = 1_000_000
 """Largest number of instants of the first grid: some 3 GB of memory."""
 
+_ALONG = 8  # instants at which a distance is compared with the smallest one
 NO_COLLISION = " (contacts and drives; collision not checked)"
 """Follows verdicts of mechanisms without collision geometry."""
 
@@ -358,14 +359,15 @@ def check_motion(
         stands=holding,
         contacts=contacts[0],  # rest is checked, too
         objects=dict(zip(names[1:], contacts[1:], strict=True)),
-        collision=robot.collision.to_dict(_nearest(motion, worst)),
+        collision=robot.collision.to_dict(*_nearest(motion, worst)),
         within=within,
         feet=on_its_feet(robot, motion),
         drives=on_its_drives(robot, motion),
     )
 
 
-def _nearest(motion: Trajectory, worst: list[Worst]) -> np.ndarray:
-    """Coordinates (n,) at the smallest distance."""
+def _nearest(motion: Trajectory, worst: list[Worst]) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates (n,) at the smallest distance, and (N, n) all along the motion."""
     times = [w.time for w in worst if w.name == "clearance_m"]
-    return motion.states(np.array(times))[0][0]
+    along = np.linspace(0.0, motion.end, _ALONG)
+    return motion.states(np.array(times))[0][0], motion.states(along)[0]

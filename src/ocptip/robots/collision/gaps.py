@@ -13,6 +13,9 @@ from ocptip.robots.model import ArmModel
 CLEARANCE = 0.01
 """m: smallest distance of what may collide where none is asked for: models and drives are not exact."""
 
+SAME = 1e-6
+"""m: distances that differ less are of bodies that do not move towards each other."""
+
 POSTURES = 200
 """Random postures in which pairs that never part are detected."""
 
@@ -175,12 +178,14 @@ class Collisions:
                 found, limiting = widest[names[k]], self.labels[k]
         return max(found, 0.0), limiting
 
-    def to_dict(self, q: np.ndarray | None = None) -> dict[str, Any]:
+    def to_dict(self, q: np.ndarray | None = None, others: np.ndarray | None = None) -> dict[str, Any]:
         """The scope of the check, as plain data for JSON.
 
         Args:
             q: (n,), rad, of the smallest distance; with it that distance, its names and nearest points (m,
                 base axes) are given.
+            others: (N, n), rad, of the same motion; if it does not change the smallest distance, that is
+                noted as `constant`.
         """
         if not self.labels:
             return {"checked": False}
@@ -200,6 +205,11 @@ class Collisions:
                 "between": [label.first, label.second],
                 "points_m": found.points.reshape(-1, 3).tolist() or None,
             }
+            if others is not None:
+                least = found.distances[0]
+                along = self.gaps(others, least + 0.5)[:, found.pairs[0]]
+                if np.all(np.abs(along - least) < SAME):
+                    data["least"]["constant"] = True
         return data
 
 
