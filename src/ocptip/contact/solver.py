@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -131,10 +132,10 @@ def _solve(support, wrenches, warm_start, start, search, threads) -> ContactStat
     states = replace(states, support=support)
     if len(moving) == 0:
         return states
-    try:
-        others = _solve_moving(support, wrenches[moving], warm_start, start, threads)
-    except InputError:  # a contact's own equations are singular at the given inertia
-        others = None
+    others = None  # where an unusual inertia is beyond what can be resolved
+    if support.inertia_is_within(_RESOLVED):
+        with suppress(InputError):  # a contact's own equations are singular at the given inertia
+            others = _solve_all(support, wrenches[moving], warm_start, start, False, threads)
     if others is None:
         return _without_answer(states, moving[states.solved[moving]])
     # rounding, magnified by the ratio of inertias: laws are broken, or no contact is seen to move that does
@@ -143,13 +144,6 @@ def _solve(support, wrenches, warm_start, start, search, threads) -> ContactStat
     lost = np.flatnonzero(others.solved & states.solved[moving] & (unseen | unlawful))
     others = _without_answer(others, lost)
     return states.changed(moving, {name: getattr(others, name) for name in ARRAYS})
-
-
-def _solve_moving(support, wrenches, warm_start, start, threads) -> ContactStates | None:
-    """Solve with an unusual inertia as it is; None if it is beyond what can be resolved."""
-    if not support.inertia_is_within(_RESOLVED):
-        return None
-    return _solve_all(support, wrenches, warm_start, start, False, threads)
 
 
 def _solve_all(support, wrenches, warm_start, start, search, threads) -> ContactStates:

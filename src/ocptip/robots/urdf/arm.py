@@ -84,7 +84,16 @@ def arm_from_urdf(
     ahead = {joint.name for joint in file.way(base)}
     way = [joint.name for joint in file.way(tool) if joint.name not in ahead]
     mimics = _mimics(file, robot, locked, way)
-    arm = _from_pinocchio(robot, base, tool, locked, mimics, armature, acceleration, accept_inertia)
+    arm = arm_from_pinocchio(
+        robot,
+        base_link=base,
+        tool_frame=tool,
+        locked_joints=locked,
+        armature=armature,
+        acceleration=acceleration,
+        accept_inertia=accept_inertia,
+        mimics=mimics,
+    )
     changes = {key: _of_chain(file, arm, key) for key in ("acceleration", "jerk")}
     arm = arm.with_limits(**(changes if acceleration is None else {"jerk": changes["jerk"]}))
     doubt_arm(arm)
@@ -114,28 +123,15 @@ def arm_from_pinocchio(
     armature: np.ndarray | None = None,
     acceleration: np.ndarray | None = None,
     accept_inertia: bool | Iterable[str] = (),
+    mimics: Mimics | None = None,
 ) -> ArmModel:
-    """The arm of a Pinocchio model, whose armature is the default; `base_link` may be "universe"."""
-    locked = dict(locked_joints or {})
-    _require_joints(robot, locked)
-    mimics = _Mimics()
-    return _from_pinocchio(
-        robot, base_link, tool_frame, locked, mimics, armature, acceleration, accept_inertia
-    )
+    """The arm of a Pinocchio model, whose armature is the default; `base_link` may be "universe".
 
-
-def _from_pinocchio(
-    robot: PinocchioModel,
-    base_link: str,
-    tool_frame: str,
-    given: Mapping[str, float],
-    mimics: _Mimics,
-    armature: np.ndarray | None,
-    acceleration: np.ndarray | None,
-    accept_inertia: bool | Iterable[str],
-) -> ArmModel:
-    """The arm; joints that are neither `given` nor mimic others nor are in the chain rest near zero."""
-    locked = {**given, **mimics.locked}
+    Joints that are neither locked nor mimic others nor are in the chain rest near zero.
+    """
+    _require_joints(robot, locked_joints or {})
+    mimics = mimics or Mimics()
+    locked = {**(locked_joints or {}), **mimics.locked}
     base = _frame(robot, "base_link", base_link)
     tool = _frame(robot, "tool_frame", tool_frame)
     path = list(robot.supports[robot.frames[tool].parentJoint])
@@ -172,7 +168,7 @@ def _from_pinocchio(
 
 
 @dataclass(frozen=True)
-class _Mimics:
+class Mimics:
     """Joints that mimic others: those that rest, and where, on the way to the tool or not; and those that
     follow a joint that moves: its name, ratio and offset."""
 
@@ -181,11 +177,9 @@ class _Mimics:
     coupled: dict[str, tuple[str, float, float]] = field(default_factory=dict)
 
 
-def _mimics(
-    file: UrdfFile, robot: PinocchioModel, locked: Mapping[str, float], way: Sequence[str]
-) -> _Mimics:
+def _mimics(file: UrdfFile, robot: PinocchioModel, locked: Mapping[str, float], way: Sequence[str]) -> Mimics:
     """What becomes of all joints that mimic others and are not locked; `way`: between base and tool."""
-    found = _Mimics()
+    found = Mimics()
     for joint in file.joints.values():
         if not joint.mimics or joint.name in locked:
             continue
