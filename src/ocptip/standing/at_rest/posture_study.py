@@ -157,13 +157,17 @@ class Robustness:
     push: float
     friction: float
 
+    def __str__(self) -> str:
+        lost = "until a contact is lost, each alone (the payload of ocptip stand keeps limits: less)"
+        return "\n".join([lost, *(f"{name}: {value}" for name, value in self.lines)])
+
     @property
     def lines(self) -> list[tuple[str, str]]:
         """Names and values."""
-        held = "any" if np.isinf(self.held) else quantity(self.held, "kg", 3)
+        held = "any" if np.isinf(self.held) else f"<= {quantity(self.held, 'kg', 3)} in total"
         return [
-            ("payload, contacts", f"<= {quantity(self.payload, 'kg', 3)}"),
-            ("payload, drives", f"<= {held}"),
+            ("payload, contacts", f"<= {quantity(self.payload, 'kg', 3)} in total"),
+            ("payload, drives", held),
             ("further tilt", f"{np.degrees(self.tilt):.3g} deg in any direction"),
             ("further push", f"{quantity(self.push, 'N', 3)} in any direction"),
             ("friction", f">= {percent(self.friction)} of the present"),

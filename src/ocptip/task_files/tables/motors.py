@@ -120,7 +120,7 @@ def arm_and_motors(
     table = data.table("motors")
     arm = arm.with_gears(read_gears(table, arm))
     if load is not None and not held and arm.may_collide:
-        arm = arm.with_notes("payload: no solid is given, its collisions are not checked")
+        arm = arm.with_notes("payload: its collisions are not checked; [payload.shape] is its solid")
     kind = table.get("kind", "modular" if modular else "estimated")
     if kind == "dc":
         return arm, dc_motors(table, arm.n)
