@@ -9,8 +9,7 @@ import sys
 import pytest
 
 from ocptip.cli import terminal
-from ocptip.cli.command import GROUPS
-from ocptip.cli.commands import COMMANDS
+from ocptip.cli.commands import COMMANDS, GROUPS
 from ocptip.cli.main import main, parser
 
 

@@ -27,15 +27,6 @@ except ImportError:  # Windows
 
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
-START, PLAN, VERIFY, PLACE, MACHINE, CLOSED = GROUPS = (
-    "start",
-    "plan",
-    "verify",
-    "place",
-    "machine",
-    "poses and closed chains",
-)
-"""Groups of commands, in the order of the help; each has a folder of its name."""
 FOR_PLANS = ("ocptip.motion.plan", "ocptip.certificate.checks", "ocptip.motion.planner.kernels")
 """Modules that are loaded by processes which plan."""
 stops: list[int] = []
@@ -170,23 +161,23 @@ class Command:
 
     Attributes:
         name: as it is typed.
-        group: of `GROUPS`.
         help: for the list of commands.
         description: for the help of the command.
         codes: what the exit codes 0 and 1 mean.
         arguments: without those that every command has.
         preload: modules that its processes need.
         files: options that name files which are written.
+        group: in the help, and folder of its module.
     """
 
     name: str
-    group: str
     help: str
     description: str
     codes: str
     arguments: Sequence[Argument]
     preload: Sequence[str] = ()
     files: Sequence[str] = ()
+    group: str = ""
 
     @property
     def module(self) -> str:

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from ocptip.basics.text import did_you_mean
-from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, GROUPS, INTERRUPTED, explained, say, stops
-from ocptip.cli.commands import COMMANDS
+from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, INTERRUPTED, explained, say, stops
+from ocptip.cli.commands import COMMANDS, GROUPS
 
 _EXIT = 5.0  # s, that an interrupted process may take to end
 
@@ -182,8 +182,8 @@ def _listed() -> str:
     """The commands by groups."""
     width = max(len(command.name) for command in COMMANDS)
     parts = []
-    for group in GROUPS:
-        rows = [f"  {one.name:<{width}}  {one.help}" for one in COMMANDS if one.group == group]
+    for group, commands in GROUPS.items():
+        rows = [f"  {one.name:<{width}}  {one.help}" for one in commands]
         parts.append("\n".join([f"{group}:", *rows]))
     return "\n\n".join(parts)
 

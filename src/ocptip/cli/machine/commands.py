@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from ocptip.cli.arguments import COLUMNS, SEED, TOPICS, UNIT, argument
-from ocptip.cli.command import MACHINE, Command
+from ocptip.cli.command import Command
 
 COMMANDS = (
     Command(
         "compare",
-        MACHINE,
         "compare a recording of the machine with its plan",
         "Compares joints, TCP, torques, force-torque sensor, power and base of a recording with the plan. "
         "Reports masses, frictions, delays, elasticities or signals that deviate from the model.",
@@ -37,7 +36,6 @@ COMMANDS = (
     ),
     Command(
         "identify",
-        MACHINE,
         "identify masses, centres of mass, friction or power maps from recordings",
         "Identifies parameters from the recording of a plan that the machine ran. Writes them as tables of a "
         "task file, with the [tolerance] that follows from their errors.",
@@ -70,7 +68,6 @@ COMMANDS = (
     ),
     Command(
         "export",
-        MACHINE,
         "export a plan's robot and motion for simulators (MJCF, URDF)",
         "Writes arm, base, feet, payload and rotors of a plan as bodies with the masses of its task, and its "
         "motion as keyframes.",

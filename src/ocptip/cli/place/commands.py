@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from ocptip.cli.arguments import COST_PER_SECOND, JOBS, OUT, SCHEDULER, SEED, TOLERANCE, argument, objective
-from ocptip.cli.command import FOR_PLANS, PLACE, Command
+from ocptip.cli.command import FOR_PLANS, Command
 
 COMMANDS = (
     Command(
         "place",
-        PLACE,
         "find base placements for tool poses and process forces",
         "Finds the best placements of the base for a task file, with all constraints checked.",
         "0 a verified placement, 1 no placement keeps all constraints",
@@ -24,7 +23,6 @@ COMMANDS = (
     ),
     Command(
         "cell",
-        PLACE,
         "find base placements for a whole cycle, and plan its motions",
         "Finds placements of the base, plans the cycle on the best, and ranks them by energy or time.",
         "0 a placement with a verified plan, 1 none",

@@ -28,12 +28,11 @@ from ocptip.cli.arguments import (
     stops,
     time_scale,
 )
-from ocptip.cli.command import FOR_PLANS, PLAN, Command
+from ocptip.cli.command import FOR_PLANS, Command
 
 COMMANDS = (
     Command(
         "plan",
-        PLAN,
         "plan the arm motion with minimum energy or time that keeps all contacts",
         "Plans trapezoidal velocity profiles (or S-curves) with minimum electric energy, or time, that keep "
         "all contacts and limits within the uncertainty. Checks the motion and proves it.",
@@ -123,7 +122,6 @@ COMMANDS = (
     ),
     Command(
         "retime",
-        PLAN,
         "time a given path so that all contacts are kept, as fast or cheap as possible",
         "Replaces the timing of a path by the fastest, or cheapest, that keeps all contacts and limits, and "
         "checks it.",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from ocptip.cli.arguments import BASE_LINK, TOOL_FRAME, argument, group, is_index, is_range
-from ocptip.cli.command import CLOSED, Command
+from ocptip.cli.command import Command
 
 COMMANDS = (
     Command(
         "rate",
-        CLOSED,
         "performance indices of a pose of an arm, a platform or a parallel robot",
         "Prints the performance indices of a pose: value, range, meaning.",
         "0 a regular pose, 1 a singular one (--along, --workspace: one of the poses, or none is reached)",
@@ -107,7 +106,6 @@ COMMANDS = (
     ),
     Command(
         "parallel",
-        CLOSED,
         "mobility, assembly modes, workspace and code of a parallel robot",
         "Checks the mobility of a parallel robot, counts the operations of its inverse dynamics and writes "
         "them as C code (also of a serial arm). Writes URDF and MJCF.",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from ocptip.cli.arguments import BASE_LINK, TOOL_FRAME, argument
-from ocptip.cli.command import START, Command
+from ocptip.cli.command import Command
 
 COMMANDS = (
     Command(
         "init",
-        START,
         "write a task file for the arm of a URDF",
         "Writes a task file with all that the URDF tells. Fill in the lines marked #>, then plan.",
         "0 written",
@@ -26,7 +25,6 @@ COMMANDS = (
     ),
     Command(
         "examples",
-        START,
         "copy the example files into a folder",
         "Copies scenes, tasks, platforms and robots. Never replaces a file that differs.",
         "0 all of them are there",
@@ -34,7 +32,6 @@ COMMANDS = (
     ),
     Command(
         "schema",
-        START,
         "print the JSON Schema of all files, for editors",
         "Prints the keys of all files as a JSON Schema: ocptip schema > task.schema.json.",
         "0 printed",
@@ -42,7 +39,6 @@ COMMANDS = (
     ),
     Command(
         "view",
-        START,
         "show a plan, a scene or a placement in 3D in a browser",
         "Shows robot, base, obstacles, contact forces, friction cones, the nearest tipping axis and the "
         "zero-moment point (needs: pip install 'ocptip[view]').",
@@ -58,7 +54,6 @@ COMMANDS = (
     ),
     Command(
         "studio",
-        START,
         "try postures, payloads, floors and pushes with sliders, in a browser",
         "Shows the arm of a task at rest with sliders for joints, TCP, payload, friction, tilt, push and base"
         " acceleration. Margins, forces and robustness follow. Saves poses as start or goal, plans and plays "
@@ -72,7 +67,6 @@ COMMANDS = (
     ),
     Command(
         "completion",
-        START,
         "print a script that completes commands and files in a shell",
         "Prints a completion script (needs: pip install 'ocptip[completion]'). For bash: "
         'eval "$(ocptip completion bash)"',

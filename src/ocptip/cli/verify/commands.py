@@ -21,12 +21,11 @@ from ocptip.cli.arguments import (
     stops,
     time_scale,
 )
-from ocptip.cli.command import VERIFY, Command
+from ocptip.cli.command import Command
 
 COMMANDS = (
     Command(
         "stand",
-        VERIFY,
         "is a standing base stable? verdict, margins, contact forces",
         "Is the base of a scene file stable, or a robot task in a posture? Prints verdict, contact forces "
         "and margins.",
@@ -65,7 +64,6 @@ COMMANDS = (
     ),
     Command(
         "check",
-        VERIFY,
         "does a given motion keep all contacts and limits?",
         "Checks a motion at every instant of a dense grid: contacts, torques, clearance, speeds, "
         "accelerations, angles. Says what it violates, and when.",
@@ -103,7 +101,6 @@ COMMANDS = (
     ),
     Command(
         "certify",
-        VERIFY,
         "prove that a motion keeps all limits at every instant, or check a proof",
         "Proves that a motion loses no contact and keeps all limits at every instant, not only at samples. "
         "Or checks a certificate from its data alone.",
@@ -119,7 +116,6 @@ COMMANDS = (
     ),
     Command(
         "simulate",
-        VERIFY,
         "replay a plan in MuJoCo on a free base",
         "Replays a plan on a free base in MuJoCo and compares the contact forces (needs: "
         "pip install 'ocptip[simulate]').",
@@ -143,7 +139,6 @@ COMMANDS = (
     ),
     Command(
         "chart",
-        VERIFY,
         "load charts: the largest payload over reach, height and azimuth",
         "Samples postures at rest and computes the largest payload in each, so that no contact is lost and "
         "joints hold it. Writes load charts as cranes have them: text, JSON, CSV and a figure. Motion is not "
@@ -175,7 +170,6 @@ COMMANDS = (
     ),
     Command(
         "report",
-        VERIFY,
         "write one document: robot, assumptions, load cases, worst cases, robustness",
         "Checks a plan, or the poses of a task, and writes one HTML page (or PDF) for the safety file.",
         "0 written, and stable; 1 not stable",
@@ -190,7 +184,6 @@ COMMANDS = (
     ),
     Command(
         "drive",
-        VERIFY,
         "drive envelope: how hard a mobile base may accelerate, brake and turn",
         "Computes the largest acceleration of the base by direction with the arm at rest in a posture, the "
         "largest braking on level ground and slopes, turning speeds and emergency stops. Writes text, JSON, "
