@@ -17,7 +17,8 @@ from ocptip.basics.toml import toml_text
 from ocptip.basics.write import MARK, write_files
 from ocptip.motion.files.source import TASK, source_of
 from ocptip.motion.task import MotionTask
-from ocptip.pictures.browser.studio import Actions, serve_studio
+from ocptip.pictures.browser.studio import Actions, studio_page
+from ocptip.pictures.browser.view import until_interrupted
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.posture_study import (
     Conditions,
@@ -154,4 +155,6 @@ class Studio:
             return f"{which} saved: {self.save(folder)}"
 
         ends = {"start": self.task.start, "goal": self.task.goal}
-        serve_studio(self.task.name, self.study, self.conditions, ends, Actions(kept, planned), say)
+        actions = Actions(kept, planned)
+        with studio_page(self.task.name, self.study, self.conditions, ends, actions) as page:
+            until_interrupted(page.server, say)

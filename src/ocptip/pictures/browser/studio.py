@@ -28,7 +28,6 @@ from ocptip.pictures.browser.view import (
     mover,
     open_server,
     shared_forces,
-    until_interrupted,
 )
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.payload import Payload
@@ -53,19 +52,6 @@ class Actions:
     plan: Callable[[], tuple[str, Sequence[Part]]]
 
 
-def serve_studio(
-    name: str,
-    study: PostureStudy,
-    conditions: Conditions,
-    ends: dict[str, np.ndarray],
-    actions: Actions,
-    say: Callable[[str], None],
-) -> None:
-    """Serve the page until Ctrl-C; `say` gets its address, the others are those of `StudioPage`."""
-    with studio_page(name, study, conditions, ends, actions) as page:
-        until_interrupted(page.server, say)
-
-
 @contextmanager
 def studio_page(
     name: str,
@@ -74,7 +60,7 @@ def studio_page(
     ends: dict[str, np.ndarray],
     actions: Actions,
 ) -> Iterator[StudioPage]:
-    """The page on a server, while it is open."""
+    """The page on a server, while it is open; arguments as of `StudioPage`."""
     robot = study.robot
     contacts = np.array([np.asarray(c.position) for c in robot.support.contacts])
     points = np.vstack([contacts, *(link_frames(robot.arm, q).origins for q in ends.values())])
