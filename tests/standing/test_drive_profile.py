@@ -260,6 +260,7 @@ def test_check_takes_a_posture_and_the_key_of_the_task(tmp_path, capsys):
     assert main([*options, "9 m, 9 m/s, 9 m/s^2"]) == 1
     assert json.loads(capsys.readouterr().out)["stands"] is False
     assert main([*options, str(tmp_path / "none.csv")]) == 2
+    assert main(["plan", str(TASK), "--drive-profile", str(tmp_path / "none.csv")]) == 2
     text = TASK.read_text().replace("[motion]", '[motion]\ndrive_profile = "drive.csv"', 1)
     for name in ("meshes", "ur5.urdf"):
         text = text.replace(f'"{name}', f'"{TASK.parent / name}')
@@ -274,8 +275,7 @@ def test_a_motion_planned_while_the_base_brakes_stands_where_others_tip(task):
     speeds = np.array([[0.6, 0, 0.3], [0.6, 0, 0.3], [0, 0, 0], [0, 0, 0]])
     profile = DriveProfile.of_velocities(np.array([0, 0.2, 0.45, 0.7]), speeds)
     fast = ocptip.load_task(task, objective="time")
-    driven = fast.each(lambda own: dataclasses.replace(own, robot=own.robot.driving(profile)))
-    found = ocptip.plan(driven, starts=1, jobs=1)
+    found = ocptip.plan(fast, drive_profile=profile, starts=1, jobs=1)
     assert found.check.verified
     assert found.check.certified
     # The same path in the same time, from rest to rest without a look at the base.

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ocptip.api.inputs.given import ProfileLike, driving
 from ocptip.api.methods import (
     ALONG_PATH,
     Ask,
@@ -82,6 +83,7 @@ class NoPlanError(PlanningError):
 def plan(
     task: TaskLike,
     *,
+    drive_profile: ProfileLike | None = None,
     starts: int = 8,
     seed: int = 0,
     jobs: int | None = 1,
@@ -109,6 +111,7 @@ def plan(
 
     Args:
         task: from :func:`ocptip.load_task`, or what that takes.
+        drive_profile: how the base drives meanwhile, instead of as in the task, see :func:`ocptip.check`.
         starts: number of random starts, of a cycle per segment.
         seed: of the random starts.
         jobs: number of processes; None: one per core, then a script needs `if __name__ == "__main__":`.
@@ -140,7 +143,7 @@ def plan(
     for name, numbers in {"time_scale": time_scale, **given}.items():
         for number in numbers:
             positive_number(name, number)
-    task = prepared(load_task(task), controller, rise_time, stops)
+    task = prepared(driving(load_task(task), drive_profile), controller, rise_time, stops)
     refuse_objects(task, *["sensitivities"] * sensitivities)
     refuse_driving(task, *["sensitivities"] * sensitivities)
     if task.is_cycle and sensitivities:

@@ -81,6 +81,7 @@ COMMANDS = (
                 EFFORT,
             ),
             LIMITS,
+            group("a base that drives", drive_profile()),
             group(
                 "search",
                 argument(

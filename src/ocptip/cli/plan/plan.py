@@ -63,8 +63,12 @@ def _asked(options: Namespace) -> Asked:
 def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report:
     """Plan one task; where there is no plan, the report says why."""
     try:
-        with naming_options("rise_time", "sensitivities"), progress_bar(one.task) as progress:
-            same = "starts seed jobs controller rate rise_time time_scale sensitivities method seconds"
+        with (
+            naming_options("rise_time", "sensitivities", "drive_profile"),
+            progress_bar(one.task) as progress,
+        ):
+            same = "drive_profile starts seed jobs controller rate rise_time time_scale sensitivities method "
+            same += "seconds"
             plan = plan_task(
                 one.task,
                 **taken(options, same),
