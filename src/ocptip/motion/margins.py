@@ -95,12 +95,12 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         pairs = [worst[name] for name in (CLEARANCE, _CLEARANCE_WITHIN) if name in worst]
         share = max((own.limit / own.value if own.value > 0 else math.inf) for own in pairs)
         limits = worst[CLEARANCE].limit, limit(_CLEARANCE_WITHIN)
-        values = of(CLEARANCE), of(_CLEARANCE_WITHIN)
+        nominal, late = of(CLEARANCE), of(_CLEARANCE_WITHIN)
         # A distance that the motion does not change is of no instant, and nothing to plan with.
         if checked.collision.get("least", {}).get("constant"):
-            values = [one and replace(one, time=None) for one in values]
+            nominal, late = (one and replace(one, time=None) for one in (nominal, late))
             share = share if share > 1 else -math.inf
-        yield MotionMargin(CLEARANCE, *values, *limits, True, share)
+        yield MotionMargin(CLEARANCE, nominal, late, *limits, True, share)
     for name in (TCP_SPEED, POINT_SPEED):
         yield MotionMargin(name, of(name), None, limit(name), None, False, _used(worst.get(name)))
     for footing in objects:
