@@ -116,6 +116,21 @@ def test_events_are_those_of_ramps(free):
     assert not len(PlanCurves(SimpleNamespace(motion=sampled), samples).events)
 
 
+def test_sketches_have_the_forces_of_the_contacts(free):
+    """Which hold the load at that instant; the arrows of a sketch are in proportion to them."""
+    plan, samples, figures = free
+    curves = PlanCurves(plan, samples)
+    k = len(samples.times) // 3
+    forces = curves.forces_at(samples.times[k])
+    assert forces.sum(axis=0) == pytest.approx(-samples.wrenches[k, :3], rel=1e-6, abs=1e-6)
+    arrows = [own for ax in figures["motion"].axes for own in ax.collections if own.get_gid() == "forces"]
+    known = np.vstack([curves.forces_at(0.0), curves.forces_at(plan.motion.end)])
+    drawn = np.vstack([np.column_stack([own.U, own.V]) for own in (arrows[0], arrows[-1])])
+    view = np.linalg.lstsq(known, drawn, rcond=None)[0]  # one view and scale
+    assert known @ view == pytest.approx(drawn, abs=1e-9)
+    assert np.ptp(drawn, axis=0).max() > 0.01
+
+
 def test_least_distances_carry_the_names_of_their_pairs(free):
     plan, samples, figures = free
     collision = plan.task.robot.collision

@@ -17,7 +17,7 @@ from ocptip.pictures import style
 from ocptip.pictures.browser.view import sampled_parts, shared_forces
 from ocptip.pictures.frame import drawn, new_figure
 from ocptip.pictures.movie import frame_times, require_format, speed_of, speed_text, write_movie
-from ocptip.pictures.sketch import GROUND, PATH, ROBOT, draw_base, view_of
+from ocptip.pictures.sketch import GROUND, PATH, ROBOT, draw_base, force_arrows, view_of
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.parts import Part
 from ocptip.standing.samples import MotionSamples
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DPI, _WIDTH, _VIEW, _PANEL = 80, 5.0, 4.2, 1.3  # pixels per inch; inches
-_TALL = 0.35  # height of the arrow for the whole weight, over the size of the picture
 _CURVES = 3  # at most
 _CURVE = 5  # instants of curves per frame
 
@@ -220,10 +219,7 @@ class _MovingView:
         """Support polygon, base, contact forces, tipping axis, zero-moment point."""
         flat = ground.contacts @ self._axes.T
         self._polygon = draw_base(ax, self._axes, ground.contacts, own.bodies[0])
-        self._scale = _TALL * size / max(ground.weight, 1e-9)
-        arrow = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.008, "zorder": 3}
-        zero = np.zeros(len(flat))
-        self._forces = ax.quiver(*flat.T, zero, zero, color=style.FOOT_FORCE.color, **arrow)
+        self._forces, self._scale = force_arrows(ax, flat, size, ground.weight)
         self._axis = ax.plot([], [], color="#c81e1e", lw=3.0, zorder=2)[0]
         self._pressure = ax.plot([], [], ls="", marker="o", ms=7, color="#dc00a0", zorder=5)[0]
 

@@ -334,7 +334,8 @@ def _postures(
     angles = motion.states(np.array([time for _, time in moments]))[0]
     postures = [(title, q) for (title, _), q in zip(moments, angles, strict=True)]
     path = curves.tcp if curves.has_tcp else None
-    draw_postures(panels[: len(moments)], curves.plan.task.robot, postures, path=path, **what)
+    forces = [curves.forces_at(time) for _, time in moments]
+    draw_postures(panels[: len(moments)], curves.plan.task.robot, postures, path=path, forces=forces, **what)
     return panels
 
 
@@ -347,7 +348,8 @@ def _end(figure: Figure, curves: PlanCurves, last: Any) -> Figure:
     for ax in last:
         ax.set_xlabel("time [s]")
         ax.set_xlim(0.0, end or 1.0)
-    notes = [text for ending, text in _MARKS.items() if any(gid.endswith(ending) for gid in gids)]
+    notes = ["green arrows: contact forces"]
+    notes += [text for ending, text in _MARKS.items() if any(gid.endswith(ending) for gid in gids)]
     style.note(figure, "; ".join([*notes, *([_EVENTS] if len(curves.events) else [])]))
     return figure
 

@@ -21,6 +21,8 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.samples import MotionSamples
 from ocptip.trajectories.trajectory import Trajectory
 
+_SIDES = 1e-6  # s: both sides of a step are nearer to each other
+
 
 @dataclass(frozen=True)
 class _Task:
@@ -138,6 +140,14 @@ class PlanCurves:
     def normal_forces(self) -> np.ndarray:
         """(N, n), N; of equally compliant feet where rigid ones leave them open."""
         return reported_normal_forces(self.samples.states)
+
+    def forces_at(self, time: float) -> np.ndarray:
+        """(n, 3), N, base axes: of the contacts at a time; of a step the side with the minimum force."""
+        near = np.flatnonzero(np.abs(self.times - time) <= np.abs(self.times - time).min() + _SIDES)
+        k = near[np.argmin(self.normal_forces[near].min(axis=1))]
+        forces = self.samples.states.contact_forces[k].copy()
+        forces[:, 0] = self.normal_forces[k]
+        return np.einsum("kij,kj->ki", self.plan.task.robot.support.frames, np.nan_to_num(forces))
 
     @property
     def motion_text(self) -> str:

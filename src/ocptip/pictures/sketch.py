@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.pictures.frame import hull
-from ocptip.pictures.style import NOTE, TIPPING, member
+from ocptip.pictures.style import FOOT_FORCE, NOTE, TIPPING, member
 from ocptip.standing.mechanism import StandingMechanism
 
 ROBOT, BASE, GROUND, PATH = "#3a3a3a", "#8a8a8a", "#e8e3da", "#9a9a9a"
@@ -17,6 +17,7 @@ SKETCH = "sketch"
 
 _RISE = np.radians(22.0)
 _TURNS = np.radians([-60.0, -30.0, 30.0, 60.0, 120.0, 150.0])
+_TALL = 0.35  # height of an arrow for the whole weight, over the size of the picture
 _LENGTHS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # m, of the scale
 
 
@@ -39,6 +40,7 @@ def draw_postures(
     joints: bool = False,
     feet: bool = False,
     axis: tuple[int, ...] = (),
+    forces: Sequence[np.ndarray] = (),
 ) -> None:
     """Draw postures, all in one view and scale.
 
@@ -50,6 +52,7 @@ def draw_postures(
         joints: number the joints of an arm.
         feet: number the contacts.
         axis: the contacts, from 1, of the tipping axis to mark.
+        forces: (n, 3), N, of the contacts in each posture; empty: not drawn.
     """
     contacts = np.array([c.position for c in robot.support.contacts])
     bodies = [robot.sticks(q) for _, q in postures]
@@ -58,11 +61,15 @@ def draw_postures(
     axes = view_of(path if len(path) else every)
     low, high = (every @ axes.T).min(axis=0), (every @ axes.T).max(axis=0)
     margin = 0.08 * float(np.max(high - low)) + 1e-3
-    for ax, (title, _), lines in zip(panels, postures, bodies, strict=True):
+    total = max((float(np.linalg.norm(own.sum(axis=0))) for own in forces), default=0.0)
+    for k, (ax, (title, _), lines) in enumerate(zip(panels, postures, bodies, strict=True)):
         flat = contacts @ axes.T
         draw_base(ax, axes, contacts, lines)
-        for k, foot in enumerate(flat):
-            ax.plot(*foot, marker="s", ms=5, color=member(k)["color"], zorder=3, gid=f"foot-{k + 1}")
+        if forces:
+            arrows, scale = force_arrows(ax, flat, float(np.max(high - low)), total)
+            arrows.set_UVC(*(scale * forces[k] @ axes.T).T)
+        for foot, place in enumerate(flat):
+            ax.plot(*place, marker="s", ms=5, color=member(foot)["color"], zorder=3, gid=f"foot-{foot + 1}")
         if len(axis) == 2:
             ends = contacts[[k - 1 for k in axis]] @ axes.T
             ax.plot(*ends.T, color=TIPPING.color, lw=2.4, zorder=2, gid="tipping-axis")
@@ -77,8 +84,8 @@ def draw_postures(
             _number_joints(ax, lines[0] @ axes.T)
         if feet:
             middle = float(flat[:, 0].mean())
-            for k, foot in enumerate(flat, 1):
-                _write(ax, f"{k}", foot, np.array([np.copysign(10.0, foot[0] - middle), -7.0]))
+            for foot, place in enumerate(flat, 1):
+                _write(ax, f"{foot}", place, np.array([np.copysign(10.0, place[0] - middle), -7.0]))
         ax.set_xlim(low[0] - margin, high[0] + margin)
         ax.set_ylim(low[1] - 3 * margin, high[1] + margin)
         ax.set_aspect("equal")
@@ -94,6 +101,20 @@ def draw_base(ax: Any, axes: np.ndarray, contacts: np.ndarray, bodies: Sequence[
     for foot in contacts:
         ax.plot(*(np.array([foot, above]) @ axes.T).T, color=BASE, lw=1.6, zorder=1)
     return ax.fill(*(contacts[hull(contacts[:, :2])] @ axes.T).T, fc=GROUND, ec="none", zorder=0)[0]
+
+
+def force_arrows(ax: Any, feet: np.ndarray, size: float, total: float) -> tuple[Any, float]:
+    """Arrows at feet (n, 2) that are set to forces by `set_UVC`, times a scale in m per N.
+
+    Args:
+        ax, feet: where.
+        size: of the picture, m.
+        total: N, the force of which the arrow has a good size.
+    """
+    style = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.014, "zorder": 3.5}
+    zero = np.zeros(len(feet))
+    arrows = ax.quiver(*feet.T, zero, zero, color=FOOT_FORCE.color, gid="forces", **style)
+    return arrows, _TALL * size / max(total, 1e-9)
 
 
 def _roots(lines: Sequence[np.ndarray]) -> list[np.ndarray]:
