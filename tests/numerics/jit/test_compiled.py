@@ -122,8 +122,18 @@ def test_what_has_no_machine_code_is_refused_with_its_line():
         _of_a_list(np.zeros(2))
     with pytest.raises(TypeError, match="_sorted: no machine code for argument 1"):
         _sorted(np.zeros(2, dtype=np.float32))
-    with pytest.raises(ValueError, match="_sorted: an argument is not contiguous"):
-        _sorted(np.zeros((4, 2))[:, 0])
+
+
+@compiled
+def _fill(target, values):
+    for i in range(len(target)):
+        target[i] = values[i]
+
+
+def test_arrays_with_gaps_are_read_and_written():
+    matrix, values = np.zeros((4, 2)), np.arange(8.0).reshape(4, 2)
+    _fill(matrix[:, 1], values[:, 0])
+    np.testing.assert_array_equal(matrix, [[0, 0], [0, 2], [0, 4], [0, 6]])
 
 
 def test_a_change_of_a_called_function_is_seen(tmp_path, monkeypatch):

@@ -84,7 +84,7 @@ class Kernel:
                 if content is None:
                     content = self._make(kinds)
                     keep_code(key, content)
-                self.made[kinds] = MachineCode(self.function.__name__, kinds, content)
+                self.made[kinds] = MachineCode(kinds, content)
             return self.made[kinds]
 
     def _make(self, kinds: tuple[ValueKind, ...]) -> bytes:
@@ -115,13 +115,11 @@ class MachineCode:
     """Machine code of a kernel for arguments of given kinds.
 
     Args:
-        name: of the kernel.
         kinds: of the arguments.
         content: see `Kernel._make`.
     """
 
-    def __init__(self, name: str, kinds: tuple[ValueKind, ...], content: bytes) -> None:
-        self._name = name
+    def __init__(self, kinds: tuple[ValueKind, ...], content: bytes) -> None:
         head, code = content.split(b"\n", 1)
         words = iter(head.decode().split())
         self._results = [ValueKind(of, int(next(words))) for of in words]
@@ -136,16 +134,19 @@ class MachineCode:
         self._release = library.function("release", ctypes.c_void_p, ctypes.c_void_p)
 
     def __call__(self, arguments: tuple) -> Any:
-        row = []
+        row, copies = [], []
         for one in arguments:
             if isinstance(one, np.ndarray):
                 if not one.flags.c_contiguous:
-                    raise ValueError(f"{self._name}: an argument is not contiguous")
+                    copies.append((one, one := np.ascontiguousarray(one)))
                 row.append(id(one))
             else:
                 row.append(one)
         results, memory = self._row(), ctypes.c_void_p()
         self._run(self._pack.pack(*row), results, ctypes.byref(memory))
+        for one, copy in copies:
+            if one.flags.writeable:
+                one[...] = copy
         if not self._results:
             return None
         numbers = list(self._unpack.unpack_from(results))
