@@ -283,3 +283,76 @@ def test_a_proof_of_another_glass_is_refused():
         changed = copy.deepcopy(data)
         _set(place, value, changed)
         assert not _judged(changed).holds, place
+
+
+# --- anything changed ---------------------------------------------------------------------------------------
+
+_FACTORS = (1 + 1e-6, 1 - 1e-6, 1.1, 0.9, -1.0, 0.0, 3.0)
+_PLACES = ("motion.base_velocities", "tolerance", "bounds", "model.objects.0.bodies", "model.base.inertia")
+
+
+def _leaves(value, place=()):
+    """Places of all numbers."""
+    if isinstance(value, float | int):
+        yield place
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, part in items:
+        yield from _leaves(part, (*place, key))
+
+
+def _part(data, place):
+    for key in place:
+        data = data[int(key) if str(key).isdigit() else key]
+    return data
+
+
+def _least(data, box, rng, within):
+    """Moments about edges of the box, and the share of friction it needs, of random worlds, by no code of the
+    checker."""
+    own, (times, count) = ArmOnBase(data["model"], data["tolerance"]), (np.array(data["motion"]["times"]), 60)
+    piece = rng.integers(0, len(times), count)
+    half, u = 0.5 * np.diff(times[piece], axis=1), rng.choice([-1.0, 0.0, 1.0], (count, 1))
+    rows = np.array([[np.pad(c, (0, 2 - len(c))) for c in v] for v in data["motion"]["base_velocities"]])[
+        piece
+    ]
+    rates = np.divide(rows[:, :, 1], half, out=np.zeros((count, 3)), where=half > 0)
+    moved = own.driven(*np.zeros((3, count, 1)), rows[:, :, 0] + u * rows[:, :, 1], rates)
+    worlds = own.corners(count, rng) if within else own.nominal(count)
+    share, size = (data["tolerance"][key] for key in ("payload_mass", "payload_center"))
+    masses = 1 + within * share * rng.choice([-1, 1], (count, 1))
+    shifts = within * np.array(size) * rng.choice([-1, 1], (count, 1, 3))
+    wrench = own.on_object(box, worlds, moved, masses, shifts)
+    force, moment = wrench[:, :3], wrench[:, 3:] + np.cross(box["base"]["center_of_mass"], wrench[:, :3])
+    reach = -0.05 * force[:, 2]
+    edges = np.array([reach - side * moment[:, axis] for axis in (0, 1) for side in (-1, 1)])
+    friction = 0.5 * (1 - within * data["tolerance"]["friction"])
+    return np.min(edges), np.max(
+        np.linalg.norm(force[:, :2], axis=1) / np.maximum(-friction * force[:, 2], 1e-9)
+    )
+
+
+def test_what_is_accepted_of_changed_proofs_is_so():
+    rng, accepted, refused = np.random.default_rng(0), 0, 0
+    original = _with_box(copy.deepcopy(_data()), LEFT - 0.01, WORST - 0.01)
+    [box] = original["model"]["objects"]
+    places = [
+        (*way.split("."), *leaf) for way in _PLACES for leaf in _leaves(_part(original, way.split(".")))
+    ]
+    for _ in range(400 if THOROUGH else 40):
+        data = copy.deepcopy(original)
+        *way, last = places[rng.integers(len(places))]
+        holder, last = _part(data, way), int(last) if str(last).isdigit() else last
+        holder[last] = float(rng.choice(_FACTORS)) * holder[last] + float(rng.choice([0.0, 1e-3]))
+        verdict = _judged(data)
+        refused += not verdict.holds
+        if not verdict.holds:
+            continue
+        accepted += 1
+        [box] = data["model"]["objects"]
+        for within in (False, True):
+            moment, used = _least(data, box, rng, within)
+            tip, slip = claims_of(box, within)
+            assert moment >= verdict.moments[tip] - 1e-9, (way, last, within)
+            assert used <= verdict.bounds[slip] + 1e-9, (way, last, within)
+    assert accepted >= 8
+    assert refused >= 8
