@@ -130,11 +130,15 @@ def pdf(title: str, parts: Iterable[str]) -> bytes:
     document.add_page()
     document.set_font("helvetica", size=9)
     text = "".join(parts).replace("&nbsp;", " ")
-    known = (("<figure>", "<p>"), ("<figure class='beside'>", "<p>"), ("</figure>", "</p>"))
-    known += (("<figcaption>", "</p><p>"), ("</figcaption>", ""))
+    known = (
+        ("<figure class='beside'><img ", "<p><img width='200' "),
+        ("<figure><img ", "<p><img width='380' "),
+        ("</figure>", "</p>"),
+        ("<figcaption>", "</p><p>"),
+        ("</figcaption>", ""),
+    )
     for tag, wanted in (
         *known,
-        ("<img ", "<img width='380' "),
         ("<td", "<td align='left'"),
         (_SHARE, "width"),
     ):
