@@ -201,3 +201,17 @@ def test_where_a_search_has_no_time_a_slow_motion_is_the_plan(tmp_path, monkeypa
     assert "the search gave no motion; this one is the joints in step" in joined(PlanReport(plan).to_text())
     with pytest.raises(ocptip.NoPlanError, match="in the given time"):
         ocptip.plan(task)
+
+
+def test_a_task_with_cancels_has_the_slow_motion_before_a_search_in_limited_time(tmp_path, monkeypatch):
+    order = []
+
+    def search(*_):
+        order.append("search")
+        raise PlanningError("nothing")
+
+    monkeypatch.setattr("ocptip.retiming.among.slow_plan", lambda *_, **__: order.append("slow"))
+    monkeypatch.setattr("ocptip.api.plan.searched", search)
+    with pytest.raises(ocptip.NoPlanError, match="nothing; a slow motion of all joints in step"):
+        ocptip.plan(task_among(tmp_path, BESIDE), stops="cancel", seconds=0.5)
+    assert order == ["slow", "search", "slow"]

@@ -229,21 +229,30 @@ def _searched(
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
-    """The plan of a search; where that has none in its time, or for cancels or objects, a slow motion."""
+    """The plan of a search; where that has none in its time, or for cancels or objects, a slow motion.
+
+    With a time limit a task with cancels or objects has the slow motion before the search, which may be long.
+    """
+    hard = task.segments[0].task.limits.cancel is not None or len(task.robot.interfaces) > 1
+    usable, slow = method is None and not task.is_cycle, None
+
+    def slow_motion(share: float) -> MotionPlan | None:
+        say("checking a slow motion of all joints in step ...")
+        compute = partial(among.slow_plan, cast(MotionTask, task), seed=seed)
+        return budget.within(compute, None, share=share)
+
+    if usable and hard and budget.given:
+        slow = slow_motion(0.5)
     try:
         return searched(task, method, search, direct, seed, say)
     except PlanningError as error:
-        hard = (
-            budget.given or task.segments[0].task.limits.cancel is not None or len(task.robot.interfaces) > 1
-        )
-        if method is not None or task.is_cycle or not hard or isinstance(error, ToleranceError):
-            raise
-        say(f"{error}")
-        say("checking a slow motion of all joints in step ...")
-        slow = budget.within(partial(among.slow_plan, cast(MotionTask, task), seed=seed), None, "slow motion")
+        if slow is None and usable and (hard or budget.given) and not isinstance(error, ToleranceError):
+            say(f"{error}")
+            slow = slow_motion(1.0)
+            why = "breaks limits" if budget.left else "could not be checked either: give more time"
+            error = PlanningError(f"{error}; a slow motion of all joints in step {why}")
         if slow is None:
-            why = "could not be checked in the time" if budget.left_out else "breaks limits"
-            raise PlanningError(f"{error}; a slow motion of all joints in step {why}") from error
+            raise error
         return slow
 
 
