@@ -237,7 +237,7 @@ def executed(
             motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
         along_path = motion.timing is not None  # no drive runs that as it is
         if controller == "ramps" and not along_path:
-            run = Execution.of_drives(robot, motion, limits, part.check)
+            run = Execution.of_drives(robot, motion, limits, part.check, budget)
         else:
             runner = cast(Controller, "cubic" if controller == "ramps" else controller)
             first = SLOWER_ALONG_PATH if along_path else 1.0

@@ -173,9 +173,12 @@ def test_stages_after_the_search_are_shown(planner):
 
 def test_without_time_checks_are_left_out_and_named(planner):
     plan = Plan.of(stand_in_plan("C"), budget=TimeBudget(0.0), time_scale=[0.99])
-    assert plan.left_out == ("robustness", "time scales", "safe decelerations of cancels")
+    points = "check of the points in trajectory.json"
+    assert plan.left_out == (points, "robustness", "time scales", "safe decelerations of cancels")
+    assert plan.executions[0].points.times[-1] == pytest.approx(plan.motion.end)
+    assert "trajectory" not in plan.to_dict()
     assert plan.verified
-    assert "not done, the time was up: robustness, time scales, safe decel" in PlanReport(plan).to_text()
+    assert "not done, the time was up: check of the points in trajectory.json," in PlanReport(plan).to_text()
     assert plan.to_dict()["left_out"] == list(plan.left_out)
     unknown = replace(plan, left_out=("stops",))
     assert not unknown.verified

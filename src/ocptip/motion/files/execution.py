@@ -10,6 +10,7 @@ from typing import Any, Literal, Protocol, TypeVar
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.violations import stated
 from ocptip.numerics.bisection import bisected
+from ocptip.numerics.time_limit import TimeBudget
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
@@ -34,7 +35,8 @@ class Execution:
         slower: factor of all times of the profiles, with which all limits are kept.
         step: between points, s.
         rise_times: of the commands' accelerations, (n,), s; empty: trapezoidal profiles.
-        written: of drives: what a controller makes of the points, with its check; else None.
+        written: of drives: what a controller makes of the points, with its check; else None, as without time
+            for that check.
     """
 
     controller: Controller | Literal["ramps"]
@@ -48,7 +50,12 @@ class Execution:
 
     @classmethod
     def of_drives(
-        cls, robot: StandingMechanism, motion: Trajectory, limits: Limits, check: MotionCheck
+        cls,
+        robot: StandingMechanism,
+        motion: Trajectory,
+        limits: Limits,
+        check: MotionCheck,
+        budget: TimeBudget | None = None,
     ) -> Execution:
         """Execution by drives that take commands, whose check is known; the points are for controllers that
         run them exactly.
@@ -60,10 +67,19 @@ class Execution:
         Args:
             robot, motion, limits: as for `check_motion`.
             check: of the motion.
+            budget: of time; without enough the points are written unchecked.
         """
         own: Controller = "quintic" if motion.rise_times and all(motion.rise_times) else "cubic"
-        written = execute(robot, motion, limits, own, slowest=SLOWEST if check.verified else 1.0)
-        return cls("ramps", motion, written.points, check, 1.0, STEP, motion.rise_times, written)
+        slowest = SLOWEST if check.verified else 1.0
+        compute = partial(execute, robot, motion, limits, own, slowest=slowest)
+        share = 0.5 if limits.stoppable else 1.0  # the checks of stops follow
+        unchecked = "check of the points in trajectory.json"
+        written = (budget or TimeBudget(None)).within(compute, None, unchecked, share)
+        points = (
+            controller_points(motion, own, step=usual_step(own)).points if written is None else written.points
+        )
+        assert points is not None
+        return cls("ramps", motion, points, check, 1.0, STEP, motion.rise_times, written)
 
     @property
     def verified(self) -> bool:
