@@ -25,7 +25,7 @@ from ocptip.task_files.motion import load_task
 from studies.common import EXAMPLES, table
 
 STATES, SEED = 1000, 0
-NEAR = 1e-5  # relative: contacts hold with so much more friction, and do not with so much less
+NEAR = 1e-6  # relative: contacts hold with so much more friction, and do not with so much less
 TURN, SPEED, ACCELERATION = 0.15, 0.5, 3.0  # rad, rad/s, rad/s^2
 HEAD = "object", "states", "stable", "tipping margin differs by", "friction confirmed", "contradicted"
 UPRIGHT = np.diag([1.0, -1.0, -1.0])  # the gripper points down
@@ -50,7 +50,7 @@ def holds(support: Support, wrench: np.ndarray, share: float) -> str:
     cones = [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(3)] * n]
     b = np.r_[-scaling * wrench / np.linalg.norm(wrench[:3]), np.zeros(3 * n)]
     A = np.vstack([scaling[:, None] * W, np.kron(np.eye(n), -np.diag([share * mu, 1.0, 1.0]))])
-    status = str(solve_cones(np.zeros(3 * n), A, b, cones, quiet_settings(1e-10)).status)
+    status = str(solve_cones(np.zeros(3 * n), A, b, cones, quiet_settings(1e-12)).status)
     return "yes" if status in USABLE else "no" if status in INFEASIBLE else "?"
 
 
@@ -96,7 +96,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     lines = [
         "# Objects against cone programs", "",
-        "Random states of a tray against independent programs: `studies.objects.run`; friction to 1e-5.", "",
+        "Random states of a tray against independent programs: `studies.objects.run`; friction to 1e-6.", "",
         *table(HEAD, rows(options.states)),
     ]  # fmt: skip
     write_text(options.out / "objects.md", "\n".join(lines) + "\n")
