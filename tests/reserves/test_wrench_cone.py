@@ -34,6 +34,20 @@ def feet(count: int, *, tilt: float = 0.0, friction: float = 0.5) -> Support:
     return Support(contacts, mass=50.0)
 
 
+def test_objects_of_one_shape_share_their_facets_wherever_they_stand():
+    def rows(place: float, friction: float) -> np.ndarray:
+        corners = [(x + place, y + place / 3, 0.1) for x in (-0.03, 0.03) for y in (-0.03, 0.03)]
+        own = [UnilateralContact(position=corner, friction=friction) for corner in corners]
+        center = (place, place / 3, 0.2)
+        found = Slip(Support(own, mass=0.4, center_of_mass=center)).half_spaces(SHARE)
+        assert found is not None
+        return found
+
+    first, moved, other = rows(0.0, 0.3), rows(0.7 / 3, 0.3), rows(0.0, 0.3 + 1e-9)
+    np.testing.assert_allclose(moved, first, rtol=1e-12)
+    assert other.shape != first.shape or np.abs(other - first).max() > 1e-10
+
+
 @pytest.mark.parametrize(("count", "tilt"), [(3, 0.0), (4, 0.0), (5, 0.0), (4, -0.2)])
 def test_inside_and_nearly_all(count, tilt):
     support = feet(count, tilt=tilt)

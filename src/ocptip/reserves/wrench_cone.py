@@ -8,6 +8,9 @@ wrench cone).
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from functools import lru_cache
+
 import numpy as np
 import scipy  # subpackages load on first use
 
@@ -22,6 +25,7 @@ _SOFT = 1e-3  # softness of the maximum, of its unit
 _FAR = 40.0  # times the softness below the maximum: rows so far below it add less than rounding does
 _SLANTED = 1e-3  # least cosine of a pyramid's edge against the mean normal
 _ROUNDING = 1e-9
+_DIGITS = 12  # of edges, in units of a force
 
 
 def wrench_half_spaces(support: Support, friction: np.ndarray) -> np.ndarray | None:
@@ -40,6 +44,27 @@ def wrench_half_spaces(support: Support, friction: np.ndarray) -> np.ndarray | N
     units = np.column_stack([np.ones_like(friction), friction, friction])
     edges = np.einsum("wnc,nc,cs->nsw", matrix, units, circle).reshape(-1, 6)
     normal = np.append(support.frames[:, :, 0].sum(axis=0), np.zeros(3))
+    key = np.round(np.vstack([edges, normal]), _DIGITS) + 0.0
+    rows = _facets(_Cone(key.tobytes(), edges, normal))
+    return None if rows is None else -rows * scaling
+
+
+@dataclass(frozen=True)
+class _Cone:
+    """Edges (k, 6) of a cone with their mean direction; the key says which cones differ by rounding only."""
+
+    key: bytes
+    edges: np.ndarray = field(compare=False)
+    normal: np.ndarray = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _facets(cone: _Cone) -> np.ndarray | None:
+    """Rows (m, 6) of unit length, positive inside a cone; objects of one shape and friction share them.
+
+    The edges are not rounded: many facets have more than the least number of edges, and stay whole so.
+    """
+    edges, normal = cone.edges, cone.normal
     heights = edges @ normal
     if np.min(heights) <= _SLANTED * np.linalg.norm(normal):
         return None
@@ -51,8 +76,7 @@ def wrench_half_spaces(support: Support, friction: np.ndarray) -> np.ndarray | N
     rows = hull.equations[:, :-1] @ basis + hull.equations[:, -1:] * normal
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     rows = np.unique(np.round(rows / _ROUNDING) * _ROUNDING, axis=0)
-    rows = rows[np.max(edges @ rows.T, axis=0) <= 10 * _ROUNDING * np.max(np.abs(edges))]
-    return -rows * scaling
+    return rows[np.max(edges @ rows.T, axis=0) <= 10 * _ROUNDING * np.max(np.abs(edges))]
 
 
 class ConeMap:

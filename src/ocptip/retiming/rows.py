@@ -197,6 +197,8 @@ class HalfPlanes:
     def joined(cls, parts: Iterable[HalfPlanes]) -> HalfPlanes:
         """All rows of several."""
         every = list(parts)
+        if len(every) == 1:  # with objects a copy takes as long as what it copies
+            return every[0]
         blocks = (np.hstack([getattr(own, name) for own in every]) for name in ("alpha", "beta", "gamma"))
         return cls(tuple(name for own in every for name in own.names), *blocks)
 
@@ -266,8 +268,10 @@ class TimingLimits:
             blocks.append(block)
         for name, interface, rows in self._cones:
             names += [name] * len(rows)
-            of_u, of_x, rest = (part @ (rows.T / self._units[interface]) for part in wrenches[interface])
-            blocks.append(np.stack([of_u, of_x, -rest]))
+            block, scaled = np.empty((3, len(places), len(rows))), rows.T / self._units[interface]
+            for part, weights, out in zip(wrenches[interface], (scaled, scaled, -scaled), block, strict=True):
+                np.matmul(part, weights, out=out)
+            blocks.append(block)
         if self._affine:
             still = np.zeros(len(places))
             at = places.instants(still, still)
