@@ -62,7 +62,7 @@ class _Cone:
 def _facets(cone: _Cone) -> np.ndarray | None:
     """Rows (m, 6) of unit length, positive inside a cone; objects of one shape and friction share them.
 
-    The edges are not rounded: many facets have more than the least number of edges, and stay whole so.
+    The edges are not rounded: many facets have more than the minimum number of edges, and stay whole so.
     """
     edges, normal = cone.edges, cone.normal
     heights = edges @ normal
