@@ -15,6 +15,7 @@ from ocptip.api.stand import stand
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import (
     NOISE,
+    joint_words,
     margin_text,
     percent,
     quantity,
@@ -33,6 +34,7 @@ from ocptip.standing.at_rest.slope import FloorSlope
 from ocptip.task_files.scene import read_scene
 
 if TYPE_CHECKING:
+    from ocptip.api.inputs.postures import RestingPosture
     from ocptip.standing.within.design import Design
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
@@ -233,9 +235,7 @@ class StandReport(GatedReport):
         if found.feet:
             lines.append(("feet", _feet_text(found.feet)))
         if found.posture:
-            from ocptip.cli.verify.stand_posture import posture_rows
-
-            lines += posture_rows(found.posture)
+            lines += _posture_rows(found.posture)
         if found.within:
             lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
         if self.design:
@@ -278,6 +278,22 @@ class StandReport(GatedReport):
             lines.append(("", f"moment-height measure {quantity(float(other.moment_height), unit, 3)}"))
             lines.append(("", f"load transfer {along} along x and y"))
         return lines
+
+
+def _posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
+    """Joint values, base motion and torques at rest."""
+    robot, torques = posture.robot, posture.instant.torques[0]
+    rows = [("posture", joint_words(robot.names, robot.units, posture.q))]
+    if (motion := posture.base_motion) is not None:
+        parts = zip(motion.rows(1)[0].reshape(3, 3), ("m/s^2", "rad/s", "rad/s^2"), strict=True)
+        shown = [f"({', '.join(f'{x:.4g}' for x in own + 0.0)}) {unit}" for own, unit in parts if own.any()]
+        rows.append(("base drives", f"{', '.join(shown) or 'without acceleration'}, base axes"))
+    shares = np.abs(torques) / robot.limits.torque
+    joint = int(np.argmax(shares))
+    if shares[joint] > 0:
+        holds = quantity(torques[joint], robot.motor_units[joint] if robot.motor_units else "N m")
+        rows.append(("torque", f"{holds}, {percent(shares[joint])} of the limit ({robot.names[joint]})"))
+    return rows
 
 
 def check_plot_target(target: str) -> None:

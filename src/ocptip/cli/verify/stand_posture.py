@@ -8,7 +8,7 @@ import numpy as np
 
 from ocptip.api.inputs.postures import RestingPosture, resting_posture, rests_of
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import did_you_mean, joint_words, percent, quantity
+from ocptip.basics.text import did_you_mean
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
@@ -16,22 +16,6 @@ from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.cycle import read_task
 
 _ELSEWHERE = {"gn_reference": "reference_moment in [limits]"}
-
-
-def posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
-    """Joint values, base motion and torques at rest."""
-    robot, torques = posture.robot, posture.instant.torques[0]
-    rows = [("posture", joint_words(robot.names, robot.units, posture.q))]
-    if (motion := posture.base_motion) is not None:
-        parts = zip(motion.rows(1)[0].reshape(3, 3), ("m/s^2", "rad/s", "rad/s^2"), strict=True)
-        shown = [f"({', '.join(f'{x:.4g}' for x in own + 0.0)}) {unit}" for own, unit in parts if own.any()]
-        rows.append(("base drives", f"{', '.join(shown) or 'without acceleration'}, base axes"))
-    shares = np.abs(torques) / robot.limits.torque
-    joint = int(np.argmax(shares))
-    if shares[joint] > 0:
-        holds = quantity(torques[joint], robot.motor_units[joint] if robot.motor_units else "N m")
-        rows.append(("torque", f"{holds}, {percent(shares[joint])} of the limit ({robot.names[joint]})"))
-    return rows
 
 
 def read_posture(options: Namespace) -> RestingPosture:
