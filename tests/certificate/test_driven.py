@@ -127,6 +127,20 @@ def test_rows_hold_every_state_of_a_base_that_drives():
                 assert -high[k, interval, axis] >= value - 1e-9
 
 
+@pytest.mark.parametrize("overshoot", [0.0, 0.5])
+def test_what_a_base_does_before_a_motion_is_a_case_of_its_first_instant(overshoot):
+    motion = _driving(_within([1.0, -1.0], 0.01), 5.0)["motion"]
+    late = Late(motion, 0.005, overshoot)
+    found = [
+        np.concatenate(form.range)
+        for rows in late.rows(np.array([late.start]), np.array([1e-3]))
+        for form in [rows.qdd[1:2]]
+    ]
+    low, high = np.min([own[0] for own in found]), np.max([own[1] for own in found])
+    assert low <= 0
+    assert high >= 5
+
+
 def _without_inertia(data):
     del data["model"]["base"]["inertia"]
 

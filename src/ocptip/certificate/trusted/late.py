@@ -112,7 +112,8 @@ class Late:
         self.joints = self._c.shape[1]
         self.delay = delay + SLACK if delay or overshoot else 0.0
         self._delays = np.full(self.joints, self.delay)
-        self._delays[self.delayed :] = SLACK if overshoot else 0.0
+        # Not quite on time, so that what the base does before the motion is a case of its first instant.
+        self._delays[self.delayed :] = SLACK if self.delay else 0.0
         self.overshoot = overshoot
         self.events = self._times[:-1, 1]
         self.start = 0.0 if self.delay else -REST
