@@ -72,8 +72,6 @@ class DriveEnvelope(SavedFolder):
     motion: Trajectory | None = None
     interface: int = 0
 
-    # --- manoeuvres ---------------------------------------------------------------------------------------
-
     @cached_property
     def angles(self) -> np.ndarray:
         """(D,) rad, directions of acceleration, from the x axis of the base to y."""
@@ -178,8 +176,6 @@ class DriveEnvelope(SavedFolder):
         if share > 0:
             square[:, 1], linear[:, 5] = bend, bend
         return replace(Manoeuvres.along(linear, gravity), constant=steady, square=square)
-
-    # --- results ------------------------------------------------------------------------------------------
 
     @cached_property
     def nominal(self) -> LargestManoeuvres:
@@ -422,9 +418,8 @@ class DriveEnvelope(SavedFolder):
             around = [("direction", one) for one in limits["directions"]]
             for key, one in (*around, *limits["manoeuvres"].items()):
                 found = [one[case][value] for case, value in values]
-                rows.writerow(
-                    [key, one.get("direction_deg"), one["unit"], *found, *[name for _ in of_object]]
-                )
+                about = key, one.get("direction_deg"), one["unit"]
+                rows.writerow([*about, *found, *[name for _ in of_object]])
         return stream.getvalue()
 
     def to_yaml(self) -> str:
@@ -433,8 +428,7 @@ class DriveEnvelope(SavedFolder):
         if self.steps:
             edge = f"the edge; {self.steps}, counted also from full acceleration to full braking"
         texts = f"{self.name}: {self.scope}", self.together, self.ground, edge, ASSUMED, self.reverse
-        comments = [f"# {text}" for text in texts]
-        lines = [*comments, "velocity_smoother:", "  ros__parameters:"]
+        lines = [*(f"# {text}" for text in texts), "velocity_smoother:", "  ros__parameters:"]
         for name, values in self.navigation.items():
             # Rounded towards zero: the numbers must stay inside the envelope.
             shown = ", ".join(f"{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}" for value in values)
