@@ -242,7 +242,7 @@ def _searched(
         return budget.within(compute, None, share=share)
 
     if usable and hard and budget.given:
-        slow = slow_motion(0.5)
+        slow = slow_motion(0.7)  # any plan is better than none
     try:
         return searched(task, method, search, direct, seed, say)
     except PlanningError as error:
