@@ -72,9 +72,13 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
     path = Path(what)
     folder = read_plan_folder(path) if path.is_dir() else None
     task = folder.task if folder else read_task(path)
-    robots = arms_of(task, "report is about", path)
+    # At rest the verdict is of the base alone; that of a motion includes objects.
+    robots = arms_of(task, "report is about", path, objects=folder is not None)
     if folder is not None:
-        stages = [Stage(*one) for one in zip(_tasks(task), folder.parts("report is about"), strict=True)]
+        stages = [
+            Stage(*one)
+            for one in zip(_tasks(task), folder.parts("report is about", objects=True), strict=True)
+        ]
     else:
         names = [segment.name for segment in task.segments]
         stages = [Stage(own, None, name) for own, name in zip(_tasks(task), names, strict=True)]

@@ -61,6 +61,10 @@ _MACHINE = (
     "{}. Shaded: support polygon; green: contact forces; red: nearest tipping axis; "
     "magenta: zero-moment point."
 )
+_BASE_ALONE = (
+    "Objects count in the margins of the motion, its limits and its stops. Margins at rest, by speed and of "
+    "load cases are of the base alone, with objects as loads."
+)
 _NOT = (
     "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
     "and no test of the real machine is replaced by it."
@@ -188,6 +192,10 @@ class DocumentReport(Report):
         ]  # fmt: skip
         titles = ("contact", "kind", "position [m]", "normal", "friction", "stiffness [N/m]")
         yield grid(titles, feet)
+        on = [(own.name, own.support) for own in robot.interfaces[1:]]
+        if rows := [(name, f"{s.mass:g} kg", f"{len(s.contacts)} {s.contacts[0].kind}") for name, s in on]:
+            yield grid(("object", "mass with what stands on it", "contacts"), rows)
+            yield paragraph(_BASE_ALONE)
 
     def _assumed(self) -> Iterator[str]:
         yield heading("Assumed, and not checked")
