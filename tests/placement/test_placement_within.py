@@ -53,7 +53,9 @@ def test_nothing_inside_is_worse(placement):
         own = rest_case(placement, case, tolerance)
         for _ in range(60):
             direction = rng.normal(size=6)
-            off = own._worst(direction, own.footing.support.gravity)  # ends of everything in some direction
+            (off,) = own._worst(
+                direction[None], own.footing.support.gravity[None]
+            )  # ends of everything in some direction
             states = solve_many(own.footing.support, own._wrenches([off]))
             worst = max(worst, float(Slip(own.footing.support).evaluate(states, derivatives=False).GT[0]))
     assert worst - 1e-9 <= found.GT
@@ -89,5 +91,5 @@ def test_a_push_at_the_base_moves_with_its_centre(placement):
             per_force = a[:3] + np.cross(a[3:], shift)
             push = -60.0 * per_force / np.linalg.norm(per_force)
             least = min(least, a @ nominal + a[3:] @ np.cross(shift, mass * gravity) + per_force @ push)
-        found = own._wrenches([own._worst(a, gravity)])[0]
+        found = own._wrenches(own._worst(a[None], gravity[None]))[0]
         assert a @ found == pytest.approx(least, rel=1e-12)

@@ -294,10 +294,10 @@ class RestCase:
         if not self._map.count:
             ratio = 1.0 if self.footing.tip_over.free_rotation else 0.0
             return ratio, nominal
-        offs = [nominal]
-        for gravity in self._starts():
-            slopes = self._map(self._wrenches([self._off(gravity)]))[1][0]
-            offs += [self._worst(slope, gravity) for slope in slopes]
+        starts = np.array(list(self._starts()))
+        slopes = self._map(self._wrenches([self._off(gravity) for gravity in starts]))[1]
+        axes = slopes.shape[1]
+        offs = [nominal, *self._worst(slopes.reshape(-1, 6), np.repeat(starts, axes, axis=0))]
         moments = self._map(self._wrenches(offs))[0].min(axis=1)
         k = int(np.argmin(moments))
         return float(self.footing.tip_over.ratio(moments[k])), offs[k]
@@ -307,17 +307,18 @@ class RestCase:
         offs = [self._off(gravity) for gravity in self._starts()]
         if self._pushes:  # from pushes on, too: a base without tangential load says nothing of where to push
             offs += [self._pushed(side, self._gravity) for side in around(self._gravity)]
-        best, found = -np.inf, offs[0]
+        best, found = -1.0, offs[0]
         for _ in range(ROUNDS + 1):
             states = self.footing.contact_states(self._wrenches(offs), warm_start=False)
             reserve = self.footing.slip.evaluate(states)
             GT = np.where(np.isnan(reserve.GT), np.inf, reserve.GT)
             k = int(np.argmax(GT))
-            if GT[k] > best:
-                best, found = float(GT[k]), offs[k]
+            if GT[k] > best + _SAME * abs(best):  # what is worse by rounding alone has needless deviations
+                found = offs[k]
+            best = max(best, float(GT[k]))
             assert reserve.gradient is not None  # it was asked for
             slopes = -np.nan_to_num(reserve.gradient)
-            offs = [self._worst(slope, off.gravity) for slope, off in zip(slopes, offs, strict=True)]
+            offs = self._worst(slopes, np.array([off.gravity for off in offs]))
         return best, found
 
     def demand(self, off: Off) -> FrictionDemand:
@@ -358,51 +359,54 @@ class RestCase:
         if self._tolerance.tilt:
             yield from tilted(self._gravity, around(self._gravity), self._tolerance.tilt)
 
-    def _worst(self, a: np.ndarray, gravity: np.ndarray) -> Off:
-        """Deviations that minimise a . w, from a direction of gravity on."""
-        force, moment, masses = a[:3], a[3:], self._masses
-        shifts = np.zeros_like(self._half)
+    def _worst(self, a: np.ndarray, gravity: np.ndarray) -> list[Off]:
+        """Deviations that minimise a . w for each row of a (N, 6), from directions of gravity (N, 3) on."""
+        force, moment = a[:, None, :3], a[:, None, 3:]
+        masses, shifts = np.tile(self._masses, (len(a), 1)), np.zeros((len(a), *self._half.shape))
         for _ in range(ROUNDS):
             shifts = self._shifted(force, moment, masses, gravity)
             per_mass = force + cross(moment, self._centers + shifts)
-            masses = self._masses + np.where(per_mass @ gravity > 0, self._less, self._more)
+            heavier = np.einsum("nki,ni->nk", per_mass, gravity) > 0
+            masses = self._masses + np.where(heavier, self._less, self._more)
             if self._tolerance.tilt:
-                slope = masses @ per_mass
-                gravity = self._gravity + least_tilt(slope[None], self._gravity, self._tolerance.tilt)[0]
-        pushes = np.zeros((len(self._pushes), 3))
+                slopes = np.einsum("nk,nki->ni", masses, per_mass)
+                gravity = self._gravity + least_tilt(slopes, self._gravity, self._tolerance.tilt)
+        pushes = np.zeros((len(a), len(self._pushes), 3))
         for k, push in enumerate(self._pushes):
-            slope = force + cross(moment, self._point(push, shifts))
-            size = np.linalg.norm(slope)
-            pushes[k] = -push.size * slope / size if size > 0 else 0.0
-        return Off(masses, shifts, gravity, pushes)
+            slope = force[:, 0] + cross(moment[:, 0], self._point(push, shifts))
+            size = np.linalg.norm(slope, axis=1, keepdims=True)
+            pushes[:, k] = -push.size * np.divide(slope, size, out=np.zeros(slope.shape), where=size > 0)
+        return [Off(masses[k], shifts[k], gravity[k], pushes[k]) for k in range(len(a))]
 
     def _shifted(
         self, force: np.ndarray, moment: np.ndarray, masses: np.ndarray, gravity: np.ndarray
     ) -> np.ndarray:
-        """Shifts (K, 3) of the centres that are worst with these masses and pushes along the gradient."""
-        pull = masses[:, None] * cross(gravity, moment)  # a_M . (d x g) = d . (g x a_M)
-        least = _SAME * self._size * np.linalg.norm(moment) * np.abs(masses)[:, None]
-        shifts = np.where(np.abs(pull) > least, -np.sign(pull) * self._half, 0.0)
+        """Shifts (N, K, 3) of the centres that are worst with these masses and pushes along the gradient."""
+        # a_M . (d x g) = d . (g x a_M)
+        pull = masses[:, :, None] * cross(gravity[:, None], moment)
+        least = _SAME * self._size * np.linalg.norm(moment, axis=2) * np.abs(masses)
+        shifts = np.where(np.abs(pull) > least[:, :, None], -np.sign(pull) * self._half, 0.0)
         for push in self._pushes:
             if (k := push.weight) is not None:
                 corners = _CORNERS * self._half[k]
                 arms = force + cross(moment, push.point + corners)
-                values = corners @ pull[k] - push.size * np.linalg.norm(arms, axis=1)
-                near = values.min() + _SAME * np.abs(values).max()
-                shifts[k] = corners[np.argmax(values <= near)]  # what does not matter stays in the middle
+                values = pull[:, k] @ corners.T - push.size * np.linalg.norm(arms, axis=2)
+                near = values.min(axis=1) + _SAME * np.abs(values).max(axis=1)
+                # What does not matter stays in the middle.
+                shifts[:, k] = corners[np.argmax(values <= near[:, None], axis=1)]
         return shifts
-
-    @staticmethod
-    def _point(push: Push, shifts: np.ndarray) -> np.ndarray:
-        return push.point if push.weight is None else push.point + shifts[push.weight]
 
     def _wrenches(self, offs: Sequence[Off]) -> np.ndarray:
         """(N, 6), N and N m about the nominal centre of mass of the base."""
-        found = []
-        for off in offs:
-            points = np.array([self._point(push, off.shifts) for push in self._pushes]).reshape(-1, 3)
-            centers = self._centers + off.shifts
-            force = off.masses.sum() * off.gravity + off.pushes.sum(axis=0)
-            moment = cross(off.masses @ centers, off.gravity) + cross(points, off.pushes).sum(axis=0)
-            found.append(self._fixed + np.concatenate([force, moment]))
-        return np.array(found)
+        columns = ("masses", "shifts", "gravity", "pushes")
+        masses, shifts, gravity, pushes = (np.array([getattr(off, name) for off in offs]) for name in columns)
+        force = masses.sum(axis=1)[:, None] * gravity + pushes.sum(axis=1)
+        moment = cross(np.einsum("nk,nki->ni", masses, self._centers + shifts), gravity)
+        for k, push in enumerate(self._pushes):
+            moment += cross(self._point(push, shifts), pushes[:, k])
+        return self._fixed + np.hstack([force, moment])
+
+    @staticmethod
+    def _point(push: Push, shifts: np.ndarray) -> np.ndarray:
+        """(3,) or (N, 3) with shifts (N, K, 3)."""
+        return push.point if push.weight is None else push.point + shifts[:, push.weight]
