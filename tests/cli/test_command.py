@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
+import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +16,7 @@ import pytest
 
 from ocptip.basics import errors
 from ocptip.basics.errors import doubt
+from ocptip.cli import main as command_line
 from ocptip.cli.command import Report
 from ocptip.cli.commands import COMMANDS
 from ocptip.cli.layout import summary
@@ -169,3 +173,43 @@ def test_other_warnings_go_their_way(monkeypatch):
         warnings.simplefilter("always")
         assert main(["stand", "a.toml"]) == 0
     assert [str(w.message) for w in found] == ["old"]
+
+
+@pytest.fixture
+def stopping(monkeypatch):
+    """This process stops on signals, as that of a command does; gives the signals that came."""
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    monkeypatch.setattr(command_line, "stops", [])
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    command_line._stop_on_signals()
+    yield command_line.stops
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_python_cannot_raise_comes_again(stopping, number):
+    class Dying:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    def wait():
+        Dying()
+        for _ in range(1000):
+            time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        wait()
+    assert [one for one, _ in stopping] == [number]
+
+
+def test_a_second_signal_ends_the_command_at_once(stopping, monkeypatch):
+    ended = []
+    monkeypatch.setattr(os, "_exit", ended.append)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+    signal.raise_signal(signal.SIGTERM)  # of `timeout`, which sends two
+    assert not ended
+    stopping[0] = signal.SIGTERM, float("-inf")
+    signal.raise_signal(signal.SIGINT)
+    assert ended == [130]

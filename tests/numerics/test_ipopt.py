@@ -1,11 +1,12 @@
 """Ipopt on programs written in NumPy: known optima, signs of multipliers, exceptions, limits."""
 
+import signal
 import time
 
 import numpy as np
 import pytest
 
-from ocptip.numerics.ipopt import solve
+from ocptip.numerics.ipopt import _Function, solve
 
 
 class HockSchittkowski71:
@@ -143,3 +144,19 @@ def test_what_a_function_raises_comes_out(where, error):
     with pytest.raises(error, match="in the middle"):
         hs071(Failing())
     assert len(calls) == 3  # and at once
+
+
+@pytest.mark.parametrize("where", ["get_n_in", "has_eval_buffer", "eval_buffer"])
+def test_an_interrupt_in_code_of_the_solver_comes_out(where, monkeypatch):
+    """CasADi ends with a status, or with an error of its own, where a handler raises in its code."""
+    inner, before = getattr(_Function, where), signal.getsignal(signal.SIGINT)
+
+    def interrupted(self, *arguments):
+        result = inner(self, *arguments)
+        signal.raise_signal(signal.SIGINT)
+        return result
+
+    monkeypatch.setattr(_Function, where, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        hs071()
+    assert signal.getsignal(signal.SIGINT) is before

@@ -29,7 +29,7 @@ YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
 FOR_PLANS = ("ocptip.motion.plan", "ocptip.certificate.checks", "ocptip.motion.planner.kernels")
 """Modules that are loaded by processes which plan."""
-stops: list[int] = []
+stops: list[tuple[int, float]] = []
 """Signals that asked this process to stop."""
 FURTHER_CODES = f"{BAD_INPUT} bad input, {INTERNAL_ERROR} internal error, {INTERRUPTED} interrupted"
 _LONGEST = 4000  # characters of a message

@@ -21,6 +21,8 @@ from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, INTERRUPTED, explained,
 from ocptip.cli.commands import COMMANDS, GROUPS
 
 _EXIT = 5.0  # s, that an interrupted process may take to end
+_SAME = 1.0  # s, in which a second signal asks for nothing new
+_AGAIN = 0.02  # s, until a signal whose exception was lost comes again
 
 
 class _Parser(argparse.ArgumentParser):
@@ -145,17 +147,34 @@ def _main(arguments: Sequence[str] | None) -> int:
 
 
 def _stop_on_signals() -> None:
-    """Let Ctrl-C and SIGTERM stop the command, whose results are kept; and remember that one came."""
+    """Let Ctrl-C and SIGTERM stop the command, whose results are kept; a second signal ends it at once."""
 
-    def stop(number: int, _: object) -> NoReturn:
-        stops.append(number)
-        raise KeyboardInterrupt
+    def stop(number: int, _: object) -> None:
+        now = time.monotonic()
+        if not stops:
+            stops.append((number, now))
+            raise KeyboardInterrupt
+        if now > stops[0][1] + _SAME:  # `timeout` sends its signal twice, which is one request
+            os._exit(INTERRUPTED)
+
+    def send_again(number: int) -> None:
+        stops[:] = [one for one in stops if one[0] != number]
+        if not callable(signal.getsignal(number)):  # the block with the time limit has ended
+            return
+        if hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(threading.main_thread().ident or 0, number)  # wakes it if it waits
+        else:
+            signal.raise_signal(number)
 
     def unraisable(lost: Any) -> None:
-        if lost.exc_type is not KeyboardInterrupt:
-            sys.__unraisablehook__(lost)
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            return sys.__unraisablehook__(lost)
+        # Python drops what a handler raises within `__del__` or the callback of a weak reference, which every
+        # import has. The signal comes again when the callback has returned.
+        number = stops[0][0] if lost.exc_type is KeyboardInterrupt else signal.SIGALRM
+        return threading.Timer(_AGAIN, send_again, (number,)).start()
 
-    sys.unraisablehook = unraisable  # callbacks of libraries cannot raise
+    sys.unraisablehook = unraisable
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of commands in the background
             signal.signal(number, stop)

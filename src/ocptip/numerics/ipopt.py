@@ -12,6 +12,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.numerics.threads import one_thread
+from ocptip.numerics.time_limit import interrupts_after
 
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 """Status of a program that met its tolerance, or the acceptable one."""
@@ -135,8 +136,7 @@ class _Function(cs.Callback):
             )
         except BaseException as error:  # handed on behind the solver, which would swallow it
             self.errors.append(error)
-            return 1
-        return 0
+        return int(bool(self.errors))
 
 
 def solve(
@@ -172,39 +172,38 @@ def solve(
     Raises:
         Exception: whatever the program's functions raise, KeyboardInterrupt included.
     """
-    # CasADi gets callbacks instead of expressions: rows and derivatives come from compiled kernels.
-    functions = _functions(program, len(x0), len(bounds[0]), pattern)
     limits: dict[str, Any] = {"max_iter": max_iterations}
     if seconds is not None:
         limits["max_wall_time"] = max(seconds, 1e-3)
     warm = {} if multipliers is None else _warm_start(start_mu, push)
-    options = {
-        "grad_f": functions[1],
-        "jac_g": functions[2],
-        "hess_lag": functions[3],
-        "print_time": False,
-        "no_nlp_grad": True,
-        "calc_lam_p": False,
-        "error_on_fail": False,
-        "show_eval_warnings": False,
-        "ipopt": _ipopt_options(tolerance, start_mu, strategy, push) | limits | warm,
-    }
-    start = time.perf_counter()
-    solver = nlpsol(functions[0], options)
-    arguments = {
-        "x0": np.clip(x0, *x_bounds),
-        "lbx": x_bounds[0],
-        "ubx": x_bounds[1],
-        "lbg": bounds[0],
-        "ubg": bounds[1],
-    }
-    if multipliers is not None:
-        arguments["lam_g0"], arguments["lam_x0"] = multipliers
-    result = solver(**arguments)
-    if functions[0].errors:
-        raise functions[0].errors[0]
-    stats = solver.stats()
-    x, g = np.array(result["x"]).ravel(), np.array(result["g"]).ravel()
+    start, errors = time.perf_counter(), list[BaseException]()
+    # CasADi gets callbacks instead of expressions: rows and derivatives come from compiled kernels.
+    with interrupts_after(errors):
+        functions = _functions(program, len(x0), len(bounds[0]), pattern, errors)
+        options = {
+            "grad_f": functions[1],
+            "jac_g": functions[2],
+            "hess_lag": functions[3],
+            "print_time": False,
+            "no_nlp_grad": True,
+            "calc_lam_p": False,
+            "error_on_fail": False,
+            "show_eval_warnings": False,
+            "ipopt": _ipopt_options(tolerance, start_mu, strategy, push) | limits | warm,
+        }
+        solver = nlpsol(functions[0], options)
+        arguments = {
+            "x0": np.clip(x0, *x_bounds),
+            "lbx": x_bounds[0],
+            "ubx": x_bounds[1],
+            "lbg": bounds[0],
+            "ubg": bounds[1],
+        }
+        if multipliers is not None:
+            arguments["lam_g0"], arguments["lam_x0"] = multipliers
+        result = solver(**arguments)
+        stats = solver.stats()
+        x, g = np.array(result["x"]).ravel(), np.array(result["g"]).ravel()
     status = stats["return_status"]
     return Solution(
         x=x,
@@ -233,7 +232,11 @@ def _load() -> None:
 
 
 def _functions(
-    program: Program, nx: int, ng: int, pattern: tuple[np.ndarray, np.ndarray] | None
+    program: Program,
+    nx: int,
+    ng: int,
+    pattern: tuple[np.ndarray, np.ndarray] | None,
+    errors: list[BaseException],
 ) -> list[_Function]:
     """The program as CasADi wants it: values, gradient, Jacobian and Hessian, with the names it expects."""
     dense = cs.Sparsity.dense
@@ -263,7 +266,7 @@ def _functions(
         if r[0] is not None:
             r[0][:] = program.hessian(a[0], float(a[2][0]), a[3])[bends]
 
-    at_x, f1, errors = {"x": dense(nx, 1), "p": dense(0, 0)}, dense(1, 1), list[BaseException]()
+    at_x, f1 = {"x": dense(nx, 1), "p": dense(0, 0)}, dense(1, 1)
     return [
         _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values, errors),
         _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": dense(nx, 1)}, gradient, errors),

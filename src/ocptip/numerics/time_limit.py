@@ -49,6 +49,38 @@ def interrupted_after(seconds: float) -> Iterator[None]:
             signal.setitimer(signal.ITIMER_REAL, max(around - (time.monotonic() - began), 1e-6))
 
 
+@contextmanager
+def interrupts_after(errors: list[BaseException]) -> Iterator[None]:
+    """Raise the first of `errors` after the block, and add what handlers of signals raise inside it.
+
+    For libraries in C++: they would turn the exception of a handler into an error of theirs, or lose it.
+    """
+    inside = True
+
+    def keep(number: int, frame: Any) -> None:
+        try:
+            handlers[number](number, frame)
+        except BaseException as error:
+            if not inside:
+                raise
+            errors.append(error)
+
+    in_main_thread = threading.current_thread() is threading.main_thread()  # others cannot set handlers
+    numbers = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGALRM") if in_main_thread]
+    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in numbers if n is not None}
+    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
+    try:
+        for number in handlers:
+            signal.signal(number, keep)
+        yield
+    finally:
+        inside = False  # from here an interrupt may leave `keep` as the handler: it hands all on
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if errors:
+            raise errors[0]
+
+
 class TimeBudget:
     """A time limit that begins now.
 

@@ -19,6 +19,7 @@ import scipy  # subpackages load on first use
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.numerics.ipopt import nlpsol
+from ocptip.numerics.time_limit import interrupts_after
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import Grid, Polygons
 from ocptip.retiming.late import Couplings
@@ -435,10 +436,11 @@ class PoweredTiming:
                 cs.vertcat(rows, cs.sum1(cs.DM(self._grid.widths) / pace)),
                 np.append(top, price.longest),
             )
-        solver = nlpsol({"x": z, "f": cost, "g": rows}, _OPTIONS)
         least, most = np.sqrt(self._grid.bounds.T) / unit
         guess = np.clip(np.sqrt(start) / unit, least, most)
-        found = solver(x0=guess, lbx=least, ubx=np.minimum(most, 1e6), lbg=-np.inf, ubg=top)
+        with interrupts_after([]):
+            solver = nlpsol({"x": z, "f": cost, "g": rows}, _OPTIONS)
+            found = solver(x0=guess, lbx=least, ubx=np.minimum(most, 1e6), lbg=-np.inf, ubg=top)
         if not solver.stats()["success"]:
             return None
         return np.clip((unit * np.array(found["x"])[:, 0]) ** 2, *self._grid.bounds.T)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.numerics.ipopt import ending, nlpsol
+from ocptip.numerics.time_limit import interrupts_after
 from ocptip.retiming.fastest import Grid
 from ocptip.retiming.kernels import MOST, clipped
 from ocptip.trajectories.path import derivatives
@@ -101,9 +102,10 @@ class _Program:
         for share in self._jerks(v, a, h):
             less += [share - 1, -share - 1]
         g = cs.vertcat(*even, *less)
-        solver = nlpsol({"x": cs.vertcat(v, a, h), "f": cs.sum1(h), "g": g}, _OPTIONS)
         low = np.where(np.arange(g.numel()) < 2 * self.count, 0.0, -np.inf)
-        found = solver(x0=start, lbg=low, ubg=0.0, **self._bounds())
+        with interrupts_after([]):
+            solver = nlpsol({"x": cs.vertcat(v, a, h), "f": cs.sum1(h), "g": g}, _OPTIONS)
+            found = solver(x0=start, lbg=low, ubg=0.0, **self._bounds())
         if not solver.stats()["success"]:
             why = ending(solver.stats()["return_status"])
             raise SolverError(f"jerk: no timing within all limits ({why}); more jerk may help")
