@@ -169,6 +169,21 @@ def test_wrong_orientations(data, message):
     assert refusal(read) == message
 
 
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"angles_deg": 1}, "f.toml: angles_deg: unknown key; expected either at_deg or at_pose"),
+        ({}, "f.toml: at_deg: expected either at_deg or at_pose, got none"),
+        ({"at_deg": 1, "at_pose": 2, "x": 3}, "f.toml: at_deg: expected either at_deg or at_pose, got .*"),
+    ],
+)
+def test_an_unknown_key_instead_of_alternatives_is_named(data, message):
+    ends = {name: schema.number(f"The {name}.", default=0.0) for name in ("at_deg", "at_pose")}
+    point = table(data, Keys("waypoint", "A waypoint.", ends, one_of=[("at_deg", "at_pose")]))
+    with pytest.raises(InputError, match=f"^{message}$"):
+        point.one_of("at_deg")
+
+
 def test_a_misspelled_required_key_is_unknown_not_missing():
     keys = Keys("base", "A base.", {"mass": schema.number("Mass.")})
     base = table({"base": {"mas": 3}}, {"base": schema.table(keys)}).table("base")

@@ -322,6 +322,10 @@ class Table:
         self._known.update(dict.fromkeys(keys))
         given = [key for key in keys if key in self._data]
         if len(given) > 1 or not (given or optional):
+            # Keys that only variants know are no mistakes yet.
+            unknown = [] if given or self._keys.by else [k for k in self._data if self._keys.find(k) is None]
+            if unknown:
+                raise self.error(f"{_UNKNOWN}; expected either {either(keys)}", unknown[0])
             got = " and ".join(given) or "none"
             raise self.error(f"expected either {either(keys)}, got {got}", keys[0])
         return given[0] if given else None
