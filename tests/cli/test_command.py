@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
+import casadi
 import pytest
 
 from ocptip.basics import errors
@@ -213,3 +214,18 @@ def test_a_second_signal_ends_the_command_at_once(stopping, monkeypatch):
     stopping[0] = signal.SIGTERM, float("-inf")
     signal.raise_signal(signal.SIGINT)
     assert ended == [130]
+
+
+def test_an_interrupt_that_casadi_would_drop_comes_again(stopping):
+    class Row:
+        def __DM__(self):  # CasADi tries another conversion where it fails
+            signal.raise_signal(signal.SIGTERM)
+            return casadi.DM(1)
+
+    def wait():
+        casadi.DM(Row())
+        for _ in range(1000):
+            time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        wait()

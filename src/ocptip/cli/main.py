@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from types import FrameType
 from typing import Any, NoReturn
 
 from ocptip.basics.text import did_you_mean
@@ -149,18 +150,25 @@ def _main(arguments: Sequence[str] | None) -> int:
 def _stop_on_signals() -> None:
     """Let Ctrl-C and SIGTERM stop the command, whose results are kept; a second signal ends it at once."""
 
-    def stop(number: int, _: object) -> None:
+    again = set[int]()
+
+    def stop(number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
         if not stops:
             stops.append((number, now))
+        elif number not in again:
+            if now > stops[0][1] + _SAME:  # `timeout` sends its signal twice, which is one request
+                os._exit(INTERRUPTED)
+            return
+        again.discard(number)
+        if not _in_casadi(frame):
             raise KeyboardInterrupt
-        if now > stops[0][1] + _SAME:  # `timeout` sends its signal twice, which is one request
-            os._exit(INTERRUPTED)
+        threading.Timer(_AGAIN, send_again, (number,)).start()
 
     def send_again(number: int) -> None:
-        stops[:] = [one for one in stops if one[0] != number]
         if not callable(signal.getsignal(number)):  # the block with the time limit has ended
             return
+        again.add(number)
         if hasattr(signal, "pthread_kill"):
             signal.pthread_kill(threading.main_thread().ident or 0, number)  # wakes it if it waits
         else:
@@ -178,6 +186,15 @@ def _stop_on_signals() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of commands in the background
             signal.signal(number, stop)
+
+
+def _in_casadi(frame: FrameType | None) -> bool:
+    """Whether this is code of CasADi, which can drop an exception; its callbacks hand them on."""
+    while frame is not None and (name := frame.f_globals.get("__name__")) != "ocptip.numerics.ipopt":
+        if name == "casadi.casadi":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def parser() -> argparse.ArgumentParser:
