@@ -58,7 +58,8 @@ def drive(
     Forward is the x axis of the base. Accelerations are those of the origin of the base frame.
 
     Args:
-        what: a task of an arm, its file, or a robot; or the folder of a plan, for its motion.
+        what: a task of an arm, its file, or a robot; or the folder of a plan: of its
+            motion, or with `q` in a posture of it.
         q: its posture: (n,), rad (prismatic joints: m), or a name in the task ("start", "goal", a segment);
             default: the start of a task. "stow" searches the posture, clear of collisions, with the largest
             acceleration in its worst direction.
@@ -86,7 +87,7 @@ def drive(
     for name, value, least in (("samples", samples, 1), ("seed", seed, 0)):
         whole_number(name, value, least)
     stow, moves = isinstance(q, str) and q == STOW, None
-    if motion is None and isinstance(what, str | os.PathLike) and is_plan_folder(what):
+    if motion is None and q is None and isinstance(what, str | os.PathLike) and is_plan_folder(what):
         _, what, moves = given_motion(what, None)
     elif motion is not None:
         _, what, moves = given_motion(motion, cast(TaskLike, what))
@@ -113,7 +114,9 @@ def drive(
         name = f"{cast(Task, what).name} in motion"
         return DriveEnvelope(name, robot.driving(None), moves.start, tolerance, counting, given, moves)
     if not stow:
-        return DriveEnvelope(posture.scene.name, robot, posture.q, tolerance, counting, given)
+        return DriveEnvelope(
+            posture.scene.name, robot, posture.q, tolerance, counting, given, choice=posture.choice
+        )
     search = StowSearch(robot, posture.limits)
     drawn = np.vstack([posture.q, halton_postures(robot, posture.limits, samples, seed)])
     name = posture.scene.name.removesuffix(f" at {posture.name}") + " in its stow pose"

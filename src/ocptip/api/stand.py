@@ -41,7 +41,8 @@ def stand(
         ocptip.stand("examples/scenes/pushed_cart.toml").stable
 
     Args:
-        what: a scene or its file; or a task, its file, or a robot, which rests in a posture.
+        what: a scene or its file; or a task, its file, the folder of a plan, or a robot,
+            which rests in a posture.
         q: the posture of a robot: (n,), rad (straight coordinates: m), or a name in the task ("start",
             "goal", a segment). With a posture a file is a task file.
         uncertainty: the worst case that the base has to stand, an object, a preset ("workshop", "none") or a

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,7 +11,7 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.outputs import SUMS, require_unchanged
 from ocptip.basics.read import only_inside, read_json
 from ocptip.motion.cycles.check import segments_of
-from ocptip.motion.cycles.task import Task
+from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.motion.files.output import PLAN
 from ocptip.motion.files.source import TASK
 from ocptip.standing.arm import Robot
@@ -36,6 +36,19 @@ class PlanFolder:
     task: Task
     motion: Trajectory
     data: dict[str, Any]
+
+    @property
+    def task_of_motion(self) -> Task:
+        """The task between the postures of the motion, where poses leave several."""
+        if not isinstance(self.task, CycleTask):
+            return replace(
+                self.task, start=self.motion.start, goal=self.motion.goal, choices=(), targets=(None, None)
+            )
+        segments = tuple(
+            replace(segment, task=segment.between(own.start, own.goal), goals=own.goal[None])
+            for segment, own in zip(self.task.segments, self.motion.segments, strict=True)
+        )
+        return replace(self.task, segments=segments, starts=self.motion.start[None])
 
     def parts(self, does: str, *, objects: bool = False) -> tuple[Part, ...]:
         """The motions of an arm: one, or those of a cycle.

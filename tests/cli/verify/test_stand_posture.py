@@ -1,16 +1,21 @@
 """`ocptip stand TASK.toml --posture`: forces against statics by Pinocchio, verdicts, what is refused."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
+import ocptip
 from ocptip.api.stand import stand
 from ocptip.cli.main import main
+from ocptip.motion.files.plan_files import write_plan
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.tolerance import NONE, WORKSHOP
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.trajectory import Trajectory
+from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
 from tests.quick import some
 from tests.robots.pinocchio_twin import dynamics, twin
@@ -43,6 +48,28 @@ def test_forces_balance_what_pinocchio_says_of_the_arm(capsys, posture):
     np.testing.assert_allclose(total, -wrench, atol=1e-6 * np.abs(wrench).max())
     np.testing.assert_allclose(list(data["posture"]["joints"].values()), q, atol=1e-12)
     assert data["posture"]["broken"] == []
+
+
+def test_the_folder_of_a_plan_gives_the_postures_of_its_motion(capsys, tmp_path):
+    task = load_task(TASK, NONE)
+    start, goal = next(pair for pair in task.choices if np.abs(pair[1] - task.goal).max() > 1)
+    limits, between = task.robot.limits, dataclasses.replace(task, start=start, goal=goal)
+    motion = Trajectory.ending_together(start, goal, [None] * 6, limits.speed, limits.acceleration)
+    write_plan(tmp_path / "plan", plan_of(between, motion))
+    for posture, q in (("start", start), ("goal", goal)):
+        _, data = answered(capsys, "--posture", posture, "--tolerance", "none", task=tmp_path / "plan")
+        np.testing.assert_allclose(list(data["posture"]["joints"].values()), q, atol=1e-6)
+        assert "choice" not in data["posture"]
+        envelope = ocptip.drive(tmp_path / "plan", posture, uncertainty="none")
+        np.testing.assert_allclose(envelope.q, q, atol=1e-6)
+        assert envelope.motion is None
+        assert not envelope.choice
+    assert main(["stand", str(tmp_path / "plan")]) == 2
+    assert "that of a plan needs --posture start or goal" in capsys.readouterr().err
+    _, data = answered(capsys, "--posture", "goal")
+    np.testing.assert_allclose(list(data["posture"]["joints"].values()), task.goal, atol=1e-12)
+    distinct = {tuple(np.round(np.cos(pair[1] - task.goal), 6)) for pair in task.choices}
+    assert f"goal: posture 1 of {len(distinct)} of its pose" in data["posture"]["choice"]
 
 
 def test_the_margin_within_a_tolerance_counts_the_links(capsys, tmp_path):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.text import did_you_mean, quantity
 from ocptip.contact.support import Load, Support
-from ocptip.motion.cycles.task import Task
+from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.numerics.bisection import border
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
@@ -38,6 +38,7 @@ from ocptip.standing.within.posture import posture_case, posture_within
 from ocptip.standing.within.rest import CaseWithin, WithinAtRest, object_within
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.cycle import read_task
+from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.task_files.scene import Scene
 
 _CLOSE = 5e-3  # share of a process that is possible
@@ -87,6 +88,7 @@ class RestingPosture:
         scene: the support, with what the robot does to it as the only load; inertia of a base that drives is
             part of it.
         base_motion: of a base that drives; None: it rests.
+        choice: that the posture is one of several of its pose, one sentence; else empty.
     """
 
     name: str
@@ -95,6 +97,7 @@ class RestingPosture:
     limits: Limits
     scene: Scene
     base_motion: BaseMotion | None = None
+    choice: str = ""
 
     @cached_property
     def objects(self) -> tuple[Scene, ...]:
@@ -252,6 +255,7 @@ class RestingPosture:
         driving = {"base_motion": self.base_motion.to_dict()} if self.base_motion else {}
         return {
             **driving,
+            **({"choice": self.choice} if self.choice else {}),
             "name": self.name,
             "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),
             "units": list(self.robot.units),
@@ -286,16 +290,39 @@ def resting_posture(
             raise InputError(f"q: expected {what.n} joint values of the robot, got {q!r}")
         values = finite_array("q", q, (what.n,))
         return RestingPosture.of("robot", "given", what, values, Limits())
-    task = read_task(what, DEFAULT) if isinstance(what, str | os.PathLike) else what
+    task = task_at_rest(what)
     rests = rests_of(task)
     if isinstance(q, str):
         if q not in rests:
             raise InputError(f"q: expected one of {', '.join(rests)}, got {q!r}{did_you_mean(q, rests)}")
-        return RestingPosture.of(task.name, q, *rests[q])
-    robot, start, limits = rests["start"]
+        return replace(RestingPosture.of(task.name, q, *rests[q]), choice=_choice(task, q))
     if q is None:
-        return RestingPosture.of(task.name, "start", robot, start, limits)
+        return resting_posture(task, "start")
+    robot, _, limits = rests["start"]
     return RestingPosture.of(task.name, "given", robot, finite_array("q", q, (robot.n,)), limits)
+
+
+def task_at_rest(what: Task | str | os.PathLike[str]) -> Task:
+    """The task, or that of a file; of the folder of a plan between the postures of its motion."""
+    if not isinstance(what, str | os.PathLike):
+        return what
+    return read_plan_folder(what).task_of_motion if is_plan_folder(what) else read_task(what, DEFAULT)
+
+
+def _choice(task: Task, name: str) -> str:
+    """That a named posture is one of several of its pose, and which; else empty."""
+    which = "the pair of start and goal with the shortest joint travel"
+    if isinstance(task, CycleTask):
+        ends = {"start": task.starts, **{own.name: own.goals for own in task.segments}}
+        count, which = len(ends[name]), "the first solution"
+    else:
+        angles = np.array([pair[name == "goal"] for pair in task.choices]).reshape(-1, task.robot.n)
+        turns = np.hstack([np.cos(angles), np.sin(angles)])  # equal for postures whole turns apart
+        count = len(np.unique(np.round(turns, 6), axis=0))
+    if count < 2:
+        return ""
+    text = f"{name}: posture 1 of {count} of its pose ({which})"
+    return f"{text}; a plan may take another: ocptip stand or drive PLAN --posture {name}"
 
 
 def rests_of(task: Task) -> Rests:

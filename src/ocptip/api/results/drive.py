@@ -60,6 +60,7 @@ class DriveEnvelope(SavedFolder):
         given: arguments of :func:`drive`.
         motion: of the arm; None: it rests.
         interface: of the robot's `interfaces`, whose contacts limit manoeuvres; 0: the base.
+        choice: that the posture is one of several of its pose, one sentence; else empty.
     """
 
     data_file = "drive.json"
@@ -71,6 +72,7 @@ class DriveEnvelope(SavedFolder):
     given: DriveArguments
     motion: Trajectory | None = None
     interface: int = 0
+    choice: str = ""
 
     @cached_property
     def angles(self) -> np.ndarray:
@@ -388,6 +390,7 @@ class DriveEnvelope(SavedFolder):
         given, objects = self.given, {name: own.limits for name, own in self.objects.items()}
         return {
             "posture": self.name,
+            **({"choice": self.choice} if self.choice else {}),
             "scope": self.scope,
             "assumed": ASSUMED,
             "not_covered": list(self.not_covered),
@@ -427,7 +430,8 @@ class DriveEnvelope(SavedFolder):
         edge = "the edge, if accelerations rise gently; what sets in at once overshoots"
         if self.steps:
             edge = f"the edge; {self.steps}, counted also from full acceleration to full braking"
-        texts = f"{self.name}: {self.scope}", self.together, self.ground, edge, ASSUMED, self.reverse
+        choice = (self.choice,) if self.choice else ()
+        texts = f"{self.name}: {self.scope}", self.together, self.ground, edge, ASSUMED, self.reverse, *choice
         lines = [*(f"# {text}" for text in texts), "velocity_smoother:", "  ros__parameters:"]
         for name, values in self.navigation.items():
             # Rounded towards zero: the numbers must stay inside the envelope.

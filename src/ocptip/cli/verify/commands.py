@@ -31,12 +31,13 @@ COMMANDS = (
         "and margins.",
         "0 stable, 1 not stable, no verified answer, or the arm cannot rest there (torque, angle, clearance)",
         (
-            argument("scene", "SCENE.toml", "a scene, or with --posture a robot task"),
+            argument("scene", "SCENE.toml", "a scene; with --posture a robot task or the folder of a plan"),
             argument(
                 "--posture",
                 "Q1,Q2,...|start|goal|SEGMENT",
                 "posture of a robot task at rest: joint values as in the file (degrees, prismatic joints m; "
-                "--posture=-90,0,... if the first is negative), or the name of a start or goal",
+                "--posture=-90,0,... if the first is negative), or the name of a start or goal; of a plan "
+                "those of its motion",
             ),
             argument(
                 "--base-acceleration",
@@ -195,8 +196,8 @@ COMMANDS = (
                 "--posture",
                 "Q1,Q2,...|start|goal|SEGMENT|stow",
                 "posture of the arm: joint values as in the file (degrees, prismatic joints m), or the name "
-                "of a start or goal (default: start); stow: search the posture in which the base may "
-                "accelerate hardest",
+                "of a start or goal (default: start, of a plan its motion); stow: search the posture in "
+                "which the base may accelerate hardest",
             ),
             TOLERANCE,
             argument("--directions", "N", "directions of acceleration (default: 36)", type=int, default=36),

@@ -10,7 +10,6 @@ import numpy as np
 
 from ocptip.api.drive import STOW, drive
 from ocptip.api.results.drive import ASSUMED, DriveEnvelope
-from ocptip.basics.errors import InputError
 from ocptip.basics.text import joint_words, quantity, table, wrapped
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import files_lines, fitted, masses, under
@@ -24,13 +23,11 @@ _NOISE, _NOT = 1e-9, "not limited"
 
 def run(options: Namespace) -> DriveReport:
     """Compute the envelope of one posture."""
-    stow, plan = options.posture == STOW, is_plan_folder(options.task)
+    stow, moves = options.posture == STOW, not options.posture and is_plan_folder(options.task)
     posture = (
-        options.task if plan else posture_of(options.task, "start" if stow else options.posture or "start")
+        options.task if moves else posture_of(options.task, "start" if stow else options.posture or "start")
     )
-    if plan and options.posture:
-        raise InputError("not with the folder of a plan, whose motion counts", "--posture")
-    folder = output_directory(options, Path(options.task).name if plan else posture.scene.name)
+    folder = output_directory(options, Path(options.task).name if moves else posture.scene.name)
     require_least(options, samples=1, seed=0)
     names = "directions speed turning deceleration payload slope"
     with naming_options(*names.split()):
@@ -55,6 +52,7 @@ class DriveReport(FolderReport):
         rows = envelope_rows(found)
         lines = [
             self._arm(),
+            *([("note", found.choice)] if found.choice else []),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
             ("worst direction", f"{_down(value)} m/s^2 {found.worst_direction_words}"),
             *self._lifts(),

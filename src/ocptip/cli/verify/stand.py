@@ -49,6 +49,8 @@ def run(options: Namespace) -> StandReport:
         for name in ("base_acceleration", "base_turning"):
             if getattr(options, name) is not None:
                 raise InputError(f"--{name.replace('_', '-')}: needs --posture; a scene has no robot")
+        if Path(options.scene).is_dir():
+            raise InputError("is a folder; that of a plan needs --posture start or goal", "", options.scene)
         what = read_scene(options.scene)
         tolerance = what.tolerance
     else:
@@ -284,6 +286,7 @@ def _posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
     """Joint values, base motion and torques at rest."""
     robot, torques = posture.robot, posture.instant.torques[0]
     rows = [("posture", joint_words(robot.names, robot.units, posture.q))]
+    rows += [("note", posture.choice)] if posture.choice else []
     if (motion := posture.base_motion) is not None:
         parts = zip(motion.rows(1)[0].reshape(3, 3), ("m/s^2", "rad/s", "rad/s^2"), strict=True)
         shown = [f"({', '.join(f'{x:.4g}' for x in own + 0.0)}) {unit}" for own, unit in parts if own.any()]

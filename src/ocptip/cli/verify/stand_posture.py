@@ -6,14 +6,12 @@ from argparse import Namespace
 
 import numpy as np
 
-from ocptip.api.inputs.postures import RestingPosture, resting_posture, rests_of
+from ocptip.api.inputs.postures import RestingPosture, resting_posture, rests_of, task_at_rest
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import did_you_mean
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import DEFAULT
-from ocptip.task_files.cycle import read_task
 
 _ELSEWHERE = {"gn_reference": "reference_moment in [limits]"}
 
@@ -32,8 +30,8 @@ def read_posture(options: Namespace) -> RestingPosture:
 
 
 def posture_of(file: str, asked: str) -> RestingPosture:
-    """The robot of a task file in a posture: joint values in units of task files, or a name in the task."""
-    task = read_task(file, DEFAULT)
+    """The robot of a task file or plan in a posture: joint values in units of task files, or a name in it."""
+    task = task_at_rest(file)
     rests = rests_of(task)
     return resting_posture(task, asked if asked in rests else _values(rests["start"][0], asked, list(rests)))
 
