@@ -105,11 +105,12 @@ def test_a_segment_that_the_direct_search_does_not_reach_goes_along_a_path(tmp_p
         raise PlanningError("no start gave a motion")
 
     said = []
-    plan = of_segments(None, 1, said.append)(task_among(tmp_path), fails)
+    unlimited = TimeBudget(None)
+    plan = of_segments(None, 1, said.append)(task_among(tmp_path), fails, unlimited)
     assert plan.options["method"] == "path"
     assert said == ["no start gave a motion", "searching and timing a path ..."]
     with pytest.raises(PlanningError, match=r"^no start gave a motion$"):
-        of_segments("direct", 1, said.append)(task_among(tmp_path), fails)
+        of_segments("direct", 1, said.append)(task_among(tmp_path), fails, unlimited)
 
 
 def test_when_the_time_is_up_there_is_a_plan_or_the_reason(tmp_path):
@@ -124,12 +125,13 @@ def test_where_the_time_is_limited_a_path_follows_the_direct_search(tmp_path):
     task, said = task_among(tmp_path, BESIDE), []
     with pytest.raises(TimeIsUpError):  # of what is around it
         searched(task, None, TimeBudget(None), too_slow, 0, said.append)
-    with pytest.raises(PlanningError, match=r"^direct method: no verified motion in the given time$"):
+    with pytest.raises(PlanningError, match=r"^direct method: no verified motion in the given time, 100 s$"):
         searched(task, "direct", TimeBudget(100.0), too_slow, 0, said.append)
     plan = searched(task, None, TimeBudget(100.0), too_slow, 0, said.append)
     assert plan.verified
     assert plan.options["method"] == "path"
-    assert said == ["direct method: no verified motion in the given time", "searching and timing a path ..."]
+    assert said[0] == "direct method: no verified motion in the given time, 60 s"
+    assert said[1:] == ["searching and timing a path ..."]
 
 
 @pytest.mark.parametrize(("rise_times", "compared"), [(None, True), ((0.02,), False)])

@@ -149,3 +149,20 @@ def test_refusals(tmp_path, monkeypatch, capsys):
     still = Moving("x", np.zeros(1), [[np.zeros((2, 3))]])
     with pytest.raises(InputError, match=r"ocptip\[video\]"):
         save_animation([still], tmp_path / "a.mp4")
+
+
+def test_a_page_and_an_animation_in_one_call(tmp_path, monkeypatch, capsys):
+    class Shown:
+        name, html = "arm", ""
+
+        def save(self, path):
+            path.write_text("drawn")
+            return path
+
+    monkeypatch.setattr("ocptip.cli.start.view.view", lambda *_, **__: Shown())
+    page, movie = tmp_path / "page.html", tmp_path / "movie.gif"
+    assert main(["view", "plan", "--html", str(page), "--movie", str(movie)]) == 0
+    assert page.exists()
+    assert movie.exists()
+    assert f"{page} (" in (out := capsys.readouterr().out)
+    assert f"{movie} (" in out

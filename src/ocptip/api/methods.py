@@ -79,13 +79,12 @@ def searched(
         raise InputError("method: smooth is for single motions, not for cycles")
     if method in ALONG_PATH and not task.robot.collision.labels:
         raise InputError(f"method: {method} needs collision geometry; there is none")
-    if task.is_cycle:
-        methods: tuple[Method, ...] = ("direct",)  # its segments have theirs, see `of_segments`
-    else:
-        methods = methods_for(task, budget.given) if method is None else (method,)
+    methods = methods_for(task, budget.given) if method is None else (method,)
     try:
+        if task.is_cycle:  # its segments share the time
+            return direct()
         found = _first_of(methods, task, budget, direct, seed, say)
-        if method is not None or task.is_cycle:
+        if method is not None:
             return found
         carries = len(task.robot.interfaces) > 1
         cancelled = task.segments[0].task.limits.cancel is not None and not found.motion.rise_times
@@ -108,17 +107,17 @@ def searched(
 
 def of_segments(
     method: Method | None, seed: int, say: Callable[[str], None]
-) -> Callable[[MotionTask, Callable[[], MotionPlan]], MotionPlan]:
+) -> Callable[[MotionTask, Callable[[], MotionPlan], TimeBudget], MotionPlan]:
     """The search of a segment of a cycle, for `plan_motion`; arguments are those of `searched`.
 
     Without a method a path is searched only where the direct search fails: motions along paths cost more.
     """
 
-    def search(task: MotionTask, direct: Callable[[], MotionPlan]) -> MotionPlan:
+    def search(task: MotionTask, direct: Callable[[], MotionPlan], budget: TimeBudget) -> MotionPlan:
         methods: tuple[Method, ...] = ("direct",) if method is None else (method,)
         if method is None and task.robot.collision.labels and find_spec("ompl") is not None:
-            methods = ("direct", "path")
-        return _first_of(methods, task, TimeBudget(None), direct, seed, say)
+            methods = methods_for(task) if budget.given else ("direct", "path")
+        return _first_of(methods, task, budget, direct, seed, say)
 
     return search
 
@@ -138,17 +137,18 @@ def _first_of(
             say(failed[-1])
         if name in ALONG_PATH:
             say("searching and timing a path ...")
+        seconds = share * budget.left
         try:
-            seconds = share * budget.left
             end = time.perf_counter() + seconds
             with interrupted_after(seconds):
                 if name == "direct":
                     return direct()
                 return among.plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
-        except TimeIsUpError:
+        except TimeIsUpError as stop:
             if not budget.given:  # it was the time of a search around this one
                 raise
-            failed.append(f"{name} method: no verified motion in the given time")
+            ended = f"{name} method: no verified motion in the given time, {seconds:.3g} s"
+            failed.append(f"{ended}; {stop}".removesuffix("; "))
         except ToleranceError:
             raise
         except PlanningError as error:
@@ -228,7 +228,7 @@ def executed(
     rise_time: float | None,
     budget: TimeBudget,
 ) -> list[Execution]:
-    """What runs each segment, with its proof if there is time for it."""
+    """What runs each segment, without a proof; see `proved_runs`."""
     step, executions = None if rate is None else 1 / rate, list[Execution]()
     for part in planned.parts:
         robot, motion, limits = part.task.robot, part.motion, part.task.limits
@@ -242,11 +242,19 @@ def executed(
             runner = cast(Controller, "cubic" if controller == "ramps" else controller)
             first = SLOWER_ALONG_PATH if along_path else 1.0
             run = execute(robot, motion, limits, runner, step=step, first=first)
-        prove = partial(certified, robot, run.motion, run.check, limits)
-        without = replace(run.check, proof_out_of_time=run.check.certificate is None)
-        share = 0.5 if limits.stoppable else 1.0  # the checks of stops follow
-        executions.append(replace(run, check=budget.within(prove, without, share=share)))
+        executions.append(run)
     return executions
+
+
+def proved_runs(planned: MotionPlan, executions: list[Execution], budget: TimeBudget) -> list[Execution]:
+    """What runs each segment, with its proof if there is time for it; segments share the time."""
+    proved = list[Execution]()
+    for part, run in zip(planned.parts, executions, strict=True):
+        prove = partial(certified, part.task.robot, run.motion, run.check, part.task.limits)
+        without = replace(run.check, proof_out_of_time=run.check.certificate is None)
+        share = 1 / (len(executions) - len(proved))
+        proved.append(replace(run, check=budget.within(prove, without, share=share)))
+    return proved
 
 
 def better_smoothed(

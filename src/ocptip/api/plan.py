@@ -32,6 +32,7 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.random_start import SLOWER
+from ocptip.motion.stops.cancels import SafeDecelerations, in_all
 from ocptip.motion.stops.check import (
     cancels_by_segment,
 )
@@ -161,14 +162,16 @@ def plan(
     try:
         direct = partial(plan_motion, task, progress=progress, prove=certified, stage=stage, **how)
         if task.is_cycle:
-            direct = partial(direct, segment=of_segments(method, seed, stage or silent))
+            direct = partial(direct, segment=of_segments(method, seed, stage or silent), budget=search)
+            if budget.given:  # what is run is proved after the cheaper checks
+                direct = partial(direct, prove=None)
         planned = _searched(task, method, budget, search, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)
         refusal = NoPlanError("; ".join(filter(None, (f"{error}", alone))), task, other)
-        if not task.is_cycle and task.segments[0].task.limits.cancel is not None:
+        if any(segment.task.limits.cancel is not None for segment in task.segments):
             (stage or silent)("finding which cancels a slow motion allows ...")
-            refusal.cancels = budget.within(partial(_cancels, task), "")
+            refusal.cancels = _cancels(task, budget)
         if isinstance(error, ToleranceError) and largest_uncertainty:
             largest = partial(_largest, cast(MotionTask, task), error, how, stage)
             refusal.largest = budget.within(largest, None)
@@ -267,23 +270,41 @@ def _without_stops(task: Task, how: Mapping[str, Any], budget: TimeBudget) -> Mo
         return None
 
 
-def _cancels(task: Task) -> str:
-    """Which decelerations are safe in the slowest synchronised default motion, and what helps."""
-    own, slowest = task.segments[0].task, SLOWER[-1]
+def _cancels(task: Task, budget: TimeBudget) -> str:
+    """Which decelerations are safe in the slowest synchronised default motion of every segment."""
+    safe, texts = list[SafeDecelerations](), list[str]()
+    for k, segment in enumerate(task.segments):
+        compute = partial(_cancels_slowly, segment.task)
+        found = budget.within(compute, None, share=1 / (len(task.segments) - k))
+        if found is None:
+            texts.append(f"{segment.name}: not checked, the time was up" if task.is_cycle else "")
+            continue
+        safe.append(found[0])
+        slowly = f"{segment.name}, even slowly, in {found[2]:.3g} s: {found[0].verdict}"
+        texts.append(slowly if task.is_cycle else found[1])
+    if task.is_cycle:
+        texts += [in_all(safe)] if len(safe) == len(texts) else []
+        texts += ["else plan with --stop-safe path, and let the controller stop along the path"]
+    return "; ".join(filter(None, texts))
+
+
+def _cancels_slowly(own: MotionTask) -> tuple[SafeDecelerations, str, float] | None:
+    """Which decelerations are safe in the slowest synchronised default motion, what helps, its duration."""
+    slowest = SLOWER[-1]
     rates = own.robot.limits.speed / slowest, own.robot.limits.acceleration / slowest**2
     motion = Trajectory.ending_together(own.start, own.goal, [None] * own.robot.n, *rates)
-    found = cancels_by_segment(task, motion).get("")
+    found = cancels_by_segment(own, motion).get("")
     if found is None:
-        return ""
+        return None
     text = f"even slowly, joints in step from start to goal in {motion.end:.3g} s: {found.text}"
     if found.minimum is not None:
-        return f"{text}. Plan with --deceleration in that range"
+        return found, f"{text}. Plan with --deceleration in that range", motion.end
     if len(own.robot.interfaces) > 1:
         text += (
             ". Joints that stop one by one tilt what objects stand on: plan with --stop-safe path, and let "
         )
-        return f"{text}the controller stop along the path"
-    return text
+        text += "the controller stop along the path"
+    return found, text, motion.end
 
 
 def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from ocptip.basics.text import percent, some, table, wrapped
 from ocptip.cli.layout import changes_table, files_lines, segment_rows, stop_table, under
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.stops.cancels import SafeDecelerations
+from ocptip.motion.stops.cancels import SafeDecelerations, in_all
 from ocptip.motion.stops.check import Stops
 from ocptip.motion.summary import CheckedMotion, margin_table, proof_lines, rises, robustness_lines
 from ocptip.motion.violations import broken_words
@@ -121,6 +121,10 @@ def motion_text(
         written: files; an answer that is printed before they are written has none and is the beginning.
     """
     checked, robot = found.check, found.task.robot
+    segments = [
+        *(cancels or {}).values(),
+        *(s.decelerations for s in found.stops.values() if s.decelerations),
+    ]
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
         [*head, *wrapped("Missing", filter(None, [found.unproved])), *wrapped("Broken", found.broken)],
@@ -130,6 +134,7 @@ def motion_text(
         changes_table(found.sensitivities, "What if"),
         *(_stops(name, stops) for name, stops in found.stops.items()),
         [line for name, own in (cancels or {}).items() for line in cancel_lines(own, name)],
+        wrapped("Cancel", [in_all(segments)]) if len(segments) > 1 else [],
         [line for factor, own in scaled for line in _scaled(robot, factor, own)],
         [
             *wrapped("Note", [*notes(checked), *more]),
@@ -148,6 +153,8 @@ def motion_text(
     text = "\n\n".join("\n".join(part) for part in parts if part)
     no_stops = checked.objects or robot.acts.end  # nor does view take objects
     following = "ocptip check {0}" if no_stops else _following()
+    if len(found.checked.segments) < len(found.task.segments):  # an incomplete plan cannot be checked
+        following = "plan again with more --seconds"
     return "\n".join([text, *required, *files_lines(written, following)])
 
 
@@ -162,7 +169,7 @@ def _stops(segment: str, stops: Stops) -> list[str]:
     """The worst of each category of stops, and the table of safe speeds."""
     title = f"Stops of segment {segment}" if segment else "Stops"
     lines = [title, *wrapped("", stops.found, 2), *(f"  {line}" for line in stop_table(stops))]
-    return [*lines, *(cancel_lines(stops.decelerations, yaml=True) if stops.decelerations else [])]
+    return [*lines, *(cancel_lines(stops.decelerations, segment, yaml=True) if stops.decelerations else [])]
 
 
 def cancel_lines(found: SafeDecelerations, segment: str = "", *, yaml: bool = False) -> list[str]:
@@ -172,7 +179,7 @@ def cancel_lines(found: SafeDecelerations, segment: str = "", *, yaml: bool = Fa
         "" if found.together else f"  # {' and '.join(f'{unit}/s^2' for unit in dict.fromkeys(found.units))}"
     )
     return [
-        *wrapped("Cancel", [f"{of}{found.text}"]),
+        *wrapped("Cancel", [f"{of}{found.verdict if segment else found.text}"]),
         *([f"{found.yaml}{units}"] if yaml and found.yaml else []),
     ]
 

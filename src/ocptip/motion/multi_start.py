@@ -38,6 +38,7 @@ from ocptip.motion.task import MotionTask, refusals, require_plannable
 from ocptip.motion.tolerated import SPACING
 from ocptip.motion.violations import broken_words
 from ocptip.numerics.threads import one_thread
+from ocptip.numerics.time_limit import TimeIsUpError
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.worst_case import left_at_rest
@@ -55,6 +56,8 @@ SHORTEST = 0.05
 do.
 """
 LONGEST = 0.4  # s
+TIME_IS_UP = "time_is_up"
+"""Option of a plan whose search a time limit ended; its text says what is missing, empty: nothing."""
 
 
 def with_rise_time(task: MotionTask) -> MotionTask:
@@ -294,22 +297,24 @@ def plan_segment(
     search = MultiStart(task, range(first, first + starts), seed, progress, prove, stage)
     with one_thread:
         tasks = likely_choices(task)
-    interrupted = False
+    interrupted, ended = False, dict[str, str]()
     try:
         with workers as pool, Jobs(pool) as jobs:
             search.run(jobs, tasks)
     except BrokenExecutor as error:
-        ended = sum(start.attempt is not None for start in search.starts)
-        died = f"a worker process died after {ended} of {starts} starts ({error}); out of memory? "
+        finished = sum(start.attempt is not None for start in search.starts)
+        died = f"a worker process died after {finished} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
         if search.best is None:
             raise PlanningError(died) from error
         warnings.warn(f"{died}. The plan is the best of those starts", RuntimeWarning, stacklevel=3)
         interrupted = True
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
+        if search.best is None and isinstance(stop, TimeIsUpError):
+            raise TimeIsUpError(_unfinished(task, search)) from None
         if search.best is None:
             raise
-        interrupted = True
+        interrupted, ended = True, {TIME_IS_UP: ""} if isinstance(stop, TimeIsUpError) else {}
     attempts = [start.attempt for start in search.starts if start.attempt is not None]
     if (best := search.best) is None:
         raise _refusal(task, attempts)
@@ -330,7 +335,7 @@ def plan_segment(
         seed=seed,
         seconds=time.perf_counter() - began,
         interrupted=interrupted,
-        options={"starts": starts, **choices},
+        options={"starts": starts, **choices, **ended},
     )
 
 
@@ -361,6 +366,22 @@ def _for_cancels(task: MotionTask, why: str) -> str:
         "; cancels: a lower --deceleration spares the contacts, a higher one the joint range and the "
         "duration of stops; ocptip check --stops cancel of a plan without --stop-safe shows what is safe"
     )
+
+
+def _unfinished(task: MotionTask, search: MultiStart) -> str:
+    """Says how far a search without a verified motion came, and what its nearest motion lacks."""
+    starts = search.starts
+    ended = [s.attempt for s in starts if s.attempt is not None]
+    rough = sum(start.rough is not None for start in starts)
+    text = (
+        f"{len(ended)} of {len(starts)} starts had ended, {rough - len(ended)} were after their first program"
+    )
+    moving = [(len(a.check.violations), a.result.number, a.check) for a in ended if a.check is not None]
+    if not moving:
+        return f"{text}, and none had an exact motion yet; give more seconds"
+    number, check = min(moving, key=lambda one: one[:2])[1:]
+    why = f"start {number}: {'; '.join(broken_words(task.robot, check.violations))}"
+    return f"{text}; {why}{_for_cancels(task, why)}; give more seconds"
 
 
 def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:

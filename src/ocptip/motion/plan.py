@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -19,18 +19,19 @@ from ocptip.motion.cycles.choices import Way, best_sequences, layers_of, likely_
 from ocptip.motion.cycles.free_poses import moved_sequences
 from ocptip.motion.cycles.task import CycleTask, Task, require_way_plannable
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.multi_start import MaybeWorkers, Progress, plan_segment
+from ocptip.motion.multi_start import TIME_IS_UP, MaybeWorkers, Progress, plan_segment
 from ocptip.motion.planner.attempt import Attempt
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
+from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
 from ocptip.numerics.workers import worker_pool
 
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way
 Leg = tuple[int, int, int]
 """Numbers of a segment and of the postures before and after it."""
-SegmentSearch = Callable[[MotionTask, Callable[[], MotionPlan]], MotionPlan]
-"""Gives the plan of a segment of a cycle: by the direct search that it gets, or by other means."""
+SegmentSearch = Callable[[MotionTask, Callable[[], MotionPlan], TimeBudget], MotionPlan]
+"""Gives the plan of a segment of a cycle in its time: by the direct search that it gets, or otherwise."""
 
 
 def plan_motion(
@@ -44,6 +45,7 @@ def plan_motion(
     prove: Prove | None = None,
     stage: Callable[[str], None] | None = None,
     segment: SegmentSearch | None = None,
+    budget: TimeBudget | None = None,
 ) -> MotionPlan:
     """Plan the motion of minimum cost that keeps all limits of a task; of a cycle those of all segments.
 
@@ -76,6 +78,8 @@ def plan_motion(
             it later.
         stage: called with what is computed after the starts.
         segment: searches segments of a cycle; default: the direct search by random starts.
+        budget: of the time of a cycle. Every segment gets one start before a segment gets more, and each of
+            them an equal share of the time that is left.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -89,11 +93,15 @@ def plan_motion(
         ("seed", seed, 0),
     ):
         whole_number(name, value, least)
-    workers = nullcontext() if executor is None and jobs == 1 else worker_pool(executor, jobs, starts)
-    how = {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
+
+    def workers() -> MaybeWorkers:
+        return nullcontext() if executor is None and jobs == 1 else worker_pool(executor, jobs, starts)
+
+    how = {"starts": starts, "seed": seed, "progress": progress}
     if not task.is_cycle:
-        return plan_segment(cast(MotionTask, task), **how, prove=prove, stage=stage)
-    plan = _planned_cycle(cast(CycleTask, task), **how, segment=segment or _direct)
+        return plan_segment(cast(MotionTask, task), **how, workers=workers(), prove=prove, stage=stage)
+    how |= {"segment": segment or _direct, "budget": budget or TimeBudget(None)}
+    plan = _planned_cycle(cast(CycleTask, task), **how, workers=workers)
     return plan if prove is None or plan.interrupted else proved(plan, prove, stage)
 
 
@@ -102,39 +110,66 @@ def _planned_cycle(
     *,
     starts: int,
     seed: int,
-    workers: MaybeWorkers,
+    workers: Callable[[], MaybeWorkers],
     progress: Progress | None,
     segment: SegmentSearch,
+    budget: TimeBudget,
 ) -> MotionPlan:
     began = time.perf_counter()
-    with one_thread:
+    with one_thread, _comparing(budget):
         layers = layers_of(task)
         sequences = likely_sequences(task, layers)
         choices: dict[str, Any] = {"postures": [len(layer) for layer in layers]}
         require_way_plannable(task, _postures(layers, sequences[0]))
         layers, sequences = moved_sequences(task, layers, sequences)
         choices["ways"] = len(sequences)
-    legs, interrupted = _Legs(task, layers, sequences, starts, seed, progress, segment), False
+    legs, interrupted = _Legs(task, layers, sequences, starts, seed, progress, segment, budget), False
+    time_is_up = {}
     try:
-        with workers as pool:
-            legs.run(pool)
+        if (
+            budget.given
+        ):  # a pool per search: workers do not end what the time ended, other segments would wait
+            legs.run(workers)
+        else:
+            with workers() as pool:
+                legs.run(partial(nullcontext, pool))
     except KeyboardInterrupt:
         interrupted = True
+    except PlanningError as error:
+        if not budget.given or not legs.parts():
+            raise
+        time_is_up = {TIME_IS_UP: f"{error}"}
     if not (segments := legs.parts()):
         raise KeyboardInterrupt
+    if not interrupted and any(TIME_IS_UP in one.options for one in segments):
+        time_is_up = {TIME_IS_UP: ""} | time_is_up
     chosen = any(len(layer) > 1 for layer in layers)
     return MotionPlan.of_cycle(
         task,
         segments,
         seed=seed,
         seconds=time.perf_counter() - began,
-        interrupted=interrupted,
-        options={"starts": starts, **({"choices": choices} if chosen else {})},
+        interrupted=interrupted or bool(time_is_up),
+        options={"starts": starts, **({"choices": choices} if chosen else {}), **time_is_up},
     )
 
 
-def _direct(_: MotionTask, search: Callable[[], MotionPlan]) -> MotionPlan:
-    return search()
+@contextmanager
+def _comparing(budget: TimeBudget) -> Iterator[None]:
+    """Turn the end of the time in this block into the reason why there is no plan."""
+    try:
+        with interrupted_after(budget.left):
+            yield
+    except TimeIsUpError:
+        raise PlanningError("the time was up while postures were compared; give more seconds") from None
+
+
+def _direct(_: MotionTask, search: Callable[[], MotionPlan], budget: TimeBudget) -> MotionPlan:
+    try:
+        with interrupted_after(budget.left):
+            return search()
+    except TimeIsUpError as stop:
+        raise PlanningError(f"{stop}") from None
 
 
 def proved(plan: MotionPlan, prove: Prove, stage: Callable[[str], None] | None = None) -> MotionPlan:
@@ -186,30 +221,43 @@ class _Legs:
         seed: int,
         progress: Progress | None,
         segment: SegmentSearch,
+        budget: TimeBudget,
     ) -> None:
-        self._search = segment
+        self._search, self._budget = segment, budget
         self._task, self._layers, self._sequences = task, layers, sequences
         self._seed, self._progress, self._starts = seed, progress, starts
         self._plans: dict[Leg, MotionPlan] = {}
         self._errors: dict[Leg, PlanningError] = {}
+        self._seconds: dict[Leg, float] = {}
         self._done = 0
 
-    def run(self, pool: Executor | None) -> None:
+    def run(self, workers: Callable[[], MaybeWorkers]) -> None:
         """All starts: two of every leg, the others of the best sequence.
+
+        Where time is limited, one of each segment of the most promising sequence, then one of the other legs.
+        What has no plan then gets the time that is left before others get more starts.
 
         Raises:
             PlanningError: a segment has no verified plan.
             KeyboardInterrupt: it was interrupted; what is finished is kept.
         """
         legs = list(dict.fromkeys(leg for way in self._sequences for leg in _legs(way)))
-        first = min(FIRST, self._starts)
+        limited = self._budget.given
+        first = 1 if limited else min(FIRST, self._starts)
         total = len(legs) * first + len(self._task.segments) * (self._starts - first)
-        for leg in legs:
-            self._plan(leg, 0, first, total, pool)
-        for leg in _legs(self._best()):
+        promising = len(self._task.segments) if limited else len(legs)
+        for k, leg in enumerate(legs):
+            sharing = promising - k if k < promising else len(legs) - k
+            self._plan(leg, 0, first, total, workers, sharing)
+        best = _legs(self._best())
+        missing = sum(leg not in self._plans for leg in best)
+        for k, leg in enumerate(sorted(best, key=self._plans.__contains__) if limited else best):
+            sharing = missing - k if k < missing else len(best) - k
             along_path = leg in self._plans and self._plans[leg].motion.timing is not None
-            if self._starts > first and not along_path:
-                self._plan(leg, first, self._starts - first, total, pool)
+            longer = limited and k < missing and self._budget.left / sharing > self._seconds[leg]
+            before = 0 if longer else first  # the first start may have lacked time only
+            if self._starts > before and not along_path and self._budget.left:
+                self._plan(leg, before, self._starts - before, total, workers, sharing)
             if leg not in self._plans:
                 raise PlanningError(f"{self._task.titles()[leg[0]]}: {self._errors[leg]}")
 
@@ -237,24 +285,32 @@ class _Legs:
         found = best_sequences(sizes, cost, self._task.closed, 1)
         return found[0][1] if found else self._sequences[0]
 
-    def _plan(self, leg: Leg, first: int, count: int, total: int, pool: Executor | None) -> None:
-        """Run starts of one leg; an interrupt is passed on after its plan is kept."""
+    def _plan(
+        self, leg: Leg, first: int, count: int, total: int, workers: Callable[[], MaybeWorkers], sharing: int
+    ) -> None:
+        """Run starts of one leg; an interrupt is passed on after its plan is kept.
+
+        `sharing` legs, this one included, share the time that is left.
+        """
         number, i, j = leg
         task = self._task.segments[number].between(self._layers[number][i], self._layers[number + 1][j])
         task = replace(task, rise_times=task.rise_times or ())
 
         def progress(done: int, steps: int, best: float | None) -> None:
             if self._progress:
-                self._progress(self._done + count * done // steps, total, best)
+                self._progress(min(self._done + count * done // steps, total), total, best)
 
+        seconds = self._budget.left / sharing
         try:
             how = {"starts": count, "first": first, "seed": self._seed, "progress": progress}
-            plan = self._search(task, partial(plan_segment, task, workers=nullcontext(pool), **how))
+            budget = TimeBudget(seconds if self._budget.given else None)
+            plan = self._search(task, partial(plan_segment, task, workers=workers(), **how), budget)
         except PlanningError as error:
-            self._errors[leg] = error
+            if seconds >= self._seconds.get(leg, 0.0):  # a longer search says more
+                self._errors[leg], self._seconds[leg] = error, seconds
         else:
             self._plans[leg] = _both(self._plans.get(leg), plan)
-            if plan.interrupted:
+            if plan.interrupted and TIME_IS_UP not in plan.options:
                 raise KeyboardInterrupt
         self._done += count
 
@@ -267,6 +323,7 @@ def _both(one: MotionPlan | None, other: MotionPlan) -> MotionPlan:
     better = min(one, other, key=lambda plan: cost(plan.energy, plan.duration))
     starts = tuple(sorted((*one.starts, *other.starts), key=lambda start: start.number))
     options = {"starts": one.options["starts"] + other.options.get("starts", 0)}
+    options |= {TIME_IS_UP: ""} if TIME_IS_UP in other.options else {}
     seconds = one.seconds + other.seconds
     return replace(better, starts=starts, seconds=seconds, interrupted=other.interrupted, options=options)
 

@@ -167,8 +167,9 @@ def test_a_junit_report_names_the_broken_limits(planner, capsys, tmp_path):
 def test_stages_after_the_search_are_shown(planner):
     shown = []
     Plan.of(planner.result, stage=shown.append)
-    assert shown[0] == "proving what is run ..."
-    assert shown[1:] == ["checking stops and cancels ...", "finding which deviations lose no contact ..."]
+    assert shown[0] == "checking what is run ..."
+    assert shown[1:3] == ["checking stops and cancels ...", "finding which deviations lose no contact ..."]
+    assert shown[3:] == ["proving what is run ..."]
 
 
 def test_without_time_checks_are_left_out_and_named(planner):

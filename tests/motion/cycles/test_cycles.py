@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, seed
 from hypothesis import strategies as st
 
+import ocptip
 from ocptip import load_task
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.checks import certified, certified_cycle
@@ -26,6 +27,8 @@ from ocptip.motion.files.source import TASK
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.tolerated import robustness, tolerated
+from ocptip.numerics import time_limit
+from ocptip.numerics.time_limit import TimeIsUpError
 from ocptip.pictures.plan import _ground, moment_at
 from ocptip.pictures.plan_curves import PlanCurves, seen_plan
 from ocptip.standing.tolerance import Uncertainty
@@ -196,6 +199,7 @@ def test_a_cycle_that_was_cut_short_says_so(plan, tmp_path, monkeypatch, capsys)
     out = capsys.readouterr().out
     assert out.startswith("swing   INCOMPLETE (1 of 2 segments)")
     assert "without a plan: back; no trajectory.json" in out
+    assert "Next    plan again with more --seconds\n" in out
     assert not (out_dir / "trajectory.json").exists()
     data = json.loads((out_dir / "plan.json").read_text())
     assert (data["verified"], data["certified"], data["missing"]) == (False, False, ["back"])
@@ -235,6 +239,62 @@ def test_starts_go_on_where_the_first_ones_ended(plan, monkeypatch):
     )
     with pytest.raises(PlanningError, match=r"segment 1 \(out\): no start stands"):
         plan_motion(plan.task, starts=2, jobs=1)
+
+
+@pytest.mark.parametrize(
+    ("out", "back", "calls"),
+    [
+        (True, True, [("out", 0, 1), ("back", 0, 1), ("out", 1, 2), ("back", 1, 2)]),
+        (False, True, [("out", 0, 1), ("back", 0, 1), ("out", 1, 2)]),
+        (True, False, [("out", 0, 1), ("back", 0, 1), ("back", 1, 2)]),
+    ],
+)
+def test_in_a_limited_time_every_segment_has_a_start_before_others_have_more(
+    plan, monkeypatch, out, back, calls
+):
+    """The first segment gets half of the time, the second one what that leaves."""
+    done, clock = [], [0.0]
+
+    def planned(task, first, starts, **_):
+        name = "back" if task.robot.payload is not None else "out"
+        done.append((name, first, starts))
+        if {"out": out, "back": back}[name]:
+            clock[0] += 1.0
+            return plan.parts[int(name == "back")]
+        clock[0] += 50.0 if name == "out" else 90.0
+        raise TimeIsUpError("no start had ended; give more seconds")
+
+    monkeypatch.setattr(planning, "plan_segment", planned)
+    monkeypatch.setattr(time_limit.time, "perf_counter", lambda: clock[0])
+    budget = time_limit.TimeBudget(100.0)
+    if not out:
+        with pytest.raises(PlanningError, match=r"segment 1 \(out\): no start had ended; give more seconds"):
+            plan_motion(plan.task, starts=3, jobs=1, budget=budget)
+    else:
+        found = plan_motion(plan.task, starts=3, jobs=1, budget=budget)
+        assert found.complete == back
+        missing = "segment 2 (back): no start had ended; give more seconds"
+        assert found.options.get("time_is_up") == (None if back else missing)
+        assert found.interrupted == (not back)
+    assert done == calls
+
+
+def test_a_cycle_without_a_plan_in_its_time_says_so_and_is_no_bad_input(tmp_path, capsys):
+    assert main(["plan", str(written(tmp_path)), "--seconds", "0.001", "--jobs", "1"]) == 1
+    out, err = capsys.readouterr()
+    assert "swing: NO VERIFIED PLAN. the time was up while postures were compared" in out
+    assert "interrupted" not in out + err
+
+
+def test_a_posture_of_a_cycle_is_checked_while_the_base_drives(tmp_path):
+    path, profile = written(tmp_path), "0.2 m, 0.1 m/s, 0.1 m/s^2"
+    found = ocptip.check(path, "out", drive_profile=profile)
+    segment = load_task(path).segments[0].task
+    np.testing.assert_array_equal(found.motion.start, segment.goal)
+    np.testing.assert_array_equal(found.motion.goal, segment.goal)
+    assert found.task.robot.payload == segment.robot.payload
+    with pytest.raises(InputError, match="of a posture: ocptip check NAME --task"):
+        ocptip.plan(path, drive_profile=profile)
 
 
 def test_what_cannot_be_planned_names_the_segment(tmp_path):

@@ -261,5 +261,6 @@ def test_slower_ones_are_looked_for_without_the_tolerance_first(task, monkeypatc
 def test_a_proof_that_a_time_limit_ended_is_not_called_untried(monkeypatch, seconds, why):
     monkeypatch.setattr("ocptip.api.methods.certified", lambda robot, motion, checked, limits: checked)
     how = {"controller": "ramps", "rate": None, "rise_time": None}
-    (run,) = methods.executed(stand_in_plan(), **how, budget=TimeBudget(seconds))
+    plan, budget = stand_in_plan(), TimeBudget(seconds)
+    (run,) = methods.proved_runs(plan, methods.executed(plan, **how, budget=budget), budget)
     assert run.check.unproved.startswith(f"a proof: {why}")

@@ -11,7 +11,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity
 from ocptip.motion.objective import TIME
-from ocptip.motion.stops.cancels import rounded_down, safe_decelerations
+from ocptip.motion.stops.cancels import in_all, rounded_down, safe_decelerations
 from ocptip.motion.stops.check import _contact_text
 from ocptip.motion.stops.tables import CancelTable
 from ocptip.motion.violations import sentence
@@ -253,6 +253,24 @@ def test_without_a_safe_deceleration_both_ends_and_a_remedy_are_named(case):
     assert "at 100 % " in found.text
     assert "; at 5 % " in found.text
     assert found.text.endswith("To plan for it, try ocptip plan with --stop-safe cancel")
+
+
+def test_a_cycle_has_one_proposal_that_fits_all_segments(case):
+    robot, motion, limits = case.robot, case.reference, case.limits
+    full = Cancel(tuple(robot.limits.acceleration), GN=limits.GN, GT=limits.GT, longest=5.0)
+    found = safe_decelerations(robot, motion, limits, full, close=1.0)
+    one, other = (replace(found, minimum=a, maximum=b) for a, b in ((0.05, 0.3), (0.1, 0.65)))
+    unsafe = replace(found.hardest, broken=("the base tips",))
+    one, other = (replace(own, levels=(unsafe, *own.levels[1:])) for own in (one, other))
+    assert in_all([one, other]).startswith("all segments: safe at 10 to 30 %; set at most that ")
+    assert in_all([one, other]).endswith("plan with --stop-safe cancel --deceleration 30%")
+    none = [replace(own, minimum=None, maximum=None) for own in (one, other)]
+    stopping = [replace(unsafe, share=share, stops=True) for share in (0.65, 0.5)]
+    none = [replace(own, levels=(level,)) for own, level in zip(none, stopping, strict=True)]
+    assert in_all(none).endswith(
+        "no deceleration is safe in all of them. To plan for it, try ocptip plan "
+        "with --stop-safe cancel --deceleration 65%"
+    )
 
 
 def test_within_an_uncertainty_nothing_sampled_is_worse(case):

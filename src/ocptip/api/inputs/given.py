@@ -95,7 +95,8 @@ def driving(task: Task, profile: ProfileLike | None) -> Task:
         return task
     profile = profile if isinstance(profile, DriveProfile) else load_drive_profile(profile)
     if task.is_cycle:
-        raise InputError("drive_profile: not for cycles, whose segments would each begin with it")
+        text = "not for motions of cycles, whose segments would each begin with it; of a posture: ocptip "
+        raise InputError(f"drive_profile: {text}check NAME --task TASK.toml, NAME being that of a segment")
     if not isinstance(task.robot, Robot):
         raise InputError("drive_profile: only for arms, this robot is a parallel one")
     return task.each(partial(driven, profile=profile))
@@ -131,7 +132,13 @@ def given_motion(
     if drive_profile is not None and not isinstance(drive_profile, DriveProfile):
         drive_profile = load_drive_profile(drive_profile)
     if not isinstance(motion, Trajectory) and task is not None and not _is_file(motion):
-        driven = driving(load_task(task, base=base), drive_profile)
+        driven = load_task(task, base=base)
+        if driven.is_cycle and drive_profile is not None:  # a posture is held in one of its segments
+            name = resting_posture(driven, cast("ArrayLike | str", motion)).name
+            parts = {segment.name: segment.task for segment in driven.segments}
+            motion = "goal" if name in parts else motion
+            driven = replace(parts.get(name, driven.segments[0].task), name=f"{driven.name} {name}")
+        driven = driving(driven, drive_profile)
         if driven.robot.acts.end:  # its arm holds a posture as long as its base drives
             posture = resting_posture(driven, cast("ArrayLike | str", motion))
             times = np.array([0.0, driven.robot.acts.end])

@@ -17,6 +17,7 @@ from ocptip.api.methods import (
     Runner,
     better_smoothed,
     executed,
+    proved_runs,
 )
 from ocptip.basics.outputs import remove_figures
 from ocptip.basics.write import plain
@@ -96,15 +97,20 @@ class Plan(CheckedMotion):
             smooth: smooth the path of a plan along one, and take the better of both motions.
         """
         task, say, budget = planned.finished, stage or silent, budget or TimeBudget(None)
-        say("proving what is run ...")
+        say("checking what is run ...")
         run = partial(executed, controller=controller, rate=rate, rise_time=rise_time, budget=budget)
         executions = run(planned)
         if smooth:
-            say("smoothing the path ...")
-            planned, executions = better_smoothed(planned, executions, run, budget)
+            say("proving it, then smoothing the path ...")
+
+            def proved(plan: MotionPlan) -> list[Execution]:
+                return proved_runs(plan, run(plan), budget)
+
+            executions = proved_runs(planned, executions, budget)
+            planned, executions = better_smoothed(planned, executions, proved, budget)
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
-        pairs = zip(executions, checked.segments, strict=True)
+        executions = [replace(run, check=own) for run, own in zip(executions, checked.segments, strict=True)]
         say("checking stops and cancels ...")
         stops, cancels = dict[str, Stops](), dict[str, SafeDecelerations]()
         if any(segment.task.limits.stoppable for segment in task.segments):
@@ -123,9 +129,12 @@ class Plan(CheckedMotion):
         if sensitivities:
             compute = partial(sensitivities_of, task.segments[0].task, motion.segments[0])
             changes = budget.within(compute, changes, "sensitivities")
+        say("proving what is run ...")  # last, for a proof may take all the time that is left
+        executions = proved_runs(planned, executions, budget)
+        checked = cycle_check(task, motion, [run.check for run in executions])
         return cls(
             planned,
-            tuple(replace(run, check=own) for run, own in pairs),
+            tuple(executions),
             scaled,
             cancels=cancels,
             task=planned.task,

@@ -13,6 +13,7 @@ from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import GatedReport
 from ocptip.motion.cycles.task import CycleTask, freed_offset
 from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.multi_start import TIME_IS_UP
 from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.summary import motion_line
 from ocptip.robots.inverse.pose_target import AXES
@@ -125,10 +126,12 @@ class PlanReport(GatedReport):
         if "slow" in plan.options:
             slow = "the search gave no motion; this one is the joints in step, as slow as all limits ask for"
             return f"{slow}; more --seconds may give a better one"
+        why = "the time was up" if TIME_IS_UP in plan.options else "interrupted"
         if plan.complete:
-            return "interrupted: this is the best of the starts that had finished"
+            return f"{why}: this is the best of the starts that had finished"
         left = ", ".join(s.name for s in plan.task.segments[len(plan.parts) :])
-        return f"interrupted, without a plan: {left}; no trajectory.json"
+        missing = plan.options.get(TIME_IS_UP, "")
+        return "; ".join(filter(None, [f"{why}, without a plan: {left}", missing, "no trajectory.json"]))
 
     def _controller(self) -> str:
         runs = [run for run in self.plan.executions if run.controller != "ramps"]

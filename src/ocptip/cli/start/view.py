@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,25 +22,33 @@ def run(options: Namespace) -> ViewReport:
         file = getattr(options, name)
         if file is not None and not Path(file).resolve().parent.is_dir():
             raise InputError(f"--{name}: no such directory: {Path(file).parent}")
-    if options.html is not None and options.movie is not None:
-        raise InputError("--movie: not together with --html")
     with naming_options("task"):
         found = view(options.what, options.second, task=options.task)
+    files = list[Path]()
+    if options.html is not None:
+        found.html  # noqa: B018 # what cannot be drawn is refused before files are written
+        files.append(Path(options.html))
     if options.movie is not None:
         with naming("--movie"):
-            return ViewReport(found, file_target(options.movie, (".gif", ".mp4")))
-    if options.html is None:
+            files.append(file_target(options.movie, (".gif", ".mp4")))
+    if not files:
         found.serve(lambda address: print(f"{found.name}: {address}", file=sys.stderr))
-        return ViewReport(found, None)
-    found.html  # noqa: B018 # what cannot be drawn is refused before files are written
-    return ViewReport(found, Path(options.html))
+    return ViewReport(found, *files)
 
 
 @dataclass
 class ViewReport(ResultReport):
-    """A page or an animation; without file it was served."""
+    """A page, an animation, or both; without file it was served."""
 
     found: View
+    second: Path | None = None
+
+    def write(self) -> Iterator[Path]:
+        """The files that were asked for."""
+        yield from super().write()
+        if self.second is not None:
+            self.found.save(self.second)
+            yield self.second
 
     def to_dict(self) -> dict[str, Any]:
         """The name of the view and its file."""
@@ -47,7 +56,6 @@ class ViewReport(ResultReport):
 
     def to_text(self) -> str:
         """The name of the view and its file."""
-        found = self.found
-        if self.out is None:
-            return f"{found.name}: shown."
-        return f"{found.name}: {self.out} ({Path(self.out).stat().st_size / 1e6:.2f} MB)"
+        files = [Path(file) for file in (self.out, self.second) if file is not None]
+        sizes = [f"{file} ({file.stat().st_size / 1e6:.2f} MB)" for file in files]
+        return f"{self.found.name}: {', '.join(sizes)}" if files else f"{self.found.name}: shown."

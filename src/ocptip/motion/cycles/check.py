@@ -231,6 +231,7 @@ def _whole(
         collision=_collision([check.collision for check in checks]),
         within=_within(names, checks, begins),
         certificate=proof,
+        proof_out_of_time=proof is None and any(check.proof_out_of_time for check in checks),
     )
 
 

@@ -6,7 +6,7 @@ joint range or the clear space, or the stop takes too long.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -122,37 +122,47 @@ class SafeDecelerations:
 
     @property
     def text(self) -> str:
-        """One sentence or two."""
+        """What is safe, why not more, and what helps."""
+        return f"{self.verdict}{self._helps}"
+
+    @property
+    def verdict(self) -> str:
+        """What is safe, and why not more."""
         of = "the acceleration limits" if self.of_limits else "the given decelerations"
         of = f"stopj({self.full[0]:g})" if self.together else of
         hardest, model = self.hardest, self.within or "nominal model"
         if self.minimum is None or self.maximum is None:
             kept = f"no deceleration from {100 * SHARES[-1]:g} to {100 * hardest.share:.3g} % of {of} is safe"
-            helps = f". To plan for it, try ocptip plan with --stop-safe cancel{self._gentle}"
-            helps = "" if self.together or self.planned else helps
-            if any(text.startswith("clearance") for text in hardest.broken):
-                helps = ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
         else:
             least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
             each = " by joint" if len(set(self.full)) > 1 and not self.together else ""
             kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}{each}"
-            # plans know the contacts, no torques
-            unhelpful = self.together or self.planned or hardest.torque_ratio > 1
-            remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
-            helps = "" if hardest.safe else f". Set that in the controller{remedy}"
         gentlest = self.levels[-1]
         if self.minimum is not None:  # why no gentler one is safe
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
         worst = dict.fromkeys([hardest, gentlest])
         why = [f"; at {100 * level.share:.3g} % {level.broken[0]}" for level in worst if not level.safe]
-        return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}{helps}"
+        return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}"
 
     @property
-    def _gentle(self) -> str:
-        """The option of the gentlest deceleration that stops in time and in joint range; empty if none."""
-        stopped = [level.share for level in self.levels if level.stops]
-        return f" --deceleration {100 * min(stopped):g}%" if stopped else ""
+    def _helps(self) -> str:
+        """What helps where not all decelerations are safe."""
+        if self.minimum is not None:
+            # plans know the contacts, no torques
+            unhelpful = self.together or self.planned or self.hardest.torque_ratio > 1
+            remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
+            return "" if self.hardest.safe else f". Set that in the controller{remedy}"
+        if any(text.startswith("clearance") for text in self.hardest.broken):
+            return ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
+        gentle = f" --deceleration {100 * self.gentlest:g}%" if self.gentlest else ""
+        to_plan = f". To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
+        return "" if self.together or self.planned else to_plan
+
+    @property
+    def gentlest(self) -> float | None:
+        """The minimum share that stops in time and in joint range; None if none does."""
+        return min((level.share for level in self.levels if level.stops), default=None)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -171,6 +181,25 @@ class SafeDecelerations:
             "instants": self.instants,
             "urscript" if self.together else "ros2_control": self.yaml or None,
         }
+
+
+def in_all(found: Collection[SafeDecelerations]) -> str:
+    """One proposal for all segments of a cycle, for a controller has one deceleration."""
+    highest = [own.maximum for own in found if own.maximum is not None]
+    lowest = [own.minimum for own in found if own.minimum is not None]
+    if len(highest) == len(found) and max(lowest) <= min(highest):
+        least, greatest = -rounded_down(-100 * max(lowest)), rounded_down(100 * min(highest))
+        text = f"all segments: safe at {least:g} to {greatest:g} %"
+        if all(own.hardest.safe for own in found):
+            return text
+        plan = f"plan with --stop-safe cancel --deceleration {greatest:g}%"
+        return f"{text}; set at most that in the controller, or {plan}"
+    text = "all segments: no deceleration is safe in all of them"
+    if any(own.together or own.planned for own in found):
+        return text
+    shares = [own.gentlest for own in found]
+    gentle = f" --deceleration {100 * max(filter(None, shares)):g}%" if all(shares) else ""
+    return f"{text}. To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
 
 
 def safe_decelerations(
