@@ -296,3 +296,30 @@ def test_a_note_says_how_fast_the_base_moves_sideways_in_its_own_frame(task, yaw
     notes = [text for text in task.robot.driving(profile).notes if "sideways" in text]
     expected = f"the base moves sideways (up to {speed:.3g} m/s): only for holonomic bases; not checked that"
     assert [text.startswith(expected) for text in notes] == [True] * bool(speed)
+
+
+@pytest.mark.parametrize(
+    ("words", "end", "said"),
+    [
+        (
+            "2 m, 0.5 m/s, 0.5 m/s^2",
+            1.09,
+            "accelerates until 1 s, then cruises; it brakes only while the arm",
+        ),
+        (
+            "2 m, 0.5 m/s, 0.5 m/s^2",
+            6.0,
+            "until 1 s, then cruises until 4 s, then brakes until 5 s, then rests",
+        ),
+        ("90 deg, 60 deg/s, 60 deg/s^2", 0.5, "accelerates; it cruises and brakes only while the arm rests"),
+    ],
+)
+def test_phases_that_overlap_the_motion_of_the_arm_are_told(words, end, said):
+    (text,) = load_drive_profile(words).while_moving(end)
+    assert text.startswith(f"the arm moves from 0 to {end:g} s: meanwhile the base ")
+    assert said in text
+
+
+def test_of_many_phases_none_is_told():
+    times = np.arange(10.0)
+    assert not DriveProfile.of_velocities(times, np.outer(times % 2, [1.0, 0.0, 0.0])).while_moving(5.0)

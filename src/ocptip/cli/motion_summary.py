@@ -125,6 +125,7 @@ def motion_text(
         *(cancels or {}).values(),
         *(s.decelerations for s in found.stops.values() if s.decelerations),
     ]
+    profile = robot.acts.drive_profile
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
         [*head, *wrapped("Missing", filter(None, [found.unproved])), *wrapped("Broken", found.broken)],
@@ -142,6 +143,7 @@ def motion_text(
                 "Assumed",
                 [
                     *brief_notes(robot.notes, bool(details)),
+                    *(profile.while_moving(checked.duration) if profile else ()),
                     *assumed,
                     *(text for s in found.stops.values() for text in s.assumed),
                 ],

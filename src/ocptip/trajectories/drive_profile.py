@@ -24,6 +24,7 @@ from ocptip.trajectories.trajectory import Trajectory
 POSE, UNITS = ("x", "y", "yaw"), ("m", "m", "rad")
 _LONGEST = 0.02  # s: of pieces of a base that turns on a path: their velocities are off by less than 1e-8
 _SAMPLED = 0.005  # s: of curved velocities in files, so that their accelerations are nearly the same
+_MOST_PHASES = 6  # that are told one by one
 _SIDEWAYS = 1e-3  # m/s: less is rounding
 _NAMES = {
     **dict.fromkeys(("v", "vx", "v_x", "linear.x", "linear_x"), 0),
@@ -127,6 +128,30 @@ class DriveProfile:
             f"the base moves sideways (up to {sideways:.3g} m/s): only for holonomic bases; not checked that "
             "the wheels can",
         )
+
+    def while_moving(self, end: float) -> tuple[str, ...]:
+        """A sentence on its phases while an arm moves from 0 to `end`, s; none if there are many."""
+        sides = zip((self.velocities.breaks[:-1], self.velocities.breaks[1:]), ("right", "left"), strict=True)
+        before, after = (np.linalg.norm(self.velocities.at(t, range(1), s)[0], axis=1) for t, s in sides)
+        last = float(np.linalg.norm(self.velocities.goal))
+        before, after = np.append(before, last), np.append(after, last)
+        close = 1e-6 * max(before.max(), after.max())
+        phases: list[tuple[str, float]] = []  # and when they begin
+        for begin, first, final in zip(self.velocities.breaks, before, after, strict=True):
+            kind = (
+                "accelerates" if final > first + close else "brakes" if final < first - close else "cruises"
+            )
+            kind = "rests" if max(first, final) <= close else kind
+            if not phases or phases[-1][0] != kind:
+                phases.append((kind, float(begin)))
+        if len(phases) > _MOST_PHASES:
+            return ()
+        meanwhile = [one for one in phases if one[1] < end - MERGE]
+        ends = [f" until {begin:.4g} s" for _, begin in meanwhile[1:]] + [""]
+        text = ", then ".join(kind + until for (kind, _), until in zip(meanwhile, ends, strict=True))
+        text = f"the arm moves from 0 to {end:.4g} s: meanwhile the base {text}"
+        other = dict.fromkeys(kind for kind, _ in phases if kind not in [*dict(meanwhile), "rests"])
+        return (f"{text}; it {' and '.join(other)} only while the arm rests" if other else text,)
 
     def __str__(self) -> str:
         speeds, breaks = self.velocities.peaks(0), self.velocities.breaks
