@@ -33,6 +33,10 @@ from ocptip.contact.tables import right_hand_sides, unpacked
 from ocptip.numerics.jit.compiled import compiled
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
+RESIDUAL_TOLERANCE = 1e-9
+"""Largest natural residual, relative to the largest right-hand side, of a state called solved."""
+
+_MAX_PIVOTS = 2000
 
 _ZERO = 1e-13
 _PIVOT_TOLERANCE = 1e-9
@@ -108,7 +112,7 @@ def _press(
 @compiled
 def _lemke(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering, rhs,
-    subset, element, owner, inverse_t, basis_t, x, p, d, ratio, cover, e, rho, largest_pivot, max_pivots,
+    subset, element, owner, inverse_t, basis_t, x, p, d, ratio, cover, e, rho, largest_pivot,
 ):  # fmt: skip
     """Pivot from the current (inverted) basis until the artificial variable leaves.
 
@@ -141,7 +145,7 @@ def _lemke(
     exchange(inverse_t, x, p, d, artificial)
     owner[artificial] = -1
     pivots = 1
-    while pivots < max_pivots:
+    while pivots < _MAX_PIVOTS:
         # The automaton replaces the complement rule of Lemke's method: it names the variable that has to
         # enter.
         k = leaving_contact
@@ -206,12 +210,11 @@ def _next_random(state):
 
 
 @compiled
-def solve_batch(
-    integers, floats, warm, memory, max_pivots, first_attempt, attempts, tolerance, initial,
-    rhs_all, hints, check_rhs, seeds,
+def _solve_all(
+    integers, floats, warm, memory, first_attempt, attempts, initial, rhs_all, hints, check_rhs, seeds,
     out_subset, out_x, out_status, out_pivots, out_attempt, out_residual, out_force, out_acceleration,
 ):  # fmt: skip
-    """Solve many right-hand sides of one system.
+    """Solve all right-hand sides of one system, see `solve_batch`.
 
     Args:
         integers, floats: the system (`tables.packed`), from which are read:
@@ -234,7 +237,6 @@ def solve_batch(
             first of them in which it has no negative variable. 0: from the previous state's.
         first_attempt, attempts: which starts are tried before a state is given up: 1 guessed, 2 the
             regular one, 3 with another tie rule, from 4 on random (`seeds`, (N,), per state).
-        tolerance: largest residual of a solved state.
         rhs_all: (N, m) right-hand sides (not scaled).
         hints: (N, m) right-hand sides by which the first start basis is chosen.
         check_rhs: (N, m) right-hand sides of the original system.
@@ -332,7 +334,7 @@ def solve_batch(
                 status, pivots = _lemke(
                     columns, extent, first_column, row_start, subsets, subset_start, successor, entering, rhs,
                     subset, element, owner, inverse_t, basis_t, x, p, d, ratio, cover, e, rho,
-                    attempt > 2 and attempt % 2 == 1, max_pivots,
+                    attempt > 2 and attempt % 2 == 1,
                 )  # fmt: skip
             total += pivots
             have_basis = False
@@ -360,7 +362,7 @@ def solve_batch(
                         -smallest,
                         largest_residual(check_matrix, first_column, element, owner, rhs, x, work),
                     )
-                if residual <= tolerance:
+                if residual <= RESIDUAL_TOLERANCE:
                     have_basis = True
                     break
                 status = INACCURATE
@@ -405,34 +407,44 @@ def solve_batch(
 
 
 @compiled
-def solve_one(
-    integers, floats, warm, memory, max_pivots, first_attempt, attempts, tolerance, largest, codes, numbers
+def solve_batch(
+    integers, floats, warm, memory, first_attempt, attempts, largest, seeds, sides, codes, numbers
 ):
-    """Solve one wrench: as `solve_batch`, but with all results in two arrays.
+    """Solve many wrenches of one system, with all results in two arrays.
+
+    The only entry from Python, also for one wrench: so machine code of the solver is made once.
 
     Args:
-        integers, floats, ..., tolerance: see `solve_batch`.
+        integers, floats, ..., attempts: see `_solve_all`.
         largest: of a wrench's elements.
-        codes: (n + 3,) results: subsets, status, pivots, attempt.
-        numbers: (6 + m + 1 + 2 n d,) the wrench, and results: basic values, residual, forces, accelerations.
+        seeds: (N,) of random numbers.
+        sides: (3, N, m) right-hand sides, hints, and right-hand sides of the original system; (3, 0, 0) for
+            a single wrench: they are computed here.
+        codes: (N (n + 3),) results: subsets, status, pivots, attempts. The first n: the subsets of a basis to
+            start from, or -1.
+        numbers: (N (w + m + 1 + 2 n d),) the wrenches, and results: basic values, residuals, forces,
+            accelerations.
 
     Returns:
-        Whether it is solved; also False for a wrench with NaN or larger elements.
+        Whether it is one wrench and solved; also False for a wrench with NaN or larger elements.
     """
-    n, m, d, w = integers[0], integers[1], integers[7], integers[8]
-    wrench = numbers[:w]
-    for k in range(n):
-        codes[k] = -1
-    for i in range(w):
-        if not abs(wrench[i]) <= largest:
+    n, m, d, w, count = integers[0], integers[1], integers[7], integers[8], seeds.shape[0]
+    if count == 0:
+        return False
+    for i in range(count * w):
+        if not abs(numbers[i]) <= largest:
             return False
-    rhs, plain, hint = right_hand_sides(integers, floats, wrench)
-    at = w + m + 1
-    solve_batch(
-        integers, floats, warm, memory, max_pivots, first_attempt, attempts, tolerance, codes[:n],
-        rhs.reshape((1, m)), hint.reshape((1, m)), plain.reshape((1, m)), np.ones(1, np.uint64),
-        codes[:n].reshape((1, n)), numbers[w : w + m].reshape((1, m)),
-        codes[n : n + 1], codes[n + 1 : n + 2], codes[n + 2 :], numbers[at - 1 : at],
-        numbers[at : at + n * d].reshape((1, n, d)), numbers[at + n * d :].reshape((1, n, d)),
+    rhs, hint, plain = sides[0], sides[1], sides[2]
+    if sides.shape[1] < count:
+        one, original, hinted = right_hand_sides(integers, floats, numbers[:w])
+        rhs, hint, plain = one.reshape((1, m)), hinted.reshape((1, m)), original.reshape((1, m))
+    status, pivots, attempt = count * n, count * (n + 1), count * (n + 2)
+    basic, residual, force = count * w, count * (w + m), count * (w + m + 1)
+    acceleration = force + count * n * d
+    _solve_all(
+        integers, floats, warm, memory, first_attempt, attempts, codes[:n], rhs, hint, plain, seeds,
+        codes[:status].reshape((count, n)), numbers[basic:residual].reshape((count, m)),
+        codes[status:pivots], codes[pivots:attempt], codes[attempt:], numbers[residual:force],
+        numbers[force:acceleration].reshape((count, n, d)), numbers[acceleration:].reshape((count, n, d)),
     )  # fmt: skip
-    return codes[n] == SOLVED
+    return count == 1 and codes[n] == SOLVED

@@ -22,17 +22,14 @@ from ocptip.contact import mode_search, pivoting
 from ocptip.contact.states import ARRAYS, BEYOND_RESOLUTION, NO_SOLUTION, ContactState, ContactStates
 from ocptip.contact.support import LARGEST_WRENCH, Support
 
-RESIDUAL_TOLERANCE = 1e-9
-"""Largest natural residual, relative to the largest right-hand side, of a state called solved."""
-
 _LAWFUL = 1e-6
 _RESOLVED = 1e9  # ratio of the inertia to the usual one, or its inverse, up to which motions are computed
 _ATTEMPTS = 80
 _FIRST_RANDOM = 4
-_MAX_PIVOTS = 2000
 _CHUNK = 4096  # states that one thread solves in one go
 _MEMORY = 32  # bases that are tried before pivoting
-_FROM_SCRATCH = (False, 0, _MAX_PIVOTS, 1, _ATTEMPTS, RESIDUAL_TOLERANCE)
+_FROM_SCRATCH = (False, 0, 1, _ATTEMPTS, LARGEST_WRENCH)
+_ONE_SEED, _NO_SIDES = np.ones(1, np.uint64), np.empty((3, 0, 0))
 
 
 def solve(support: Support, wrench: ArrayLike) -> ContactState:
@@ -58,8 +55,8 @@ def solve(support: Support, wrench: ArrayLike) -> ContactState:
     ):
         codes, numbers = np.empty(integers, np.int64), np.empty(floats)
         numbers[: len(wrench)] = wrench
-        if pivoting.solve_one(*system.tables, *_FROM_SCRATCH, LARGEST_WRENCH, codes, numbers):
-            return ContactState(partial(_from_one, support, codes, numbers), 0)
+        if pivoting.solve_batch(*system.tables, *_FROM_SCRATCH, _ONE_SEED, _NO_SIDES, codes, numbers):
+            return ContactState(partial(_from_kernel, support, codes, numbers), 0)
     wrench = bounded_array("wrench", wrench, (support.wrench_size,), largest=LARGEST_WRENCH)
     return solve_many(support, wrench[None])[0]
 
@@ -176,65 +173,57 @@ def solve_randomly(support: Support, wrench: ArrayLike, count: int) -> ContactSt
     return _pivot_all(support, np.tile(wrench, (count, 1)), False, start, _FIRST_RANDOM, seeds)
 
 
-def _from_one(support: Support, codes: np.ndarray, numbers: np.ndarray) -> ContactStates:
-    """The result of `pivoting.solve_one` as a batch of one."""
-    n, d, w = support.n_contacts, support.dimension, support.wrench_size
-    subsets, status, pivots, attempts = np.split(codes, [n, n + 1, n + 2])
-    m = len(support.system.rhs_offset)
-    wrench, basic, residual, forces, accelerations = np.split(numbers, np.cumsum([w, m, 1, n * d]))
+def _from_kernel(support: Support, codes: np.ndarray, numbers: np.ndarray) -> ContactStates:
+    """The results of `pivoting.solve_batch`."""
+    n, d, w, m = support.n_contacts, support.dimension, support.wrench_size, len(support.system.rhs_offset)
+    count = len(codes) // (n + 3)
+    subsets, status, pivots, attempts = np.split(codes, [count * n, count * (n + 1), count * (n + 2)])
+    wrenches, basic, residual, forces, accelerations = np.split(
+        numbers, np.cumsum([count * w, count * m, count, count * n * d])
+    )
     return ContactStates(
         support=support,
-        wrenches=wrench[None],
+        wrenches=wrenches.reshape(count, w),
         solved=status == pivoting.SOLVED,
         status_codes=status,
-        subsets=subsets[None],
-        basic=basic[None],
+        subsets=subsets.reshape(count, n),
+        basic=basic.reshape(count, m),
         pivots=pivots,
         attempts=attempts,
         residual=residual,
-        contact_forces=forces.reshape(1, n, d),
-        contact_accelerations=accelerations.reshape(1, n, d),
+        contact_forces=forces.reshape(count, n, d),
+        contact_accelerations=accelerations.reshape(count, n, d),
     )
 
 
 def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds, threads=1) -> ContactStates:
-    """Run the kernel, where states do not follow each other chunk by chunk, and wrap its output."""
-    system = support.system
-    count, n, d, m = len(wrenches), support.n_contacts, support.dimension, len(system.rhs_offset)
-    subsets, basic = np.empty((count, n), np.int64), np.empty((count, m))
-    status, pivots, attempts = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
-    residual, forces, accelerations = np.empty(count), np.empty((count, n, d)), np.empty((count, n, d))
-    arrays = (wrenches, seeds, subsets, basic, status, pivots, attempts, residual, forces, accelerations)
+    """Run the kernel, where states do not follow each other chunk by chunk."""
     memory = _MEMORY if warm_start == "any" else 0
-    how = (bool(warm_start), memory, _MAX_PIVOTS, first_attempt, _ATTEMPTS, RESIDUAL_TOLERANCE, start)
+    how = (bool(warm_start), memory, first_attempt, _ATTEMPTS, np.inf)
+    count = len(wrenches)
     if warm_start is True or count <= _CHUNK:
-        _pivot(system, how, *arrays)
-    else:
-        chunks = [[a[i : i + _CHUNK] for a in arrays] for i in range(0, count, _CHUNK)]
-        with ThreadPoolExecutor(min(threads or os.cpu_count() or 1, len(chunks))) as pool:
-            list(pool.map(lambda chunk: _pivot(system, how, *chunk), chunks))
-    return ContactStates(
-        support=support,
-        wrenches=wrenches,
-        solved=status == pivoting.SOLVED,
-        status_codes=status,
-        subsets=subsets,
-        basic=basic,
-        pivots=pivots,
-        attempts=attempts,
-        residual=residual,
-        contact_forces=forces,
-        contact_accelerations=accelerations,
-    )
+        return _pivot(support, how, start, wrenches, seeds)
+    chunks = [slice(i, i + _CHUNK) for i in range(0, count, _CHUNK)]
+    with ThreadPoolExecutor(min(threads or os.cpu_count() or 1, len(chunks))) as pool:
+        run = partial(_pivot, support, how, start)
+        parts = list(pool.map(run, [wrenches[one] for one in chunks], [seeds[one] for one in chunks]))
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
+    return ContactStates(support, **joined)
 
 
-def _pivot(system, how, wrenches, seeds, *results) -> None:
-    """Run the kernel on some wrenches."""
+def _pivot(support, how, start, wrenches, seeds) -> ContactStates:
+    """Run the kernel on some wrenches, the first one from the subsets `start`."""
+    system, count = support.system, len(wrenches)
     force = wrenches @ system.rhs_matrix.T
     rhs = force + system.rhs_offset
     plain = rhs if system.plain_rhs_offset is system.rhs_offset else force + system.plain_rhs_offset
-    hints = wrenches @ system.hint_matrix.T
-    pivoting.solve_batch(*system.tables, *how, rhs, hints, plain, seeds, *results)
+    sides = np.stack([rhs, wrenches @ system.hint_matrix.T, plain])
+    _, integers, floats = system.one
+    codes, numbers = np.empty(count * integers, np.int64), np.empty(count * floats)
+    codes[: len(start)] = start[: len(codes)]
+    numbers[: wrenches.size] = wrenches.ravel()
+    pivoting.solve_batch(*system.tables, *how, seeds, sides, codes, numbers)
+    return _from_kernel(support, codes, numbers)
 
 
 def _search_unsolved(states: ContactStates) -> ContactStates:

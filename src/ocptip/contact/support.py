@@ -438,7 +438,7 @@ class ContactSystem:
 
     @cached_property
     def one(self) -> tuple[tuple[int], int, int]:
-        """Shape of a wrench, and how many integers and numbers `pivoting.solve_one` writes."""
+        """Shape of a wrench, and how many integers and numbers `pivoting.solve_batch` writes for one."""
         (n,), m, w = self.first_column.shape, len(self.rhs_offset), self.support.wrench_size
         return (w,), n + 3, w + m + 1 + 2 * n * self.support.dimension
 

@@ -44,7 +44,7 @@ def _joined(parts: list[Any], kind: type) -> np.ndarray:
 
 @compiled
 def unpacked(integers, floats):
-    """What the compiled functions take of a system, as views of the two arrays, see `solve_batch`."""
+    """What the compiled functions take of a system, as views of the two arrays, see `pivoting`."""
     n, m, columns, places = integers[0], integers[1], integers[2], integers[3]
     largest, starts, free, d = integers[4], integers[5], integers[6], integers[7]
     at = 10
@@ -78,7 +78,7 @@ def unpacked(integers, floats):
 
 @compiled
 def right_hand_sides(integers, floats, wrench):
-    """Right-hand side (m,), that of the original system, and the hints of one wrench, see `solve_batch`."""
+    """Right-hand side (m,), that of the original system, and the hints of one wrench, see `pivoting`."""
     m, w = integers[1], integers[8]
     at = floats.shape[0] - 2 * m * (w + 1)
     rhs, plain, hint = floats[at : at + m].copy(), floats[at + m : at + 2 * m].copy(), np.zeros(m)
