@@ -55,6 +55,11 @@ def test_page_of_a_task_stands_alone_and_lists_its_cases(tmp_path, capsys, cases
     ):
         assert words in page
     assert "Motion</h2>" not in page  # there is none
+    tests = unescape(page[page.index("<h2>Which table") :]).replace("\xa0", " ")
+    assert "Drive envelope" not in tests
+    assert "if the base drives: ocptip drive ur5_cart.toml --posture goal" in tests
+    assert "Tilt by direction; Load cases<" in tests  # robustness is of motions
+    assert "not in this document" in tests  # nor stops
 
 
 def test_the_same_as_json_and_as_pdf(tmp_path, capsys, cases):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -69,6 +69,7 @@ _NOT = (
     "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
     "and no test of the real machine is replaced by it."
 )
+_ABSENT = "not in this document"
 _TESTS = (
     (
         "tilt table (how far may the floor be tilted)",
@@ -134,11 +135,11 @@ class DocumentReport(Report):
         yield paragraph(_NOT)
         yield from self._machine()
         yield from self._assumed()
-        if self.about.checked is not None:
-            yield from self._motion(self.about.checked)
-        yield from self._driving()
-        yield from self._rest()
-        yield from self._tests()
+        results = [*self._motion(about.checked)] if about.checked is not None else []
+        results += [*self._driving(), *self._rest()]
+        yield from results
+        names = {name for _, sections in _TESTS for name in sections.split("; ")}
+        yield from self._tests({name for name in names if heading(name) in results})
         yield from self._again()
 
     def _margins(self, checked: MotionCheck) -> Iterator[str]:
@@ -329,9 +330,18 @@ class DocumentReport(Report):
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")
             yield image(found.picture(), f"Largest payload at rest: {found.scope}.")
 
-    def _tests(self) -> Iterator[str]:
+    def _tests(self, written: Collection[str]) -> Iterator[str]:
+        """Tests with those of their sections that are written."""
         yield heading("Which table answers which test")
-        yield grid(("common test", "see"), _TESTS)
+        rows = [
+            (test, "; ".join(name for name in names.split("; ") if name in written) or _ABSENT)
+            for test, names in _TESTS
+        ]
+        if self.about.envelope is None:
+            drive = f"ocptip drive {self.about.name} --posture {self.about.stages[-1].name or 'goal'}"
+            k = [names for _, names in _TESTS].index("Drive envelope")
+            rows[k] = (rows[k][0], f"no contact is declared a wheel; if the base drives: {drive}")
+        yield grid(("common test", "see"), rows)
 
     def _again(self) -> Iterator[str]:
         yield heading("To compute this again")
