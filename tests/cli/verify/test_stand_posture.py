@@ -119,6 +119,17 @@ def test_a_base_that_brakes_in_a_turn(capsys):
     assert "(-4, 0, 0) m/s^2, base axes" in capsys.readouterr().out
 
 
+def test_the_headline_of_a_base_that_accelerates_names_the_overshoot(capsys):
+    left_out, posture = "WITHOUT OVERSHOOT", ["stand", str(TASK), "--posture", "start"]
+    for motion, told in (("--base-acceleration=-0.5,0", True), ("--base-turning=0.1", False)):
+        assert main([*posture, motion]) == 0
+        text = " ".join(capsys.readouterr().out.split())
+        assert (f"UNCERTAINTY (DEFAULT), {left_out}." in text) == told
+        assert ("overshoots by 85.4 %, which does not count here; ocptip drive counts it" in text) == told
+    assert main([*posture, "--base-acceleration=-0.5,0", "--tolerance=none"]) == 0
+    assert left_out not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

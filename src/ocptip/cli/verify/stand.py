@@ -123,6 +123,8 @@ class StandReport(GatedReport):
         found = self.found
         lost = found.nominally_stable and not found.stable_itself
         about = f" WITHIN {found.within.scope.upper()}" if found.within and found.stable else ""
+        if about and _left_out_overshoot(found):
+            about += ", WITHOUT OVERSHOOT"
         if about and not all(own.within for own in found.objects):
             about += ", OBJECTS IN THE NOMINAL MODEL ONLY"
         verdict, _, remark = self._answer().partition(".")
@@ -240,6 +242,9 @@ class StandReport(GatedReport):
             lines += _posture_rows(found.posture)
         if found.within:
             lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
+        if more := _left_out_overshoot(found):
+            text = f"a step of this acceleration overshoots by {100 * more:.3g} %, which does not count here"
+            lines.append(("note", f"{text}; ocptip drive counts it: give it the same --posture"))
         if self.design:
             lines += under("design", self.design.lines(found.scene.support))
         elif not found.stable and state.solved and not found.scene.planar:
@@ -280,6 +285,13 @@ class StandReport(GatedReport):
             lines.append(("", f"moment-height measure {quantity(float(other.moment_height), unit, 3)}"))
             lines.append(("", f"load transfer {along} along x and y"))
         return lines
+
+
+def _left_out_overshoot(found: Standing) -> float:
+    """Share by which a step of the base's acceleration overshoots within the uncertainty; 0: it has none."""
+    motion = found.posture.base_motion if found.posture else None
+    accelerates = motion is not None and motion.rows(1)[0].reshape(3, 3)[[0, 2]].any()
+    return found.tolerance.overshoot if accelerates else 0.0
 
 
 def _posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
