@@ -71,6 +71,11 @@ def test_the_method_follows_from_the_straight_line(tmp_path, monkeypatch):
     assert methods_for(task_among(tmp_path, BESIDE)) == ("direct",)
     touched = WALL.replace("0.75, 0.0", "1.05, 0.0")
     assert methods_for(task_among(tmp_path, touched)) == ("direct", "path")
+    for wall in (BESIDE, touched):
+        assert methods_for(task_among(tmp_path, wall), limited=True) == ("path", "direct")
+    alone = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    assert [solid.name for solid in alone.robot.obstacles] == ["floor"]
+    assert methods_for(alone, limited=True) == ("direct", "path")
     monkeypatch.setattr("ocptip.api.methods.find_spec", lambda name: None)
     assert methods_for(task_among(tmp_path, BESIDE)) == ("direct",)
     with pytest.warns(
@@ -114,11 +119,13 @@ def test_a_segment_that_the_direct_search_does_not_reach_goes_along_a_path(tmp_p
 
 
 def test_when_the_time_is_up_there_is_a_plan_or_the_reason(tmp_path):
-    with pytest.raises(ocptip.NoPlanError, match="no verified motion in the given time"):
+    with pytest.raises(
+        ocptip.NoPlanError, match=r"in the given time, .*; more --seconds may help, or --method path"
+    ):
         ocptip.plan(task_file(tmp_path), seconds=1e-3)
 
 
-def test_where_the_time_is_limited_a_path_follows_the_direct_search(tmp_path):
+def test_where_the_time_is_limited_a_path_goes_before_or_follows_the_direct_search(tmp_path, monkeypatch):
     def too_slow():
         raise TimeIsUpError
 
@@ -130,6 +137,11 @@ def test_where_the_time_is_limited_a_path_follows_the_direct_search(tmp_path):
     plan = searched(task, None, TimeBudget(100.0), too_slow, 0, said.append)
     assert plan.verified
     assert plan.options["method"] == "path"
+    assert said == ["searching and timing a path ..."]  # among obstacles
+    said.clear()
+    monkeypatch.setattr("ocptip.retiming.among.plan_along_path", lambda *_, **__: plan)
+    alone = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    assert searched(alone, None, TimeBudget(100.0), too_slow, 0, said.append) is plan
     assert said[0] == "direct method: no verified motion in the given time, 60 s"
     assert said[1:] == ["searching and timing a path ..."]
 

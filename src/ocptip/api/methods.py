@@ -32,7 +32,7 @@ ALONG_PATH: tuple[Method, ...] = ("path", "smooth")
 """Methods that time a path among obstacles; the second one smooths it then."""
 
 NEARLY = 0.02
-"""m: overlap on the straight line in joint space up to which the direct search is tried first."""
+"""m: overlap on the straight line in joint space up to which the direct search is first in unlimited time."""
 
 _STATES = 60  # of the straight line
 _FIRST = 0.6  # of the time, for a method after which another one follows
@@ -102,6 +102,10 @@ def searched(
         raise
     except PlanningError as error:
         more = " (without --method, the direct method is tried as well)" if method == "path" else ""
+        if budget.given and not budget.left and not task.is_cycle:
+            more += "; more --seconds may help"
+            if method is None and "path" in methods:
+                more += ", or --method path, which gets all of the time"
         raise PlanningError(f"{error}{more}") from error
 
 
@@ -161,8 +165,8 @@ def _first_of(
 def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
     """The methods that suit a task, the more promising one first; both where the time is limited.
 
-    Among obstacles the direct search succeeds only near the straight line. A warning says where a path is
-    needed and OMPL is missing.
+    Among obstacles the direct search succeeds only near the straight line, and may take long to fail: where
+    the time is limited, a path comes first. A warning says where a path is needed and OMPL is missing.
     """
     if task.is_cycle or not task.robot.collision.labels:
         return ("direct",)
@@ -170,7 +174,10 @@ def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
     if overlap <= 0 and not limited:
         return ("direct",)
     if find_spec("ompl") is not None:
-        return ("direct", "path") if overlap <= NEARLY else ("path", "direct")
+        floors = {name for name, *_ in task.robot.collision.floors}
+        obstacles = any(solid.name not in floors for solid in task.robot.obstacles)
+        hard = overlap > 0 or obstacles if limited else overlap > NEARLY
+        return ("path", "direct") if hard else ("direct", "path")
     if overlap <= 0:
         return ("direct",)
     text = (
