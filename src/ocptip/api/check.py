@@ -42,8 +42,7 @@ from ocptip.trajectories.trajectory import Trajectory
 
 NO_STOPS = (
     "while the base drives these are not checked: stops of the arm, also those that the task asks for, "
-    "torques of wheels, obstacles at rest in the world, and sway at steps of the acceleration of base and "
-    "arm at once"
+    "torques of wheels, obstacles at rest in the world, and sway of elastic contacts at acceleration steps"
 )
 SAME = {"deg": 0.01, "m": 1e-4}
 """Offsets of start and goal up to this are not worth a note."""
@@ -79,8 +78,18 @@ class Check(CheckedMotion):
     def assumed(self) -> list[str]:
         """The assumptions about the motion where its file gives nothing, one sentence each."""
         rests = f"the robot rests before 0 s and after {self.motion.end:.4g} s"
-        driving = [NO_STOPS] if self.task.robot.acts.end else []
+        driving = [*self._steps_while_driving, NO_STOPS] if self.task.robot.acts.end else []
         return [*self.motion.assumed, rests, *driving]
+
+    @property
+    def _steps_while_driving(self) -> list[str]:
+        """The combinations of acceleration steps of base and joints that are covered, one sentence."""
+        if self.check.within is None or not self.check.within.tolerance.overshoot:
+            return []
+        every = "overshoot of base and joints in all combinations, with delayed joints, on rigid contacts"
+        if self.check.proved_while_moving:
+            return [f"the proof covers acceleration steps while the base drives: {every}"]
+        return [f"samples cover overshoot of the base with joints on time; a proof covers {every}"]
 
     @property
     def unproved(self) -> str:
