@@ -25,6 +25,7 @@ from ocptip.motion.plan import MotionPlan, plan_motion, proved
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.jobs import Jobs, _search
 from ocptip.motion.planner.one_start import Search
+from ocptip.numerics.time_limit import TimeIsUpError
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
@@ -479,6 +480,20 @@ def test_an_interrupt_after_starts_that_all_failed_is_one(case_b, scripted):
     scripted(None, case_b.reference, None)
     with pytest.raises(KeyboardInterrupt):
         plan_motion(case_b, starts=6, jobs=1, progress=Progress(stop_after=2))
+
+
+def test_the_end_of_the_time_says_how_far_the_search_came_and_what_the_nearest_motion_lacks(case_b, scripted):
+    def time_is_up(done, *_):
+        if done == 8:
+            raise TimeIsUpError
+
+    scripted(None, case_b.reference, None)
+    with pytest.raises(TimeIsUpError) as stopped:
+        plan_motion(case_b, starts=6, jobs=1, progress=time_is_up)
+    text = f"{stopped.value}"
+    assert text.startswith("2 of 6 starts had ended, 4 had only a rough motion; start 1: ")
+    assert "start 1: tipping margin is 0.002926 N m at 2.1410 s, must be >= 0.1809 N m" in text
+    assert text.endswith("; give more seconds")
 
 
 class Dying(Executor):

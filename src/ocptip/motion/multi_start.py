@@ -373,12 +373,10 @@ def _unfinished(task: MotionTask, search: MultiStart) -> str:
     starts = search.starts
     ended = [s.attempt for s in starts if s.attempt is not None]
     rough = sum(start.rough is not None for start in starts)
-    text = (
-        f"{len(ended)} of {len(starts)} starts had ended, {rough - len(ended)} were after their first program"
-    )
+    text = f"{len(ended)} of {len(starts)} starts had ended, {rough - len(ended)} had only a rough motion"
     moving = [(len(a.check.violations), a.result.number, a.check) for a in ended if a.check is not None]
     if not moving:
-        return f"{text}, and none had an exact motion yet; give more seconds"
+        return f"{text}; give more seconds"
     number, check = min(moving, key=lambda one: one[:2])[1:]
     why = f"start {number}: {'; '.join(broken_words(task.robot, check.violations))}"
     return f"{text}; {why}{_for_cancels(task, why)}; give more seconds"
