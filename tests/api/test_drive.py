@@ -135,6 +135,7 @@ def test_text_files_and_json(tmp_path, capsys):
     arguments = ["drive", str(TASK), "--directions", "8", "--out", str(folder), "--slope", "3"]
     assert main(arguments) == 0
     text = capsys.readouterr().out
+    assert text.splitlines()[0].endswith("uncertainty (default).")  # all that --quiet prints
     for part in (
         "DRIVE ENVELOPE, arm at rest",
         "brake downhill, 3 deg",
@@ -157,6 +158,12 @@ def test_text_files_and_json(tmp_path, capsys):
     assert "overshoot by 85.4 %" in lines[3]
     assert " % of the limits of single manoeuvres: all hold at once" in lines[1]
     k = lines.index("velocity_smoother:")
+    count = len(data["directions"])
+    lifts = [one["within"]["first_wheel_lifts_at"] for one in data["directions"]]
+    least = int(np.argmin(lifts))
+    told = next(line for line in lines[:k] if line.startswith("# first contact: lifts at "))
+    assert 0 <= lifts[least] - float(told.split()[5]) < 1e-3
+    assert f"at {360 / count * least:.0f} deg, worst case, if contacts are equally compliant" in told
     assert any(line.startswith("# start: posture 1 of ") for line in lines[:k])
     assert lines[k + 1] == "  ros__parameters:"
     given = [float(value) for value in lines[k + 4].split("[")[1].rstrip("]").split(",")]

@@ -30,6 +30,7 @@ from ocptip.trajectories.trajectory import Trajectory
 
 ASSUMED = "contacts with friction are wheels that drive and brake up to it: torques of wheels are not limited"
 NOT_COVERED = ("compliance of wheels", "uneven floor")
+_NOISE = 1e-9  # relative: a contact that lifts where the base tips
 _SAME = 1e-6  # relative: limits that differ by rounding
 _NONE = (0.0,)
 _SPACING = 0.02  # s: between instants of a motion
@@ -244,6 +245,20 @@ class DriveEnvelope(SavedFolder):
             return "in every direction"
         return f"at {np.degrees(self.worst_direction[1]):.0f} deg (0: forward, 90: left)"
 
+    @property
+    def first_lift(self) -> str:
+        """Where the first contact lifts before the base tips, which may be long before; empty: nowhere."""
+        count = len(self.angles)
+        lift, tip = self.worst.lift[:count], self.worst.tip[:count]
+        around = np.where(lift < tip * (1 - _NOISE), lift, np.inf)  # NaN: not known
+        k = int(np.argmin(around))
+        if np.isinf(around[k]):
+            return ""
+        case = "worst case" if self.within else "nominal"
+        value = np.trunc(1e3 * around[k] + _NOISE) / 1e3 + 0.0
+        where = f"lifts at {value:.4g} m/s^2 at {np.degrees(self.angles[k]):.0f} deg, {case}"
+        return f"{where}, if contacts are equally compliant; the base does not tip there"
+
     def limit(self, key: str) -> float | None:
         """The limit of a manoeuvre by base and objects, within the uncertainty; None where nothing limits."""
         k = [one.key for one in self.manoeuvres].index(key)
@@ -430,9 +445,12 @@ class DriveEnvelope(SavedFolder):
         edge = "the edge, if accelerations rise gently; what sets in at once overshoots"
         if self.steps:
             edge = f"the edge; {self.steps}, counted also from full acceleration to full braking"
-        choice = (self.choice,) if self.choice else ()
-        texts = f"{self.name}: {self.scope}", self.together, self.ground, edge, ASSUMED, self.reverse, *choice
-        lines = [*(f"# {text}" for text in texts), "velocity_smoother:", "  ros__parameters:"]
+        lift = f"first contact: {self.first_lift}" if self.first_lift else ""
+        if not lift and not np.isnan(self.worst.lift[: len(self.angles)]).any():
+            lift = "no contact lifts before the base tips on level ground, if contacts are equally compliant"
+        first = f"{self.name}: {self.scope}"
+        texts = first, self.together, self.ground, edge, ASSUMED, self.reverse, lift, self.choice
+        lines = [*(f"# {text}" for text in texts if text), "velocity_smoother:", "  ros__parameters:"]
         for name, values in self.navigation.items():
             # Rounded towards zero: the numbers must stay inside the envelope.
             shown = ", ".join(f"{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}" for value in values)

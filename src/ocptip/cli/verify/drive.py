@@ -10,7 +10,7 @@ import numpy as np
 
 from ocptip.api.drive import STOW, drive
 from ocptip.api.results.drive import ASSUMED, DriveEnvelope
-from ocptip.basics.text import joint_words, quantity, table, wrapped
+from ocptip.basics.text import joint_words, quantity, table
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
@@ -55,7 +55,7 @@ class DriveReport(FolderReport):
             *([("note", found.choice)] if found.choice else []),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
             ("worst direction", f"{_down(value)} m/s^2 {found.worst_direction_words}"),
-            *self._lifts(),
+            *([("first contact", found.first_lift)] if found.first_lift else []),
             ("locked wheels", self._locked()),
             *under("turns", found.stops),
             *([("steps", f"{found.steps}: counted in the worst case")] if found.steps else []),
@@ -66,7 +66,7 @@ class DriveReport(FolderReport):
             ("not covered", ", ".join(found.not_covered)),
         ]
         text = [
-            *wrapped("", [head], 0),
+            head,
             "",
             *table(rows, left=(0, 1, *range(4 if found.within else 3, len(rows[0])))),
             "",
@@ -81,16 +81,6 @@ class DriveReport(FolderReport):
             return "posture", joint_words(found.robot.names, found.robot.units, found.q)
         k = int(np.argmin(found.worst.largest[: len(found.angles)]))
         return "motion", f"{found.motion.end:.4g} s; worst direction at {found.worst.times[k]:.3f} s"
-
-    def _lifts(self) -> list[tuple[str, str]]:
-        """When the first contact lifts, which may be long before the base tips."""
-        found = self.found
-        around = found.worst.lift[: len(found.angles)]
-        k = int(np.argmin(around))
-        if not around[k] < found.worst.tip[k] * (1 - _NOISE):  # where it tips, or not known
-            return []
-        text = f"lifts at {_down(around[k])} m/s^2 at {np.degrees(found.angles[k]):.0f} deg"
-        return [("first contact", f"{text} if contacts are equally compliant; the base does not tip there")]
 
     def _locked(self) -> str:
         found = self.found
