@@ -42,6 +42,9 @@ from ocptip.trajectories.path_fit import FittedPath
 from ocptip.trajectories.tool_path import ToolPath, tool_distance
 from ocptip.trajectories.trajectory import Trajectory
 
+SLOWEST = 4.0
+"""Maximum factor of all times by which a timing is slowed down where the check asks for it."""
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -80,7 +83,7 @@ class Timing:
         if limited and fit.path.bends.size:
             task = _beyond_jerk_limits(task, fit)
             robot = task.robot
-        timed = time_path(robot, fit.path, limits, task.objective, jerk=most, base=base)
+        timed = time_path(robot, fit.path, limits, task.objective, jerk=most, base=base, slowest=SLOWEST)
         stage("checking the timing ...")
         step = None if rate is None else 1 / rate
         if base is None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.motion.check import OF_PATH, MotionCheck, check_motion
-from ocptip.motion.files.execution import slowed_as_needed
+from ocptip.motion.files.execution import SLOWEST, slowed_as_needed
 from ocptip.motion.objective import TIME, Objective
 from ocptip.numerics.threads import one_thread
 from ocptip.retiming.cheapest import CheapestTiming, PoweredTiming, Price, cheapest
@@ -142,6 +142,7 @@ def retime(
     ends: tuple[float, float] = (0.0, 0.0),
     jerk: ArrayLike | None = None,
     base: BaseLimits | None = None,
+    slowest: float = SLOWEST,
 ) -> Retimed:
     """Time a path so that the robot stands and keeps its limits: as fast, or as cheaply, as possible.
 
@@ -164,6 +165,7 @@ def retime(
             joints and `limits` have. Where there is one, accelerations are continuous: a second stage,
             nowhere faster than the first, a local solution.
         base: limits of a base that drives on the path.
+        slowest: maximum factor of all times by which a timing that breaks limits in the check is slowed down.
 
     Raises:
         InputError: the path does not fit the robot, or cannot be timed: says where, and by which limit; or
@@ -191,7 +193,7 @@ def retime(
             run, slower = _within_peaks(run, own_jerk)
             checked = check_motion(run.robot, run.motion, limits)
         if not checked.verified:
-            run, checked, more = _slowed(run, limits, checked)
+            run, checked, more = _slowed(run, limits, checked, slowest)
             slower *= more
         if best is None or checked.timed_well:
             curve, names = _curve(found)
@@ -421,8 +423,8 @@ class _Slowed(NamedTuple):
     factor: float
 
 
-def _slowed(run: Run, limits: Limits, checked: MotionCheck) -> _Slowed:
-    """The motion slowed down by the minimum factor, up to that of `execute`, that cures what timing can."""
+def _slowed(run: Run, limits: Limits, checked: MotionCheck, slowest: float) -> _Slowed:
+    """The motion slowed down by the minimum factor that cures what timing can, not beyond `max_duration`."""
 
     def tried(factor: float) -> _Slowed:
         if factor == 1:
@@ -431,4 +433,5 @@ def _slowed(run: Run, limits: Limits, checked: MotionCheck) -> _Slowed:
         return _Slowed(slower, check_motion(slower.robot, slower.motion, limits), factor)
 
     unchanged = _Slowed(run, checked, 1.0)
-    return slowed_as_needed(tried) or unchanged
+    longest = max(limits.max_duration / run.motion.end, SLOWEST)
+    return slowed_as_needed(tried, slowest=min(slowest, longest)) or unchanged

@@ -7,12 +7,14 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ocptip.api.check import retimed
 from ocptip.cli.main import main
+from ocptip.cli.plan.retime import slowed_text
 from ocptip.motion.check import check_motion
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.tolerance import WORKSHOP
@@ -273,3 +275,19 @@ def test_a_limit_of_the_jerk_is_kept_by_the_timing(tmp_path: Path) -> None:
 def test_a_jerk_that_is_none_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["retime", SWEEP, "--task", TASK, "--jerk", "-1"]) == 2
     assert "--jerk: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("cured", "slower", "jerk", "text"),
+    [
+        (True, 1.004, None, r"^$"),
+        (True, 1.4429, None, r"multiplied by 1\.443, .* in the check; --jerk, .* may be faster$"),
+        (True, 1.4429, 50.0, r"multiplied by 1\.443, so that all limits hold in the check$"),
+        (False, 1.0, None, r"also up to 4 times slower, .*: try another path or --jerk$"),
+    ],
+)
+def test_a_timing_that_the_check_slows_down_says_by_what_factor(cured, slower, jerk, text):
+    limits = SimpleNamespace(tolerance=SimpleNamespace(overshoot=0.85))
+    timed = SimpleNamespace(check=SimpleNamespace(timed_well=cured), slower=slower, jerk=jerk)
+    found = slowed_text(SimpleNamespace(task=SimpleNamespace(limits=limits), timed=timed))
+    assert re.search(text, found)

@@ -18,6 +18,7 @@ from ocptip.motion.files.output import joint_trajectory
 from ocptip.motion.files.plan_files import write_plan
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.controllers import controller_points
@@ -94,7 +95,8 @@ def test_the_minimum_slowing_is_determined_with_few_checks(needed, foretold):
         tried.append(factor)
         well = factor >= needed
         slowing = 1.0 if well else (needed / factor) ** foretold
-        return SimpleNamespace(check=SimpleNamespace(timed_well=well, slowing=slowing), factor=factor)
+        check = SimpleNamespace(timed_well=well, slowing=slowing, worst={})
+        return SimpleNamespace(check=check, factor=factor)
 
     found = slowed_as_needed(run)
     if needed > SLOWEST:
@@ -103,6 +105,26 @@ def test_the_minimum_slowing_is_determined_with_few_checks(needed, foretold):
     else:
         assert needed <= found.factor <= needed + max(1e-4, 0.1 * (found.factor - 1))
     assert len(tried) <= (7 if foretold == 1 else 13)
+
+
+@pytest.mark.parametrize(("pressing", "slowest", "checks"), [(1.0, 4.0, 4), (0.8, 4.0, 4), (0.8, 1.25, 2)])
+def test_a_friction_that_is_used_up_foretells_how_much_slower(pressing, slowest, checks):
+    """The force on a contact falls with accelerations, by their share `pressing` less where they press it."""
+    tried = []
+
+    def run(factor):
+        tried.append(factor)
+        used = 2.6 / (factor**2 - 1 + pressing)
+        worst = Worst("GT", used, 0.0, 1.0, "", used - 1)
+        check = SimpleNamespace(timed_well=used <= 1, slowing=max(used, 1.0) ** 0.5, worst={"GT": worst})
+        return SimpleNamespace(check=check, factor=factor)
+
+    found, needed = slowed_as_needed(run, slowest=slowest), (3.6 - pressing) ** 0.5
+    assert len(tried) <= checks
+    if slowest < needed:
+        assert found is None
+    else:
+        assert needed <= found.factor <= needed + 0.1 * (found.factor - 1)
 
 
 def test_joints_come_in_any_order(task, executed, tmp_path):

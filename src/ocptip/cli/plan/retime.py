@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from ocptip.api.inputs.given import task_of_motion
-from ocptip.api.retime import RetimedPlan, Timing, retime
+from ocptip.api.retime import SLOWEST, RetimedPlan, Timing, retime
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity, wrapped
 from ocptip.cli.command import Report
@@ -29,6 +29,7 @@ from ocptip.task_files.option_files import read_columns
 from ocptip.task_files.path import refuse_early
 
 _WORDS = {"time": "fastest", "energy": "minimum energy", "both": "minimum cost"}
+_WORTH_SAYING = 1.02  # factor of all times: less is left to the details
 _ROUNDING = 1e-9  # rad or m: a path that is no farther off passes through its points
 
 
@@ -69,7 +70,8 @@ class RetimeReport(PlanReport):
         kind = _WORDS[timings[0].task.objective.name]
         motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
         paths = wrapped("Path", [text for title, text in self.found() if title == "path"])
-        return [self.headline, motion, *paths]
+        slowed = wrapped("Slowed", [text for own in timings if (text := slowed_text(own))])
+        return [self.headline, motion, *paths, *slowed]
 
     def found(self) -> list[tuple[str, str]]:
         """The path of each segment, what it was, and what decides its timing."""
@@ -77,6 +79,19 @@ class RetimeReport(PlanReport):
         of = {s.name: f" (segment {s.name})" if self.plan.task.is_cycle else "" for s, _ in pairs}
         pairs = zip(of.values(), self.timings, strict=True)
         return [(title, f"{text}{name}") for name, own in pairs for title, text in _rows(own)]
+
+
+def slowed_text(timing: Timing) -> str:
+    """By which factor the check has slowed the timing down, or that it could not; empty: nothing to say."""
+    timed = timing.timed
+    steps = timing.task.limits.tolerance.overshoot and timed.jerk is None
+    if not timed.check.timed_well:
+        text = f"the check finds broken limits also up to {SLOWEST:g} times slower, as far as allowed"
+        return f"{text}: try another path{' or --jerk' if steps else ''}"
+    if timed.slower < _WORTH_SAYING:
+        return ""
+    text = f"all times of the timing multiplied by {timed.slower:.4g}, so that all limits hold in the check"
+    return f"{text}; --jerk, without acceleration steps that overshoot, may be faster" if steps else text
 
 
 def _rows(timing: Timing) -> list[tuple[str, str]]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, Protocol, TypeVar
 
-from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.check import OF_PATH, MotionCheck, check_motion
 from ocptip.motion.violations import stated
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.time_limit import TimeBudget
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
@@ -21,6 +22,7 @@ from ocptip.trajectories.trajectory import Trajectory
 SLOWEST = 1.25  # a motion that has to be slowed down by more is another motion
 STEPS = (1.0, 1.0005, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, SLOWEST)
 CLOSE = 1e-4  # of the factor
+_FORETOLD = 4  # checks at factors near the one that values foretell; halves follow
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,23 +190,66 @@ def slowed_as_needed(tried: Callable[[float], C], first: float = 1.0, slowest: f
     Returns:
         None: up to the maximum there is none.
     """
+    checks: dict[float, MotionCheck] = {}
 
     def kept(factor: float) -> C | None:
-        nonlocal asked
         found = tried(factor)
-        asked = factor * found.check.slowing
+        checks[factor] = found.check
         return found if found.check.timed_well else None
 
-    asked = low = first
+    low = first
     if found := kept(first):
         return found
-    while steps := [step for step in STEPS if low < step <= slowest]:
+    while steps := [step for step in (*STEPS, slowest) if low < step <= slowest]:
         # A broken limit says how far to go at least; the last step is tried in any case.
-        high = next((step for step in steps if step >= asked), steps[-1])
+        asked = low * checks[low].slowing
+        last = max(min(slowest, asked), steps[0])
+        high = next((step for step in steps if asked <= step <= SLOWEST), last)
         if found := kept(high):
-            return bisected(kept, low, high, found, _near)[1]
+            return _narrowed(kept, checks, low, high, found)
         low = high
     return None
+
+
+def _narrowed(
+    kept: Callable[[float], C | None], checks: Mapping[float, MotionCheck], low: float, high: float, found: C
+) -> C:
+    """The result near the minimum factor between one without and one with it; `checks` has those of all."""
+    turn = 0
+    while not _near(low, high):
+        middle, turn = 0.5 * (low + high), turn + 1
+        likely = _foretold(low, high, checks[low].worst, checks[high].worst)
+        if likely and turn <= _FORETOLD:
+            without, having = bisected(
+                lambda f, holds=likely: f if holds(f) else None, low, high, high, _near
+            )
+            middle = without if without > low else having
+        if (new := kept(middle)) is None:
+            low = middle
+        else:
+            high, found = middle, new
+    return found
+
+
+def _foretold(
+    low: float, high: float, before: Mapping[str, Worst], after: Mapping[str, Worst]
+) -> Callable[[float], bool] | None:
+    """Whether values that are broken at the first of two factors keep their limits at one between them.
+
+    Accelerations fall by the square of the factor. Where the force that presses rises meanwhile, the
+    reciprocal of a utilisation is nearly linear in that square. None: nothing broken has a maximum.
+    """
+    pairs = [
+        (1 / one.value, 1 / max(after[name].value, 1e-9), 1 / one.limit)
+        for name, one in before.items()
+        if one.broken and not one.least and one.limit > 0 and name in after and name not in OF_PATH
+    ]
+
+    def likely(factor: float) -> bool:
+        share = (factor**2 - low**2) / (high**2 - low**2)
+        return all((1 - share) * first + share * last >= asked for first, last, asked in pairs)
+
+    return likely if pairs else None
 
 
 def _near(low: float, high: float) -> bool:
