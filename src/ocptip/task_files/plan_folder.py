@@ -44,9 +44,10 @@ class PlanFolder:
             return replace(
                 self.task, start=self.motion.start, goal=self.motion.goal, choices=(), targets=(None, None)
             )
+        motions = [part.motion for part in self.every_part]  # refuses one that lacks segments
         segments = tuple(
             replace(segment, task=segment.between(own.start, own.goal), goals=own.goal[None])
-            for segment, own in zip(self.task.segments, self.motion.segments, strict=True)
+            for segment, own in zip(self.task.segments, motions, strict=True)
         )
         return replace(self.task, segments=segments, starts=self.motion.start[None])
 
