@@ -158,3 +158,21 @@ def test_a_change_of_a_called_function_is_seen(tmp_path, monkeypatch):
     assert result(10.0) == (20.0, 1)
     for name in names:
         sys.modules.pop(name)
+
+
+def test_a_change_of_an_imported_constant_is_seen(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("OCPTIP_CACHE_DIR", str(tmp_path / "cache"))
+    names = "kept_constant", "kept_reader"
+    (tmp_path / f"{names[1]}.py").write_text(
+        "from kept_constant import SIZE\nfrom ocptip.numerics.jit.compiled import compiled\n\n\n"
+        "@compiled\ndef sized(x):\n    return x + SIZE\n"
+    )
+    for size in (1.0, 10.0):
+        (tmp_path / f"{names[0]}.py").write_text(f"SIZE = {size}  # {'.' * int(size)}\n")
+        importlib.invalidate_caches()
+        for name in names:
+            sys.modules.pop(name, None)
+        assert importlib.import_module(names[1]).sized(0.0) == size
+    for name in names:
+        sys.modules.pop(name)

@@ -79,7 +79,8 @@ class Kernel:
         with _making:
             if kinds not in self.made:
                 files = _digest(frozenset(self._files() | _LANGUAGE))
-                key = f"{self.function.__qualname__} {self.any_order} {kinds} {files}".encode()
+                constants = " ".join(sorted(self._constants()))
+                key = f"{self.function.__qualname__} {self.any_order} {kinds} {files} {constants}".encode()
                 content = kept_code(key)
                 if content is None:
                     content = self._make(kinds)
@@ -101,9 +102,24 @@ class Kernel:
 
     def _files(self) -> set[str]:
         """The files of this function and of all that it calls."""
-        known, code = self.function.__globals__, self.function.__code__
-        called = [known[name] for name in code.co_names if isinstance(known.get(name), Kernel)]
-        return {code.co_filename}.union(*(kernel._files() for kernel in called))
+        return {self.function.__code__.co_filename}.union(*(kernel._files() for kernel in self._called()))
+
+    def _constants(self) -> set[str]:
+        """The numbers that this function and all that it calls read from modules, which may be imported."""
+        known = self.function.__globals__
+        mine = {
+            f"{n}={known[n]!r}"
+            for n in self.function.__code__.co_names
+            if isinstance(known.get(n), _CONSTANT)
+        }
+        return mine.union(*(kernel._constants() for kernel in self._called()))
+
+    def _called(self) -> list[Kernel]:
+        known = self.function.__globals__
+        return [known[n] for n in self.function.__code__.co_names if isinstance(known.get(n), Kernel)]
+
+
+_CONSTANT = int, float, tuple
 
 
 @cache
