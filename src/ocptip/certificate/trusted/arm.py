@@ -125,7 +125,7 @@ class Arm:
         Both ends of a spring act on links beside its joint, or on the base, so that the wrench on the base is
         as without it.
         """
-        at_zero, stiffness = (own[:, None] for own in self._springs)
+        at_zero, stiffness = (entry[:, None] for entry in self._springs)
         return q * stiffness + -at_zero
 
     def loads(
@@ -137,9 +137,10 @@ class Arm:
         q (m, N) are coordinates, turns of them; ends (2, N), s: from when to when; driven: None: it rests.
         """
         moved = self.accelerations(turns, qd, qdd, self.gravity, driven)
-        own = zip(self.masses, self.centres, self.inertias, moved, strict=True)
+        bodies_moved = zip(self.masses, self.centres, self.inertias, moved, strict=True)
         forces, moments = zip(
-            *(inertial(m, centre, inertia, at) for m, centre, inertia, at in own), strict=True
+            *(inertial(m, centre, inertia, placed) for m, centre, inertia, placed in bodies_moved),
+            strict=True,
         )
         F, M = (-part for part in self.process_load(turns, ends))
         needed: list[Form] = []
@@ -164,7 +165,7 @@ class Arm:
 
         ends (2, N), s: from when to when.
         """
-        both = [self._process_between(own, ends) for own in self.process]
+        both = [self._process_between(part, ends) for part in self.process]
         (F, M), on_link = ([form[:3], form[3:]] for form in both)
         if np.any(self.process[0]):
             moved = _columns(F, M)
@@ -174,22 +175,22 @@ class Arm:
         F = F + on_link[0]
         return F, M + on_link[1] + linear(skew(self.offsets[-1]), F)
 
-    def _process_between(self, own: np.ndarray, ends: np.ndarray) -> Form:
+    def _process_between(self, part: np.ndarray, ends: np.ndarray) -> Form:
         """(6, N): the line between its values at both ends, and how far it is from that in between."""
         if self._knots is None:
-            return Form.of(np.broadcast_to(own[:, None], (6, ends.shape[1])))
-        left, right = (np.array([np.interp(end, self._knots, column) for column in own.T]) for end in ends)
+            return Form.of(np.broadcast_to(part[:, None], (6, ends.shape[1])))
+        left, right = (np.array([np.interp(end, self._knots, column) for column in part.T]) for end in ends)
         middle, half = 0.5 * (left + right), 0.5 * (right - left)
-        steep = np.max(np.abs(np.diff(own, axis=0)) / np.diff(self._knots)[:, None], axis=0, initial=0.0)
+        steep = np.max(np.abs(np.diff(part, axis=0)) / np.diff(self._knots)[:, None], axis=0, initial=0.0)
         off = np.repeat((_SLACK * steep)[:, None], ends.shape[1], axis=1)
         first, last = np.searchsorted(self._knots, ends)
         for k in range(int(np.max(last - first, initial=0))):
             inside = np.flatnonzero(first + k < last)
             knot = first[inside] + k
             s = 2 * (self._knots[knot] - ends[0, inside]) / (ends[1] - ends[0])[inside] - 1
-            away = np.abs(own[knot].T - middle[:, inside] - half[:, inside] * s)
+            away = np.abs(part[knot].T - middle[:, inside] - half[:, inside] * s)
             off[:, inside] = np.maximum(off[:, inside], away + (_SLACK * steep)[:, None])
-        size = np.abs(left) + np.abs(right) + np.max(np.abs(own), axis=0, initial=0.0)[:, None]
+        size = np.abs(left) + np.abs(right) + np.max(np.abs(part), axis=0, initial=0.0)[:, None]
         return Form.of(middle, half, radius=off + U * size)
 
     def shares(
@@ -207,7 +208,7 @@ class Arm:
         both = self.accelerations(turns, qd, qdd, none, driven)
         base = self.accelerations(turns, qd * 0.0, qdd * 0.0, none, driven)
         rows = zip(both, joints, base, strict=True)
-        mixed = [_less(*own) for own in rows]
+        mixed = [_less(*row) for row in rows]
         return [(joints, None), (mixed, None), (base, driven)]
 
     def accelerations(
@@ -222,7 +223,7 @@ class Arm:
         if driven is not None:
             omega, (origin, domega, squares) = driven
             acceleration = acceleration + origin + _swing(self.mount, domega, squares)
-        found = []
+        results = []
         for i in range(self.n):
             if i or self.slides[i]:
                 lever = self.offsets[i - 1] if i else np.zeros(3)
@@ -239,14 +240,14 @@ class Arm:
                 domega = _plus(domega, cross, changes[i])
                 omega = _plus(omega, None, speeds[i])
             squares = _products(omega)
-            found.append((acceleration, domega, squares))
-        return found
+            results.append((acceleration, domega, squares))
+        return results
 
     def velocities(self, turns: Turns, qd: Form) -> list[tuple[Form, Form]]:
         """Velocity of the origin of each link's frame, and angular velocity, (3, N), in its axes."""
         speeds = linear(self.ratios, qd)
         v = omega = Form.of(np.zeros((3, qd.r.shape[-1])))
-        found = []
+        results = []
         for i in range(self.n):
             if i:
                 v = v + linear(-skew(self.offsets[i - 1]), omega)  # omega x lever
@@ -258,8 +259,8 @@ class Arm:
                 v = _plus(v, None, speeds[i])
             else:
                 omega = _plus(omega, None, speeds[i])
-            found.append((v, omega))
-        return found
+            results.append((v, omega))
+        return results
 
     def frames(self, turns: Turns) -> list[tuple[Form, Form]]:
         """Rotation (3, 3, N) of each link to base axes, first the mount's, and its origin (3, N)."""
@@ -289,9 +290,9 @@ def driven(velocities: Form, rates: Form) -> Driven:
     return omega, (acceleration, stack(nothing, nothing, rates[2]), _products(omega))
 
 
-def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray, at: Motion) -> tuple[Form, Form]:
+def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray, motion: Motion) -> tuple[Form, Form]:
     """Force and moment (3, N), about its frame's origin, that a body in a frame that moves so needs."""
-    acceleration, domega, squares = at
+    acceleration, domega, squares = motion
     f = (acceleration + _swing(centre, domega, squares)) * mass
     return f, linear(inertia, domega) + linear(_gyroscopic(inertia), squares) + linear(skew(centre), f)
 

@@ -58,32 +58,32 @@ def bodies(
         frames: of all links.
         moved: of them, without gravity.
     """
-    last, e, found = arm.n - 1, tolerance["arm_mass"], []
+    last, e, results = arm.n - 1, tolerance["arm_mass"], []
     still, second = np.zeros((3, 3)), []
 
     def body(k: int, low: float, high: float, mass: float, centre: np.ndarray, inertia: np.ndarray) -> Body:
-        own = part_of(frames[k], moved[k], arm.about, mass, centre, inertia)
-        return Body(k, low, high, mass, *own)
+        part = part_of(frames[k], moved[k], arm.about, mass, centre, inertia)
+        return Body(k, low, high, mass, *part)
 
     for k, (mass, centre, inertia) in enumerate(zip(arm.masses, arm.centres, arm.inertias, strict=True)):
-        found.append(body(k, 1 - e, 1 + e, mass, centre, inertia))
+        results.append(body(k, 1 - e, 1 + e, mass, centre, inertia))
     if payload is not None:
         mass, h = float(payload["mass"]), tolerance["payload_mass"]
         centre, inertia = (np.array(payload[key], dtype=float) for key in ("center", "inertia"))
-        held, whole = body(last, 1 - h, 1 + h, mass, centre, inertia), found[-1]
+        held, whole = body(last, 1 - h, 1 + h, mass, centre, inertia), results[-1]
         rest = (getattr(whole, key) - getattr(held, key) for key in ("mass", "lever", "force", "moment"))
-        found[-1] = Body(last, 1 - e, 1 + e, *rest)
-        found.append(held)
+        results[-1] = Body(last, 1 - e, 1 + e, *rest)
+        results.append(held)
         half = np.array(tolerance["payload_center"], dtype=float)
         if np.any(half):
             axes, sides = np.array(payload["axes"], dtype=float).T, np.flatnonzero(half)
-            own = frames[last], moved[last], arm.about, mass * (1 + h), centre
-            parts, products = shifted(*own, axes[sides], half[sides])
+            body_of_tool = frames[last], moved[last], arm.about, mass * (1 + h), centre
+            parts, products = shifted(*body_of_tool, axes[sides], half[sides])
             second += products
             for size, part in zip(half[sides], parts, strict=True):
-                found.append(Body(last, -size, size, 0.0, *part))
-    found.append(body(last, 0.0, tolerance["extra_mass"], 1.0, arm.offsets[-1], still))
-    return found, second
+                results.append(Body(last, -size, size, 0.0, *part))
+    results.append(body(last, 0.0, tolerance["extra_mass"], 1.0, arm.offsets[-1], still))
+    return results, second
 
 
 def base_bodies(
@@ -109,9 +109,9 @@ def base_bodies(
     if driven is not None:
         place, inertia = (np.array(base[key], dtype=float) for key in ("center_of_mass", "inertia"))
         still = Form.of(np.broadcast_to(np.eye(3)[:, :, None], (3, *none.r.shape)))
-        own = (still, none), driven[1], place
-        _, force, moment = part_of(*own, mass, place, inertia)
-        moved, second = shifted(*own, most, place, shifts, np.ones(len(shifts)))
+        base_terms = (still, none), driven[1], place
+        _, force, moment = part_of(*base_terms, mass, place, inertia)
+        moved, second = shifted(*base_terms, most, place, shifts, np.ones(len(shifts)))
         parts = [(none, force, moment), *moved]
     weights = [(1 + low, 1 + high, mass), *[(-1.0, 1.0, 0.0)] * len(shifts)]
     rows = zip(weights, parts, strict=True)
@@ -134,19 +134,19 @@ def carried_bodies(
     still = Form.of(np.broadcast_to(np.eye(3)[:, :, None], (3, *none.r.shape)))
     h, half = float(tolerance["payload_mass"]), np.array(tolerance["payload_center"], dtype=float)
     axes, sides = np.array(carried["axes"], dtype=float).T, np.flatnonzero(half)
-    found, second = [], []
+    results, second = [], []
     for body in carried["bodies"]:
         mass, frame = float(body["mass"]), ((still, none), moved, about)
         centre, inertia = (np.array(body[key], dtype=float) for key in ("center", "inertia"))
-        found.append(Body(carried["link"], 1 - h, 1 + h, mass, *part_of(*frame, mass, centre, inertia)))
+        results.append(Body(carried["link"], 1 - h, 1 + h, mass, *part_of(*frame, mass, centre, inertia)))
         parts, products = shifted(*frame, mass * (1 + h), centre, axes[sides], half[sides])
         second += products
-        found += [
+        results += [
             Body(carried["link"], -x, x, 0.0, *part) for x, part in zip(half[sides], parts, strict=True)
         ]
     masses, levers = _levers(carried)
     place = Form.of(np.broadcast_to((masses @ levers / np.sum(masses))[:, None], none.r.shape))
-    return [*found, Body(carried["link"], 0.0, 0.0, 0.0, place, none, none)], second
+    return [*results, Body(carried["link"], 0.0, 0.0, 0.0, place, none, none)], second
 
 
 def tilted(carried: Mapping[str, Any], tolerance: Mapping[str, Any]) -> tuple[float, float]:

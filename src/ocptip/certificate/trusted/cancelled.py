@@ -86,12 +86,12 @@ class Cancelled:
         """
         pieces = np.arange(1, len(self._motion["times"]) - 1)
         one, delay = np.ones(len(pieces)), self._late.delay
-        at = Intervals(self._motion, pieces, -one, one)
+        intervals = Intervals(self._motion, pieces, -one, one)
         begin = np.full(len(pieces), delay + _APART)
-        ends = begin + np.max(self._fastest(at.qd) / self._rate, axis=0) * (1 + U) + 2 * CREEP
-        own = np.repeat(pieces, 2)
+        ends = begin + np.max(self._fastest(intervals.qd) / self._rate, axis=0) * (1 + U) + 2 * CREEP
+        twice = np.repeat(pieces, 2)
         first, last = (np.ravel(np.column_stack(pair)) for pair in ((0 * begin, begin), (begin, ends)))
-        return Boxes(own, -np.ones(len(own)), np.ones(len(own)), first, last)
+        return Boxes(twice, -np.ones(len(twice)), np.ones(len(twice)), first, last)
 
     def cover(self, trees: Any) -> Boxes:
         """Boxes that together are all times: halves of halves of `whole`, of each a text of `_SPLITS`, first
@@ -121,8 +121,8 @@ class Cancelled:
 
     def rested(self, boxes: Boxes) -> np.ndarray:
         """(B,) where everything has rested for as long as joints are delayed: those are states of others."""
-        at = Intervals(self._motion, boxes.piece, boxes.start, boxes.end)
-        longest = np.max(self._fastest(at.qd) / self._rate, axis=0) * (1 + U)
+        intervals = Intervals(self._motion, boxes.piece, boxes.start, boxes.end)
+        longest = np.max(self._fastest(intervals.qd) / self._rate, axis=0) * (1 + U)
         return (boxes.first > longest + self._late.delay + CREEP) & (boxes.first > 0)
 
     @staticmethod
@@ -132,10 +132,10 @@ class Cancelled:
 
     def rows(self, boxes: Boxes) -> list[Rows]:
         """The states in boxes, those with about as many joints of unsure accelerations together."""
-        at, rate = Intervals(self._motion, boxes.piece, boxes.start, boxes.end), self._rate
+        intervals, rate = Intervals(self._motion, boxes.piece, boxes.start, boxes.end), self._rate
         delay = self._late.delay
         first, last = boxes.first - delay - U, boxes.last + U
-        low, high = at.qd.range
+        low, high = intervals.qd.range
         fastest = np.maximum(high, -low)
         still = fastest <= CREEP
         sign = np.where(still, 0.0, np.where(low > -CREEP, 1.0, np.where(high < CREEP, -1.0, 0.0)))
@@ -146,9 +146,9 @@ class Cancelled:
         early = np.broadcast_to((first < 0) & (delay > 0), low.shape)  # it may still be in the motion
         moves, rests = ~still & (first < longest), still | (last > shortest)
         slower, unsure = -sign * rate, np.where(still | (sign != 0), 0.0, rate)
-        known = boxes, at, slower, unsure, moves, rests & (first <= longest)
+        known = boxes, intervals, slower, unsure, moves, rests & (first <= longest)
         columns = np.flatnonzero(early[0])
-        ago, motion = self._before(boxes.some(columns), at.ends[:, columns])
+        ago, motion = self._before(boxes.some(columns), intervals.ends[:, columns])
         centre, spread = self._accelerations(*known, columns, motion)
 
         # while it decelerates: from the state at t
@@ -157,22 +157,22 @@ class Cancelled:
         after = Form(e, np.broadcast_to(U * (1 + np.abs(first) + np.abs(last)), low.shape) + 0.0)
         faster, further = after * slower, after * after * (0.5 * slower)
         if len(columns):  # or in the motion, before t
-            own = (part[:, columns] for part in known[2:])
-            since = _decelerating(*own, share=0.0)
+            taken = (part[:, columns] for part in known[2:])
+            since = _decelerating(*taken, share=0.0)
             changes = _changes(ago, motion, last[columns], since)
             for form, change in zip((faster, further), changes, strict=True):
                 form.c[..., columns], form.r[..., columns] = change.c, change.r
         over = np.where(early, 0.0, np.maximum(last - shortest, 0.0)) * (1 + U)  # it may have rested so long
         jump = np.where(early, JUMP, 0.0)
-        qd = _moved(faster + at.qd, slower * -0.5 * over, 0.5 * rate * over + 100 * jump + creep)
-        q = further + at.qd * after + at.q
+        qd = _moved(faster + intervals.qd, slower * -0.5 * over, 0.5 * rate * over + 100 * jump + creep)
+        q = further + intervals.qd * after + intervals.q
         loose = 0.25 * rate * over**2 + jump * (1 + 100 * delay) + creep * (1 + last)
         q = _moved(q, slower * -0.25 * over**2, loose)
 
         # at rest: from the place where it rests, as long as it may still have been moving
         left = np.maximum(longest - first, 0.0) * (1 + U)
         turns = np.where(sign == 0, 1.0, 0.0)  # or it is still
-        halted = at.qd * at.qd * (0.5 * sign / rate) + at.q
+        halted = intervals.qd * intervals.qd * (0.5 * sign / rate) + intervals.q
         aside = turns * 0.5 * fastest * longest * (1 + U) + creep * (1 + longest)
         halted = _moved(halted, slower * 0.25 * left**2, 0.25 * rate * left**2 * (1 - turns) + aside)
         speed = Form.of(np.zeros(low.shape))
@@ -180,7 +180,7 @@ class Cancelled:
         speed = _moved(speed, slower * -0.5 * left, slow)
         resting = ~early & (left <= over) | (~early & (sign == 0))
         states = _chosen(resting, halted, q), _chosen(resting, speed, qd)
-        return self._placed([*states, Form.of(centre)], spread, at.ends)
+        return self._placed([*states, Form.of(centre)], spread, intervals.ends)
 
     def _before(self, boxes: Boxes, ends: np.ndarray) -> tuple[np.ndarray, Ends]:
         """Times before t, (C + 1, B), s, from a delay to none, and bounds of accelerations (n, C, B) of the
@@ -191,13 +191,13 @@ class Cancelled:
         ago = (self._late.delay + U - boxes.first) * shares
         pieces = np.broadcast_to(boxes.piece, ago[1:].shape)
         parts = ends[0] - blur - ago[:-1], ends[1] + blur - ago[1:], pieces
-        found = self._late.accelerations(*(part.ravel() for part in parts))
-        return ago, tuple(part.reshape(len(part), *pieces.shape) for part in found)  # type: ignore[return-value]
+        result = self._late.accelerations(*(part.ravel() for part in parts))
+        return ago, tuple(part.reshape(len(part), *pieces.shape) for part in result)  # type: ignore[return-value]
 
     def _accelerations(
         self,
         boxes: Boxes,
-        at: Intervals,
+        intervals: Intervals,
         slower: np.ndarray,
         unsure: np.ndarray,
         moves: np.ndarray,
@@ -219,13 +219,15 @@ class Cancelled:
         low, high = np.full(slower.shape, np.inf), np.full(slower.shape, -np.inf)
         if len(columns):
             low[:, columns], high[:, columns] = np.min(motion[0], axis=1), np.max(motion[1], axis=1)
-            start, end = at.ends[:, columns]
+            start, end = intervals.ends[:, columns]
             blur = U * (1 + np.abs(start) + np.abs(end))
             start = start + boxes.first[columns]  # what was a delay before that is over
             if share:
                 extra[..., columns] = self._late.exceeded(start - blur, end + blur, boxes.piece[columns])
             low, high = low + extra[0], high + extra[1]
-            slowest, fastest = (part[:, columns] for part in at.qdd.range)  # at t, from where the step is
+            slowest, fastest = (
+                part[:, columns] for part in intervals.qdd.range
+            )  # at t, from where the step is
             begun = (slower - unsure)[:, columns], (slower + unsure)[:, columns]
             extra[0][:, columns] = np.minimum(0.0, extra[0][:, columns] + share * (begun[0] - fastest))
             extra[1][:, columns] = np.maximum(0.0, extra[1][:, columns] + share * (begun[1] - slowest))
@@ -241,7 +243,7 @@ class Cancelled:
         n = len(spread)
         count = n if self._late.delay else 1
         place = np.arange(n) if self._late.delay else np.zeros(n, dtype=int)
-        boxed, found = spread > 0, []
+        boxed, results = spread > 0, []
         group = np.digitize(np.count_nonzero(boxed, axis=0), ALIKE)
         for k in np.unique(group):
             here = np.flatnonzero(group == k)
@@ -260,8 +262,8 @@ class Cancelled:
             number = K + count - 1 + np.cumsum(boxed[:, here], axis=0)[joint, row]
             forms[2].c[number, joint, row] = spread[joint, here[row]]
             q, qd, qdd = forms
-            found.append(Rows(here, here, np.ones((n, len(here))), q, qd, qdd, ends[:, here]))
-        return found
+            results.append(Rows(here, here, np.ones((n, len(here))), q, qd, qdd, ends[:, here]))
+        return results
 
 
 def _decelerating(

@@ -126,7 +126,7 @@ def check_certificate(data: Mapping[str, Any]) -> Verdict:
     units = {} if unit is None else dict.fromkeys(_TIPPING, unit)
     for one in data["model"].get(OBJECTS, []):
         units |= {claims_of(one, within)[0]: one["base"]["reference_moment"] for within in (False, True)}
-    moments = {key: own * (1 / bounds[key] - 1) for key, own in units.items() if key in bounds}
+    moments = {key: reference * (1 / bounds[key] - 1) for key, reference in units.items() if key in bounds}
     return Verdict(not problems, tuple(problems), bounds, intervals, tolerance, moments)
 
 
@@ -144,7 +144,7 @@ def claims_of(carried: Mapping[str, Any], within: bool) -> tuple[str, ...]:
 def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     if data["format"] != FORMAT:
         return [f"format is {data['format']!r}, expected {FORMAT!r}"], 0
-    found = [
+    results = [
         f"the {key} is not that of the digest"
         for key in ("model", "motion", "tolerance")
         if digest(data[key]) != data["sha256"][key]
@@ -164,36 +164,36 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     if tolerance is not None:
         require_tolerance(tolerance)
     ratios = (TORQUES, SPEED_OF_POINTS_WITHIN)
-    own = (*within, *(key for key in ratios if within and key in bounds))
-    own += (SPEED_OF_POINTS,) if model.get(POINTS) else ()
-    own += tuple(key for names in cancels for key in names)
+    names_bounded = (*within, *(key for key in ratios if within and key in bounds))
+    names_bounded += (SPEED_OF_POINTS,) if model.get(POINTS) else ()
+    names_bounded += tuple(key for names in cancels for key in names)
     carried, kinds = model.get(OBJECTS, []), (False, True) if within else (False,)
-    own += tuple(key for one in carried for kind in kinds for key in claims_of(one, kind))
+    names_bounded += tuple(key for one in carried for kind in kinds for key in claims_of(one, kind))
     apart = [key for key in ("clearance", CLEARANCE) if key in bounds]
     angles = [key for key in (ANGLE_MARGIN_CANCEL,) if cancels]
-    if unknown := set(bounds) - {*CLAIMS, *own, *(apart if within else ()), *angles}:
-        found.append(f"unknown claims: {', '.join(sorted(unknown))}")
-    found += [
+    if unknown := set(bounds) - {*CLAIMS, *names_bounded, *(apart if within else ()), *angles}:
+        results.append(f"unknown claims: {', '.join(sorted(unknown))}")
+    results += [
         f"{key}: {bounds[key]} is no bound that proves anything"
         for key, most in (
             ("GN", 1.0),
             ("GT", 1.0),
             ("torque_ratio", LARGEST),
-            *((key, LARGEST if key in (*ratios, SPEED_OF_POINTS) else 1.0) for key in own),
+            *((key, LARGEST if key in (*ratios, SPEED_OF_POINTS) else 1.0) for key in names_bounded),
         )
         if not 0 < numbers(key, bounds[key], ()) < most
     ]
     numbers("clearance", [bounds[key] for key in (*apart, *angles)], (None,))
     if SPEED_OF_POINTS_WITHIN in bounds and not model.get(POINTS):
-        found.append(f"{SPEED_OF_POINTS_WITHIN}: claimed without points")
+        results.append(f"{SPEED_OF_POINTS_WITHIN}: claimed without points")
     if "clearance" not in bounds if model["pairs"] else apart:
-        found.append("clearance: claimed without anything that may collide, or not claimed with it")
+        results.append("clearance: claimed without anything that may collide, or not claimed with it")
     if len(data["cover"]) != len(motion["times"]):
-        found.append(f"cover: of {len(data['cover'])} pieces, the motion has {len(motion['times'])}")
+        results.append(f"cover: of {len(data['cover'])} pieces, the motion has {len(motion['times'])}")
     if len(data.get(OBJECTS, [])) != len(carried):
-        found.append(f"{OBJECTS}: of {len(data.get(OBJECTS, []))}, the model has {len(carried)}")
-    if found:
-        return found, 0
+        results.append(f"{OBJECTS}: of {len(data.get(OBJECTS, []))}, the model has {len(carried)}")
+    if results:
+        return results, 0
     missing = (tolerance is None) != (data["cover_within"] is None)
     if missing:
         return ["cover_within: given without a tolerance, or not given with one"], 0
@@ -219,19 +219,19 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
 
 def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
     """Problems of the claims about the nominal model."""
-    motion, model, found = data["motion"], data["model"], []
+    motion, model, results = data["motion"], data["model"], []
     checker = Checker(model, data["bounds"], data["tolerance"], motion)
     shape = (2, 1 + len(checker.contacts.couples), checker.contacts.count, 3)
     piece, start, end, forces, given = [], [], [], [], {}
     for number, part in enumerate(data["cover"]):
         require_cover(part, number + 1, shape, len(model["pairs"]) * (1 + (CLEARANCE in data["bounds"])))
-        ends, own = np.array(part["ends"], dtype=float), np.array(part["forces"], dtype=float)
+        ends, contact_forces = np.array(part["ends"], dtype=float), np.array(part["forces"], dtype=float)
         for interval, pair, *direction in part["directions"]:
             given[len(piece) + interval, pair] = direction
         piece += [number] * (len(ends) - 1)
         start.append(ends[:-1])
         end.append(ends[1:])
-        forces.append(own)
+        forces.append(contact_forces)
     unknown = [0.0, np.nan, np.nan, np.nan]
 
     def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -239,13 +239,17 @@ def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
             [given.get(key, unknown) for key in zip(intervals.tolist(), pairs.tolist(), strict=True)]
         )
 
-    at = Intervals(motion, np.array(piece), np.concatenate(start), np.concatenate(end))
+    time_intervals = Intervals(motion, np.array(piece), np.concatenate(start), np.concatenate(end))
     every = np.moveaxis(np.concatenate(forces), 0, -1)  # (2, rules, contacts, 3, N)
-    for name, margin in checker.margins(at, checker.loads(at), every, directions).items():
+    for name, margin in checker.margins(
+        time_intervals, checker.loads(time_intervals), every, directions
+    ).items():
         if not np.all(margin >= 0):
             k = int(np.argmin(margin))
-            found.append(f"{name}: not proved near {at.times[k]:.6g} s, {np.sum(~(margin >= 0))} intervals")
-    return found, len(piece)
+            results.append(
+                f"{name}: not proved near {time_intervals.times[k]:.6g} s, {np.sum(~(margin >= 0))} intervals"
+            )
+    return results, len(piece)
 
 
 def _problems_within(
@@ -262,30 +266,30 @@ def _problems_within(
     groups = sharing.late.rows(ends[:-1], ends[1:], apart)
     count = sum(len(rows.number) for rows in groups)
     forces, weights = _shared(sharing, cover, count)
-    found = []
+    results = []
     for rows in groups:
-        own = forces[..., rows.number], weights[..., rows.number]
-        for name, margin in sharing.margins(sharing.terms(rows), *own).items():
+        by_row = forces[..., rows.number], weights[..., rows.number]
+        for name, margin in sharing.margins(sharing.terms(rows), *by_row).items():
             if not np.all(margin >= 0):
                 near = ends[rows.interval[int(np.argmin(margin))]]
-                found.append(f"{name}: not proved near {near:.6g} s, {np.sum(~(margin >= 0))} rows")
-    return found, count
+                results.append(f"{name}: not proved near {near:.6g} s, {np.sum(~(margin >= 0))} rows")
+    return results, count
 
 
 def _problems_of_cancels(
     data: Mapping[str, Any], cover: str, claimed: tuple[str, str]
 ) -> tuple[list[str], int]:
     """The problems of claims about a cancelled motion, and the number of boxes."""
-    model, motion, bounds, own = data["model"], data["motion"], data["bounds"], data[cover]
+    model, motion, bounds, cancel_data = data["model"], data["motion"], data["bounds"], data[cover]
     tolerance = data["tolerance"] if cover == WITHIN_CANCEL else NOTHING
     if tolerance is None or model["arm"] is None or VELOCITIES in motion:
         raise MalformedError(f"{cover}: of an arm on a base that rests, within a tolerance")
     claims: dict[str, float] = {key: bounds[name] for key, name in zip(CLAIMS_WITHIN, claimed, strict=True)}
     sharing = Sharing(model, motion, tolerance, claims)
     cancelled = Cancelled(motion, model[DECELERATIONS], sharing.late)
-    boxes = cancelled.cover(own["trees"])
+    boxes = cancelled.cover(cancel_data["trees"])
     count, limits = len(boxes.piece), limits_of(model)
-    forces, weights = _shared(sharing, own, count)
+    forces, weights = _shared(sharing, cancel_data, count)
     names = [*CLAIMS_OF_CONTACTS, "angle"]
     least = np.full(len(names), np.inf)
     for begin in range(0, count, _AT_ONCE):

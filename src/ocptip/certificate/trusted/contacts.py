@@ -112,8 +112,8 @@ class Contacts:
             f = Form(f.c, f.r + np.abs(correction).sum(axis=1)[:, None] * left)
             for k, contact in enumerate(np.flatnonzero(pattern)):
                 force = f[3 * k : 3 * k + (3 if self.bears[3 * contact + 1] else 1)]
-                own = [self._inside(force, *piece, share) for piece in self.sets[contact]]
-                slack[here] = np.minimum(slack[here], np.max(own, axis=0))
+                inside = [self._inside(force, *piece, share) for piece in self.sets[contact]]
+                slack[here] = np.minimum(slack[here], np.max(inside, axis=0))
             if not self.idle(pattern):
                 slack[here] = -np.inf
         return slack
@@ -157,8 +157,8 @@ class Contacts:
 
 def patterns(loaded: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Which contacts carry something together, (contacts,), and in which of the columns (contacts, N)."""
-    found, which = np.unique(loaded, axis=1, return_inverse=True)
-    return [(pattern, np.flatnonzero(which.reshape(-1) == k)) for k, pattern in enumerate(found.T)]
+    result, which = np.unique(loaded, axis=1, return_inverse=True)
+    return [(pattern, np.flatnonzero(which.reshape(-1) == k)) for k, pattern in enumerate(result.T)]
 
 
 def _end(value: float | None, none: float) -> float:

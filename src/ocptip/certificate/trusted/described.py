@@ -125,17 +125,19 @@ class Checker:
         self._limits = limits_of(model)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
-    def loads(self, at: Intervals) -> Loads:
+    def loads(self, intervals: Intervals) -> Loads:
         """Torques and the wrench that the contacts have to hold, and what goes with the kind of robot."""
         frames, further, late_turns, speeds = [], None, [], {}
-        late, late_speeds = self._late_states(at)
+        late, late_speeds = self._late_states(intervals)
         if self.arm is not None:
-            turns = self.arm.turns(at.q)
-            torques, wrench = self.arm.loads(at.q, turns, at.qd, at.qdd, at.ends, at.driven)
+            turns = self.arm.turns(intervals.q)
+            torques, wrench = self.arm.loads(
+                intervals.q, turns, intervals.qd, intervals.qdd, intervals.ends, intervals.driven
+            )
             if len(self.pairs):
                 frames = self.arm.frames(turns)
             if self._points:
-                speeds[SPEED_OF_POINTS] = self._point_speeds(turns, at.qd)
+                speeds[SPEED_OF_POINTS] = self._point_speeds(turns, intervals.qd)
             if late is not None:
                 late_turns = self.arm.turns(late)
             if late_speeds is not None and SPEED_OF_POINTS_WITHIN in self.bounds:
@@ -143,18 +145,21 @@ class Checker:
                 speeds[SPEED_OF_POINTS_WITHIN] = self._fastest * share * (1 + U)
         else:
             assert self.program is not None  # of a robot that is no arm
-            n = len(at.q.r)
-            found = run(self.program, [form[k] for form in (at.q, at.qd, at.qdd) for k in range(n)])
-            torques, wrench = stack(*found[:n]), stack(*found[n : n + 6])
-            further = stack(*found[n + 6 :]) if found[n + 6 :] else None
+            n = len(intervals.q.r)
+            result = run(
+                self.program,
+                [form[k] for form in (intervals.q, intervals.qd, intervals.qdd) for k in range(n)],
+            )
+            torques, wrench = stack(*result[:n]), stack(*result[n : n + 6])
+            further = stack(*result[n + 6 :]) if result[n + 6 :] else None
         wrench = wrench + self.weight[:, None]
-        if at.driven is not None:
-            wrench = wrench - self._base_inertia(at.driven)
+        if intervals.driven is not None:
+            wrench = wrench - self._base_inertia(intervals.driven)
         return Loads(torques, wrench, frames, late, late_turns, speeds, further)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def margins(
-        self, at: Intervals, loads: Loads, forces: np.ndarray, directions: Directions
+        self, intervals: Intervals, loads: Loads, forces: np.ndarray, directions: Directions
     ) -> dict[str, np.ndarray]:
         """By how much each claim is kept, (N,) each: proved where >= 0; -inf where nothing is known.
 
@@ -165,22 +170,27 @@ class Checker:
             directions: see `distances`.
         """
         limits, bounds = self._limits, self.bounds
-        found = self.contact_margins(loads.wrench, forces)
-        found["torque"] = 1 - _share(loads.torques, bounds["torque_ratio"] * limits["torque"])
+        result = self.contact_margins(loads.wrench, forces)
+        result["torque"] = 1 - _share(loads.torques, bounds["torque_ratio"] * limits["torque"])
         if self._drives is not None:
-            most = self._drives.greatest(at.q, at.qd, at.qdd, at.ends, at.driven) / limits["torque"][:, None]
-            found["torque within tolerance"] = 1 - np.max(most, axis=0) / bounds[TORQUES] * (1 + U)
-        found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
-        found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
-        found["angle"] = angle_margins(at.q, limits) + ANGLE
+            most = (
+                self._drives.greatest(
+                    intervals.q, intervals.qd, intervals.qdd, intervals.ends, intervals.driven
+                )
+                / limits["torque"][:, None]
+            )
+            result["torque within tolerance"] = 1 - np.max(most, axis=0) / bounds[TORQUES] * (1 + U)
+        result["speed"] = 1 + RELATIVE - _share(intervals.qd, limits["speed"])
+        result["acceleration"] = 1 + RELATIVE - _share(intervals.qdd, limits["acceleration"])
+        result["angle"] = angle_margins(intervals.q, limits) + ANGLE
         if len(self.pairs):
             asked = bounds["clearance"]
             gaps = distances(loads.frames, self.bodies, self.pairs, asked, directions)
-            found["clearance"] = np.min(gaps, axis=0) - asked
+            result["clearance"] = np.min(gaps, axis=0) - asked
         if self._late is not None and CLEARANCE in bounds:
-            found["clearance within tolerance"] = self._late_gaps(loads.late_turns, directions)
+            result["clearance within tolerance"] = self._late_gaps(loads.late_turns, directions)
         for name, share in loads.speeds.items():
-            found[CLAIMS_OF_POINTS[name]] = 1 - share / bounds[name] * (1 + U)
+            result[CLAIMS_OF_POINTS[name]] = 1 - share / bounds[name] * (1 + U)
         if loads.further is not None:
             assert self.program is not None
             low, high = loads.further.range
@@ -189,8 +199,8 @@ class Checker:
                 for key, none in (("lower", -np.inf), ("upper", np.inf))
             )
             slack = np.minimum(low - least + RELATIVE * np.abs(least), most - high + RELATIVE * np.abs(most))
-            found["singularity, motor speed"] = np.min(slack, axis=0)
-        return {name: known(value) for name, value in found.items()}
+            result["singularity, motor speed"] = np.min(slack, axis=0)
+        return {name: known(value) for name, value in result.items()}
 
     def _base_inertia(self, driven: Driven) -> Form:
         """(6, N): what the motion of the base needs, about its centre of mass."""
@@ -198,24 +208,26 @@ class Checker:
         force, moment = inertial(float(self._base["mass"]), place, inertia, driven[1])
         return joined(force, moment - linear(skew(place), force))
 
-    def _late_states(self, at: Intervals) -> tuple[Form, Form] | tuple[None, None]:
+    def _late_states(self, intervals: Intervals) -> tuple[Form, Form] | tuple[None, None]:
         if self._late is None:
             return None, None
         if not self._late.delay:
-            return at.q, at.qd
-        blur = U * (1 + np.abs(at.ends).sum(axis=0))  # times are rounded
-        q, qd = self._late.places(at.ends[0] - blur, at.ends[1] + blur)
-        return q[: len(at.q.r)], qd[: len(at.q.r)]  # of a base that drives nothing is asked here
+            return intervals.q, intervals.qd
+        blur = U * (1 + np.abs(intervals.ends).sum(axis=0))  # times are rounded
+        q, qd = self._late.places(intervals.ends[0] - blur, intervals.ends[1] + blur)
+        return q[: len(intervals.q.r)], qd[
+            : len(intervals.q.r)
+        ]  # of a base that drives nothing is asked here
 
     def _point_speeds(self, turns: Turns, qd: Form) -> np.ndarray:
         """The largest share of their limits that speeds of points reach, (N,), from above."""
         assert self.arm is not None  # programs have no points
-        moved, found = self.arm.velocities(turns, qd), []
+        moved, point_speeds = self.arm.velocities(turns, qd), []
         for point in self._points:
             v, omega = moved[point["link"] - 1]
             v = v + linear(-skew(np.array(point["place"], dtype=float)), omega)
-            found.append(np.sqrt(dot(v, v).range[1]) / point["speed"])
-        return np.max(found, axis=0) * (1 + U)
+            point_speeds.append(np.sqrt(dot(v, v).range[1]) / point["speed"])
+        return np.max(point_speeds, axis=0) * (1 + U)
 
     def _late_gaps(self, turns: Turns, directions: Directions) -> np.ndarray:
         """Distances beyond what is claimed for delayed joints, (N,), m; directions of their pairs have

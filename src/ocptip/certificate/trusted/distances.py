@@ -78,8 +78,8 @@ def _apart(
     points = np.array(first["points"])
     middle = points.mean(axis=0)
     towards = dot(_transposed(R), Form.of(d)[:, None]) if linked else Form.of(d)  # base axes
-    own = Form.of(d) if linked else dot(R, towards[:, None])  # axes of the first
-    top = np.max(linear(_foremost(points - middle, own), own).range[1], axis=0)
+    direction = Form.of(d) if linked else dot(R, towards[:, None])  # axes of the first
+    top = np.max(linear(_foremost(points - middle, direction), direction).range[1], axis=0)
     origin, along = dot(q - (p + times_rows(R, middle)), towards), dot(Q, towards[:, None])
     nearest = _foremost(np.array(second["points"]), -along)
     heights = linear(nearest, along) + Form(origin.c[:, None], origin.r[None])

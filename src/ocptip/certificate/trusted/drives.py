@@ -47,20 +47,22 @@ class Drives:
             bodies(arm, self._payload, self._own, frames, moved)
             for moved, _ in arm.shares(turns, qd, qdd, driven)
         ]
-        found = shares[0][0]
+        share = shares[0][0]
         along, about = self._screws(frames)  # (links, 3, N): a torque is about . moment + along . force
         last, origin = frames[-1]
         tool = origin + times_rows(last, arm.offsets[-1])
         force, moment = (-turned(last, part) for part in arm.process_load(turns, ends))
         process = _of_joints(along, about, force[None], (moment + crossed(origin, force))[None])[:, 0]
-        moved = np.array([[i <= body.k for body in found] for i in range(arm.n)], dtype=float)[:, :, None]
+        moved = np.array([[i <= body.k for body in share] for i in range(arm.n)], dtype=float)[:, :, None]
         needs = [
-            [stack(*(getattr(body, name) for body in own)) for name in ("force", "moment")]
-            for own, _ in shares
+            [stack(*(getattr(body, name) for body in coordinates)) for name in ("force", "moment")]
+            for coordinates, _ in shares
         ]
-        moving = [_of_joints(along, about, *own) * moved for own in needs]  # (links, bodies, N)
-        lever = stack(*(body.lever for body in found))
-        masses = np.array([body.mass for body in found])[:, None]
+        moving = [
+            _of_joints(along, about, *coordinates) * moved for coordinates in needs
+        ]  # (links, bodies, N)
+        lever = stack(*(body.lever for body in share))
+        masses = np.array([body.mass for body in share])[:, None]
         pulls = [
             -(_cross(about, lever, axis) + along[:, axis][:, None] * masses) * moved for axis in range(3)
         ]
@@ -70,16 +72,24 @@ class Drives:
             if second:
                 turning = about[:, None] * stack(*second)[None]
                 loose += most * np.sum(turning.size + turning.r, axis=(1, 2))
-        own = [self._coordinates(form) for form in (*pulls, *pushes, process)]
+        coordinates = [self._coordinates(form) for form in (*pulls, *pushes, process)]
         moving = [self._coordinates(form) for form in moving]
         rotor = qdd * arm.armature[:, None]
-        weights = np.array([(body.low, body.high) for body in found]).T[:, :, None]
+        weights = np.array([(body.low, body.high) for body in share]).T[:, :, None]
         springs = arm.against_springs(q)
         off = springs * np.full((len(arm.armature), 1), float(self._own.get(SPRING_SHARE, 0.0)))
-        found = self._greatest(
-            weights, moving, own[:3], own[3:6], own[6] + springs, rotor, off, factors, bent
+        share = self._greatest(
+            weights,
+            moving,
+            coordinates[:3],
+            coordinates[3:6],
+            coordinates[6] + springs,
+            rotor,
+            off,
+            factors,
+            bent,
         )
-        return found + np.abs(arm.ratios.T) @ loose
+        return share + np.abs(arm.ratios.T) @ loose
 
     def _coordinates(self, form: Form) -> Form:
         """Torques, or their parts, of joints, (links, ...), as those of the drives' coordinates."""
@@ -125,17 +135,17 @@ class Drives:
         mean, half = 0.5 * (weights[0] + weights[1]), 0.5 * (weights[1] - weights[0])
         off = float(np.linalg.norm(g)) * tilt * (1 + U)  # by so much gravity changes at most
         forms = (*pulls, *pushes, process, rotor, springs)
-        at = [np.tensordot(BERNSTEIN, form.c, axes=1) for form in forms]
+        at_nodes = [np.tensordot(BERNSTEIN, form.c, axes=1) for form in forms]
         shares = np.stack([np.tensordot(BERNSTEIN, form.c, axes=1) for form in moving])
-        pulled, level = np.stack(at[:3]), sum(g[axis] * at[axis] for axis in range(3))
+        pulled, level = np.stack(at_nodes[:3]), sum(g[axis] * at_nodes[axis] for axis in range(3))
         y = np.sum(mean * pulled, axis=3)  # (3, nodes, n, N)
         along, across = np.tensordot(g, y, axes=1), np.linalg.norm(np.cross(y, g, axis=0), axis=0)
-        pushed = push * np.linalg.norm(np.stack(at[3:6]), axis=0) + np.abs(at[8])
+        pushed = push * np.linalg.norm(np.stack(at_nodes[3:6]), axis=0) + np.abs(at_nodes[8])
         turned_by = np.sum(half * off * np.linalg.norm(pulled, axis=0), axis=2)
         best = np.full(along.shape, -np.inf)
-        for own in factors:
-            moved = np.tensordot(own, shares, axes=1)
-            still = np.sum(mean * moved, axis=2) + own[0] * at[7] + at[6]
+        for factor in factors:
+            moved = np.tensordot(factor, shares, axes=1)
+            still = np.sum(mean * moved, axis=2) + factor[0] * at_nodes[7] + at_nodes[6]
             spread = np.sum(half * np.abs(moved + level), axis=2) + turned_by + pushed
             for sign in (1.0, -1.0):
                 best = np.maximum(best, sign * still + _over_cap(sign * along, across, tilt) + spread)
@@ -143,14 +153,16 @@ class Drives:
         far, fast = np.abs(g) + off, np.max(factors, axis=0)
 
         def whole(of: Callable[[Form], np.ndarray]) -> np.ndarray:
-            bodies = sum(f * of(own) for f, own in zip((*fast, *far), (*moving, *pulls), strict=True))
+            bodies = sum(
+                f * of(body_form) for f, body_form in zip((*fast, *far), (*moving, *pulls), strict=True)
+            )
             rest = of(process) + fast[0] * of(rotor) + push * sum(map(of, pushes)) + of(springs)
             return np.sum(most * bodies, axis=1) + rest
 
         error, size = whole(lambda form: form.r), whole(lambda form: form.size)
         # Factors that are not between their ends alone, see `paces`.
         error += np.sum(
-            most * sum(b * (own.size + own.r) for b, own in zip(bent, moving, strict=True)), axis=1
+            most * sum(b * (factor.size + factor.r) for b, factor in zip(bent, moving, strict=True)), axis=1
         )
         return (np.max(best, axis=0) + error) * (1 + U) + 16 * U * size
 

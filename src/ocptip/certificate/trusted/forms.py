@@ -139,9 +139,9 @@ class Form:
         c, (m, i, j) = self.c.copy(), numbers_of(len(self.c))
         mixed, square = np.flatnonzero((i == k) != (j == k)), K + 2 * m + np.flatnonzero((i == k) & (j == k))
         places = [(0, K + k), (1, K + m + k), *((K + i[p] + j[p] - k, K + 2 * m + p) for p in mixed)]
-        for place, own in places:
-            c[place] += 0.5 * side * self.c[own]
-            c[own] *= 0.5
+        for place, part in places:
+            c[place] += 0.5 * side * self.c[part]
+            c[part] *= 0.5
         c[0] += 0.25 * self.c[square][0]
         c[K + k] += 0.5 * side * self.c[square][0]
         c[square] *= 0.25

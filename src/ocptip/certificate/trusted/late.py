@@ -107,8 +107,8 @@ class Late:
         self.delayed = self._c.shape[1]
         if VELOCITIES in motion:
             self._times[[0, -1], [0, 1]] += -REST, REST  # the base may drive before and after the motion
-            own = np.pad(self._c, ((0, 0), (0, 0), (0, K - self._c.shape[2])))
-            self._c = np.concatenate([own, _integrated(motion[VELOCITIES], self._times)], axis=1)
+            padded = np.pad(self._c, ((0, 0), (0, 0), (0, K - self._c.shape[2])))
+            self._c = np.concatenate([padded, _integrated(motion[VELOCITIES], self._times)], axis=1)
         self.joints = self._c.shape[1]
         self.delay = delay + SLACK if delay or overshoot else 0.0
         self._delays = np.full(self.joints, self.delay)
@@ -130,13 +130,13 @@ class Late:
 
     def _about(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Taylor coefficients in time about u (pieces,): (pieces, n, degrees), and bounds of rounding."""
-        found, blur = np.zeros_like(self._c), np.zeros_like(self._c)
+        values, blur = np.zeros_like(self._c), np.zeros_like(self._c)
         for i in range(self._c.shape[2]):
             for k in range(i, self._c.shape[2]):
                 term = comb(k, i) * self._c[:, :, k] * (u ** (k - i) * self._rate**i)[:, None]
-                found[:, :, i] += term
+                values[:, :, i] += term
                 blur[:, :, i] += U * np.abs(term)
-        return found, blur
+        return values, blur
 
     def _changes(
         self, starts: np.ndarray, ends: np.ndarray, pieces: np.ndarray | None = None
@@ -177,23 +177,25 @@ class Late:
     ) -> list[_Branch]:
         """The cases of one joint from start to end, s; the rest is its part of `_changes`."""
         d, events, least = float(self._delays[joint]), self.events, _SMALL * self._peaks[joint]
-        jumps = [k for k, own in zip(inside, jumping.tolist(), strict=True) if own and events[k] > start - d]
-        low, high, found = (start - d, end - d), (start, end), []
+        jumps = [
+            k for k, jump in zip(inside, jumping.tolist(), strict=True) if jump and events[k] > start - d
+        ]
+        low, high, branches = (start - d, end - d), (start, end), []
         loose, rounded, sums = smooth, 0.0, {}  # sums: over steps that end at an event, by where they begin
         for k in jumps:
             e = float(events[k])
             until = (e, e) if e < 0.5 * sum(high) else high
-            found.append(_Branch(joint, k, low, until, 0.0, loose))
-            own, blur = (2 * self.overshoot * x[k, joint, 2] for x in (self._step, self._blur))
+            branches.append(_Branch(joint, k, low, until, 0.0, loose))
+            jump, blur = (2 * self.overshoot * x[k, joint, 2] for x in (self._step, self._blur))
             rounded += blur
-            sums = {i: x + float(own) for i, x in {**sums, k: 0.0}.items() if e - events[i] <= d}
+            sums = {i: x + float(jump) for i, x in {**sums, k: 0.0}.items() if e - events[i] <= d}
             for more in sorted({x for x in sums.values() if abs(x) > least}):
                 loose = smooth + np.array([0.0, 0.0, rounded])
-                found.append(_Branch(joint, k + 1, (e, e), (e, e), more, loose))
+                branches.append(_Branch(joint, k + 1, (e, e), (e, e), more, loose))
             small = max((abs(x) for x in sums.values() if abs(x) <= least), default=0.0)
             loose = smooth + np.array([0.0, 0.0, small + rounded])
             low = (e, e) if e > start - d + 0.5 * (end - start) else (start - d, end - d)
-        return [*found, _Branch(joint, inside.stop, low, high, 0.0, loose)]
+        return [*branches, _Branch(joint, inside.stop, low, high, 0.0, loose)]
 
     def rows(self, starts: np.ndarray, ends: np.ndarray, apart: np.ndarray | None = None) -> list[Rows]:
         """All rows of intervals, those with about as many boxes together.
@@ -210,13 +212,13 @@ class Late:
             states = [joined(*pair) for pair in zip(states, placed, strict=True)]
             spread = np.concatenate([spread, more])
         group = np.digitize(np.count_nonzero(spread[chosen], axis=0), ALIKE)
-        found = []
+        results = []
         for k in np.unique(group):
             here = np.flatnonzero(group == k)
             q, qd, qdd = self._placed(states, chosen[:, here], spread)
             when = np.stack([starts[interval[here]], ends[interval[here]]])
-            found.append(Rows(here, interval[here], counted[:, here], q, qd, qdd, when))
-        return found
+            results.append(Rows(here, interval[here], counted[:, here], q, qd, qdd, when))
+        return results
 
     def places(self, starts: np.ndarray, ends: np.ndarray) -> tuple[Form, Form]:
         """Coordinates and speeds (n, N) in s and e_1 ... e_n of delayed joints, over intervals from start to
@@ -272,19 +274,19 @@ class Late:
         interval, chosen, counted, most = [], [], [], 0
         changes = zip(starts.tolist(), ends.tolist(), *self._changes(starts, ends), strict=True)
         for number, (start, end, inside, jumps, smooth) in enumerate(changes):
-            own, counts = [], []
+            patterns, counts = [], []
             for joint in range(self.joints):
                 new = self._branches(joint, start, end, inside, jumps[:, joint], smooth[joint])
                 if self.delay and apart is not None and not apart[number, joint] and len(new) > 1:
                     boxes.append(_Box(joint, start, end, new))
-                    own.append([-len(boxes)])
+                    patterns.append([-len(boxes)])
                 else:
-                    own.append(list(range(len(branches), len(branches) + len(new))))
+                    patterns.append(list(range(len(branches), len(branches) + len(new))))
                     branches += new
                 counts.append(len(new))
-            most += prod(len(each) for each in own)
+            most += prod(len(each) for each in patterns)
             require(most <= MOST, "cover_within: too many combinations")
-            for combination in product(*own):
+            for combination in product(*patterns):
                 interval.append(number)
                 chosen.append(combination)
                 counted.append(counts)
@@ -304,14 +306,14 @@ class Late:
         c[K], c[K + 1] = 0.5 * (lines[1] - lines[0]) * rate, 0.5 * (turns[1] - turns[0]) * rate
         size = (np.abs(low).sum(axis=0) + np.abs(high).sum(axis=0) + np.abs(middle)) * rate
         u = Form(c, U * size)
-        own, found = self._c[piece, joints], []
+        coefficients, states = self._c[piece, joints], []
         for order in range(3):
-            value = polynomial(own.T, u) * rate**order
+            value = polynomial(coefficients.T, u) * rate**order
             loose = np.array([b.loose[order] for b in branches])
-            found.append(Form(value.c, (value.r + loose) * (1 + U)))
-            own = own[:, 1:] * np.arange(1, own.shape[1])
-        found[2] = found[2] + np.array([b.more for b in branches])
-        return found
+            states.append(Form(value.c, (value.r + loose) * (1 + U)))
+            coefficients = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
+        states[2] = states[2] + np.array([b.more for b in branches])
+        return states
 
     def _boxes(self, boxes: list[_Box]) -> tuple[list[Form], np.ndarray]:
         """Coordinates, speeds and accelerations for any T in the delay, forms (boxes,) in s and e; and by how
@@ -340,10 +342,10 @@ class Late:
         u, z = within(0.5 * self._times[piece].sum(axis=1), rate), within(middle[owner], 1 / half[owner])
         c = np.zeros((length(1), len(boxes)))
         c[1], c[K] = 0.5 * (last - first) / half, 0.5 * delay / half
-        at = Form(c, U * (np.abs(first) + np.abs(last) + delay) / half)
-        own, found, spread = self._c[piece, joints], [], np.zeros(len(boxes))
+        time = Form(c, U * (np.abs(first) + np.abs(last) + delay) / half)
+        coefficients, results, spread = self._c[piece, joints], [], np.zeros(len(boxes))
         for order in range(3):
-            value = polynomial(own.T, u) * rate**order + np.array(
+            value = polynomial(coefficients.T, u) * rate**order + np.array(
                 [part.more * (order == 2) for part in parts]
             )
             loose = np.array([part.loose[order] for part in parts])
@@ -353,11 +355,11 @@ class Late:
             np.minimum.at(ends[0], owner, low_ - loose)
             np.minimum.at(ends[1], owner, -high_ - loose)
             centre, spread = 0.5 * (ends[0] - ends[1]), 0.5 * (-ends[0] - ends[1])
-            form = polynomial(line, at) + centre
+            form = polynomial(line, time) + centre
             spread = spread * (1 + U) + U * np.abs(ends).sum(axis=0)
-            found.append(Form(form.c, form.r + spread * (order < 2)))
-            own = own[:, 1:] * np.arange(1, own.shape[1])
-        return found, spread
+            results.append(Form(form.c, form.r + spread * (order < 2)))
+            coefficients = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
+        return results, spread
 
     def _placed(self, states: list[Form], index: np.ndarray, spread: np.ndarray) -> list[Form]:
         """States of cases and boxes, coordinates first, at their joints' numbers: (n, R)."""
@@ -367,40 +369,40 @@ class Late:
                 Form(form.c[:K, index], form.r[index] + np.abs(form.c[K:]).sum(axis=0)[index])
                 for form in states
             ]
-        boxed, found = spread[index] > 0, []
-        late, own = self.delayed, index[self.delayed :]
+        boxed, results = spread[index] > 0, []
+        late, positions = self.delayed, index[self.delayed :]
         m = late + int(np.max(np.count_nonzero(boxed, axis=0)))
         for form in states:
             c, r = np.zeros((length(m), n, count)), form.r[index]
             c[:K] = form.c[:K, index]
-            r[late:] = (r[late:] + np.abs(form.c[K:]).sum(axis=0)[own]) * (1 + U)
+            r[late:] = (r[late:] + np.abs(form.c[K:]).sum(axis=0)[positions]) * (1 + U)
             square = K + 2 * m
             for j in range(late):
                 c[K + j, j], c[K + m + j, j] = form.c[K, index[j]], form.c[K + 1, index[j]]
                 c[square, j] = form.c[K + 2, index[j]]
                 square += m - j
-            found.append(Form(c, r))
+            results.append(Form(c, r))
         joint, row = np.nonzero(boxed)
         if not len(joint):
-            return found
+            return results
         number = K + late - 1 + np.cumsum(boxed, axis=0)[joint, row]
-        found[2].c[number, joint, row] = spread[index[joint, row]]
-        return found
+        results[2].c[number, joint, row] = spread[index[joint, row]]
+        return results
 
 
 def _integrated(velocities: Any, times: np.ndarray) -> np.ndarray:
     """(pieces, 3, 6): integrals of velocities (pieces, 3, degrees), polynomials of u in times (pieces, 2)."""
     v = np.array(velocities, dtype=float)
-    half, found = 0.5 * np.diff(times, axis=1)[:, :, None], np.zeros((len(v), 3, K))
-    found[:, :, 1 : 1 + v.shape[2]] = half * v / np.arange(1, 1 + v.shape[2])
-    return found
+    half, values = 0.5 * np.diff(times, axis=1)[:, :, None], np.zeros((len(v), 3, K))
+    values[:, :, 1 : 1 + v.shape[2]] = half * v / np.arange(1, 1 + v.shape[2])
+    return values
 
 
 def _line(value: Form, z: Form, owner: np.ndarray, degree: int) -> np.ndarray:
     """(degree + 1, boxes): polynomials of z near the values, forms (N,), of boxes; any will do."""
     x = np.array([-1.0, 0.0, 1.0])[:, None]
-    at, values = z.c[0] + x * z.c[1], sum(c * x**k for k, c in enumerate(value.c[:K]))
-    powers = at ** np.arange(degree + 1)[:, None, None]  # (degrees, 3, N)
+    state, values = z.c[0] + x * z.c[1], sum(c * x**k for k, c in enumerate(value.c[:K]))
+    powers = state ** np.arange(degree + 1)[:, None, None]  # (degrees, 3, N)
     weighted = powers * (np.abs(z.c[1]) + 1e-3)
     count = int(owner[-1]) + 1
     A = np.zeros((count, degree + 1, degree + 1))

@@ -62,7 +62,7 @@ def numbers(name: str, value: Any, shape: tuple[int | None, ...], least: float =
     """An array of such a shape (None: any length) of numbers, none below `least` or larger than LARGEST."""
     array = np.array(value)
     fits = array.ndim == len(shape) and all(
-        n is None or n == own for n, own in zip(shape, array.shape, strict=True)
+        n is None or n == given for n, given in zip(shape, array.shape, strict=True)
     )
     require(fits and array.dtype.kind in "iuf", f"{name}: numbers of shape {shape} are expected")
     require((array >= least) & (array <= LARGEST), f"{name}: a number is beyond {least:g} to {LARGEST:g}")
@@ -89,9 +89,9 @@ def require_model(model: Mapping[str, Any]) -> None:
         numbers("reference_moment", base["reference_moment"], (), 1e-9)
     _require_contacts(model["contacts"])
     require(set(limits) == _LIMITS, "limits: others are expected")
-    for key, own in limits.items():
+    for key, limit in limits.items():
         least = -LARGEST if key.startswith("angle") else 1e-9
-        numbers(f"limits of {key}", [1.0 if x is None else x for x in own], (joints,), least)
+        numbers(f"limits of {key}", [1.0 if x is None else x for x in limit], (joints,), least)
     _require_bodies(model["bodies"], model["pairs"], links)
     if DECELERATIONS in model:
         numbers(DECELERATIONS, model[DECELERATIONS], (joints,), 1e-9)
@@ -193,12 +193,12 @@ def require_ends(value: Any, start: float, end: float) -> np.ndarray:
 def require_joints(value: Any, count: int, joints: int) -> np.ndarray:
     """Which joints (count, joints) are named, interval by interval; else MalformedError."""
     require(isinstance(value, list) and len(value) == count, "apart: joints of every interval are expected")
-    found = np.zeros((count, joints), dtype=bool)
-    for k, own in enumerate(value):
-        for joint in own:
+    values = np.zeros((count, joints), dtype=bool)
+    for k, joint_terms in enumerate(value):
+        for joint in joint_terms:
             _index("apart", joint, 0, joints)
-            found[k, joint] = True
-    return found
+            values[k, joint] = True
+    return values
 
 
 def require_cover(part: Mapping[str, Any], number: int, forces: tuple[int, ...], pairs: int) -> None:

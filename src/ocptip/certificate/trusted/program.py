@@ -43,11 +43,12 @@ def require_program(program: Mapping[str, Any], joints: int) -> None:
             numbers("program", row[1], ())
             continue
         count, most = (1, 3 * joints) if row[0] == "INPUT" else (_TAKES[row[0]][0], k)
-        own = row[1 : 1 + count]
+        program_row = row[1 : 1 + count]
         require(
-            all(type(x) is int and 0 <= x < most for x in own), f"program: {row!r} takes what is not there"
+            all(type(x) is int and 0 <= x < most for x in program_row),
+            f"program: {row!r} takes what is not there",
         )
-        turns = row[0] != "INPUT" and bool(angles.intersection(own))
+        turns = row[0] != "INPUT" and bool(angles.intersection(program_row))
         require(not turns or row[0] in (*_OF_ANGLES, "SIN", "COS"), f"program: {row!r} takes an angle")
         if row[0] == "ATAN2" or (turns and row[0] in _OF_ANGLES):
             angles.add(k)
@@ -61,17 +62,17 @@ def require_program(program: Mapping[str, Any], joints: int) -> None:
 @_UNKNOWN
 def run(program: Mapping[str, Any], inputs: Sequence[Form]) -> list[Form]:
     """Outputs (N,) of a program for inputs (N,)."""
-    found: list[Form] = []
+    forms: list[Form] = []
     one = np.ones(inputs[0].r.shape)
     for name, *numbers_ in program["code"]:
         if name == "INPUT":
-            found.append(inputs[numbers_[0]])
+            forms.append(inputs[numbers_[0]])
         elif name == "CONST":
-            found.append(Form.of(numbers_[0] * one))
+            forms.append(Form.of(numbers_[0] * one))
         else:
             count, compute = _TAKES[name]
-            found.append(compute(*(found[k] for k in numbers_[:count])))
-    return [found[k] for k in program["outputs"]]
+            forms.append(compute(*(forms[k] for k in numbers_[:count])))
+    return [forms[k] for k in program["outputs"]]
 
 
 @_UNKNOWN

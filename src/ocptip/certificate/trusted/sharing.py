@@ -109,12 +109,12 @@ class Sharing:
         slack = np.full((self.contacts.count, terms.size.shape[1]), np.inf)
         couple = np.zeros(6) if couple is None else couple
         for pattern, here in patterns(np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)):
-            own, some = Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
+            rule, some = Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
             ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
-            constant, error = own.constant(ends, couple, some.size)
+            constant, error = rule.constant(ends, couple, some.size)
             for k, contact in enumerate(np.flatnonzero(pattern)):
-                at, pieces = slice(3 * k, 3 * k + 3), self.contacts.sets[contact]
-                place = own.rule[:, at], constant[:, at], error[at]
+                block, pieces = slice(3 * k, 3 * k + 3), self.contacts.sets[contact]
+                place = rule.rule[:, block], constant[:, block], error[block]
                 cones = facets if self.contacts.bears[3 * contact + 1] else ()  # else nothing is tangential
                 by_piece = [self._inside(some, place, piece, share, cones) for piece in pieces]
                 slack[contact, here] = np.max(by_piece, axis=0)
@@ -144,11 +144,11 @@ class Sharing:
             going = np.flatnonzero(slack[here] >= 0)
             if not len(going):
                 continue
-            own, h = some.some(going), rule.rule[going, ::3]
+            kept_terms, h = some.some(going), rule.rule[going, ::3]
             normal, error, slope = np.swapaxes(normal, 1, 2)[:, going], error.T[going], slope[going]
             error = (
                 error
-                + 8 * U * (np.abs(h) @ own.size.T[:, :, None])[..., 0]
+                + 8 * U * (np.abs(h) @ kept_terms.size.T[:, :, None])[..., 0]
                 + 8 * U * np.abs(normal).max(axis=0)
             )
             limits = Limits(
@@ -163,14 +163,14 @@ class Sharing:
             kept, columns = rough[pattern], np.repeat(pattern & rough, 3)
             limits = Limits(limits.rule[:, kept], limits.constant[..., kept], limits.error[:, kept])
             grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
-            twists = Twists(grasp, rounded, own.centre, own.half, limits)
-            found = twists.slack(
-                lambda rows, h, constant, closely, own=own: self._within.least(
-                    own.some(rows), h, constant, closely
+            twists = Twists(grasp, rounded, kept_terms.centre, kept_terms.half, limits)
+            result = twists.slack(
+                lambda rows, h, constant, closely, kept_terms=kept_terms: self._within.least(
+                    kept_terms.some(rows), h, constant, closely
                 ),
                 patient,
             )
-            slack[here[going]] = np.minimum(slack[here[going]], found / self.contacts.scale)
+            slack[here[going]] = np.minimum(slack[here[going]], result / self.contacts.scale)
         return slack
 
     def _pressed(
@@ -191,8 +191,8 @@ class Sharing:
         rows = [row for row in rows if np.isfinite(row[1])]
         slack = self.least(terms, place, rows, in_box=True)
         if len(left := np.flatnonzero(~(slack >= 0))):
-            own = place[0][left], place[1][..., left], place[2][..., left]
-            slack[left] = self.least(terms.some(left), own, rows)
+            chosen = place[0][left], place[1][..., left], place[2][..., left]
+            slack[left] = self.least(terms.some(left), chosen, rows)
         return slack
 
     def _inside(
@@ -214,10 +214,10 @@ class Sharing:
             angle = 2 * np.pi * (np.arange(count) + 0.5) / count
             around = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)]) / np.cos(np.pi / count)
             cone = [(np.array([share * slope, 0.0, 0.0]) - side, share * radius) for side in around]
-            own = place[0][rows], place[1][..., rows], place[2][..., rows]
-            found = self.least(terms.some(rows), own, cone)
-            done = (found >= 0) | (count == facets[-1])
-            slack[rows[done]] = np.minimum(slack[rows], found)[done]
+            chosen = place[0][rows], place[1][..., rows], place[2][..., rows]
+            result = self.least(terms.some(rows), chosen, cone)
+            done = (result >= 0) | (count == facets[-1])
+            slack[rows[done]] = np.minimum(slack[rows], result)[done]
             rows = rows[~done]
         return slack
 
@@ -254,12 +254,12 @@ class Rule:
         self._blur = contacts.rounded[:, columns] + U * self._G.shape[1] * np.abs(self._G)
         self._correction, self._defect = contacts.inverse(columns)
         self._bears = contacts.bears[columns][:, None]
-        own = np.repeat(np.maximum(weights, 0.0), (1, 2), axis=1).reshape(-1, weights.shape[2])
-        own = (own * self._bears).T  # (R, 3 n)
+        share = np.repeat(np.maximum(weights, 0.0), (1, 2), axis=1).reshape(-1, weights.shape[2])
+        share = (share * self._bears).T  # (R, 3 n)
         G = scale[:, None] * self._G
-        A = np.einsum("ia,ra,ja->rij", G, own, G)
+        A = np.einsum("ia,ra,ja->rij", G, share, G)
         A += (_REGULAR * np.trace(A, axis1=1, axis2=2) + 1e-200)[:, None, None] * np.eye(6)
-        self.rule = own[:, :, None] * (G.T @ np.linalg.inv(A)) * scale
+        self.rule = share[:, :, None] * (G.T @ np.linalg.inv(A)) * scale
         self._left = np.abs(np.eye(6) - self._G @ self.rule) + self._blur @ np.abs(self.rule)
 
     def constant(

@@ -48,9 +48,9 @@ class Terms:
 
     def some(self, rows: Any) -> Terms:
         """The terms of some rows."""
-        own = {name: getattr(self, name)[..., rows] for name in _BY_ROW}
+        fields = {name: getattr(self, name)[..., rows] for name in _BY_ROW}
         parts, process = (Form(form.c[..., rows], form.r[..., rows]) for form in (self.parts, self.process))
-        return Terms(self.low, self.high, self.masses, parts, process, self.tool, self.gravity, **own)
+        return Terms(self.low, self.high, self.masses, parts, process, self.tool, self.gravity, **fields)
 
     @classmethod
     def joined(cls, groups: list[Terms]) -> Terms:
@@ -81,9 +81,9 @@ class Terms:
         c = np.einsum("t,k,ktir->ir", 0.5 * (self.low + self.high), powers, self.parts.c[:K])
         weight = np.sum(0.5 * (self.low + self.high) * self.masses) * self.gravity
         moment = np.cross(c[:3], self.gravity, axisa=0, axisc=0)
-        own = np.einsum("k,kir->ir", powers, self.process.c[:K])
+        process = np.einsum("k,kir->ir", powers, self.process.c[:K])
         needed = self.needed(c)
-        return own + np.concatenate([weight[:, None] + needed[:3], moment + needed[3:]])
+        return process + np.concatenate([weight[:, None] + needed[:3], moment + needed[3:]])
 
     @staticmethod
     def needed(c: np.ndarray, factors: np.ndarray | None = None) -> np.ndarray:

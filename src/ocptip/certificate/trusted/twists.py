@@ -124,17 +124,17 @@ class Twists:
         corners = _FIRST  # of different triangles; those of rows are some of them
         for depth in range(deepest + 1):
             h, constant, error, gap = self._functionals(rows, which, corners)
-            found = np.min(self._in_box(rows, h, constant) - error, axis=1)
-            left = np.flatnonzero(~(found >= 0))
+            result = np.min(self._in_box(rows, h, constant) - error, axis=1)
+            left = np.flatnonzero(~(result >= 0))
             if depth >= _CLOSELY:
                 near = partial(least, closely=patient and depth >= _PATIENT)
                 value = _closely(near, rows[left], h[left], constant[:, left])
-                found[left] = np.min(value - error[left], axis=1)
+                result[left] = np.min(value - error[left], axis=1)
                 lost[rows[left[np.min(value + gap[left], axis=1) < 0]]] = True
-                left = np.flatnonzero(~(found >= 0))
+                left = np.flatnonzero(~(result >= 0))
             lost |= np.bincount(rows[left], minlength=len(slack)) > most
-            ended = (found >= 0) | lost[rows] | (depth == deepest)
-            np.minimum.at(slack, rows[ended], found[ended])
+            ended = (result >= 0) | lost[rows] | (depth == deepest)
+            np.minimum.at(slack, rows[ended], result[ended])
             left = np.flatnonzero(~ended & (slack[rows] >= 0))
             if not len(left):
                 break
@@ -149,13 +149,13 @@ class Twists:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of P rows and triangles of corners (Q, 3, 3): functionals (P, 3, 6), constants (2, P, 3) and errors
         (P, 3), and about how much more smaller triangles can show at the corners (P, 3)."""
-        own = self._limits
+        row_limits = self._limits
         share, most = self._shares(rows, which, corners)
         gap = ((most - share) @ self._typical[rows][:, :, None])[:, :, 0]
-        h = (corners @ self._basis.T)[which] + share @ own.rule[rows]
+        h = (corners @ self._basis.T)[which] + share @ row_limits.rule[rows]
         error = (np.abs(corners)[which] @ self._blur[rows][:, :, None])[:, :, 0]
-        error += (np.abs(share) @ own.error[rows][:, :, None])[:, :, 0]
-        return h, (share @ own.constant[:, rows][..., None])[..., 0], error * (1 + U), gap
+        error += (np.abs(share) @ row_limits.error[rows][:, :, None])[:, :, 0]
+        return h, (share @ row_limits.constant[:, rows][..., None])[..., 0], error * (1 + U), gap
 
     def _in_box(self, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """(P, 3) lower bounds of functionals of any wrench in the boxes."""
@@ -180,15 +180,15 @@ class Twists:
         force[every, turning] = 0.0
         missing = (self._middle @ self._basis)[row]
         missing += force.reshape(-1, 2 * limit.shape[1]) @ self._velocity.reshape(-1, 3)
-        own = -(missing[:, None] @ self._back[turning])[:, 0] / limit[every, turning][:, None]
-        own /= np.maximum(np.linalg.norm(own, axis=1), 1.0)[:, None]
-        share[pairs, :, turning] = (v[which, turning] @ (own * (1 - U))[:, :, None])[:, :, 0]
+        needed = -(missing[:, None] @ self._back[turning])[:, 0] / limit[every, turning][:, None]
+        needed /= np.maximum(np.linalg.norm(needed, axis=1), 1.0)[:, None]
+        share[pairs, :, turning] = (v[which, turning] @ (needed * (1 - U))[:, :, None])[:, :, 0]
         return share, np.swapaxes(speed, 1, 2)[whose]
 
 
 def _closely(least: Least, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
     """(P, 3) lower bounds by `least`, some triangles of many rows at once; rows ascend."""
-    found = np.empty(h.shape[:2])
+    values = np.empty(h.shape[:2])
     begins, counts = np.unique(rows, return_index=True, return_counts=True)[1:]
     first, last = 0, int(np.max(counts, initial=0))
     while first < last:
@@ -196,8 +196,8 @@ def _closely(least: Least, rows: np.ndarray, h: np.ndarray, constant: np.ndarray
         slots = np.arange(first, min(first + max(6, _TOGETHER // len(here)), last))
         first = int(slots[-1]) + 1
         pairs = begins[here] + np.minimum(slots[:, None], counts[here] - 1)  # (slots, K)
-        own = np.moveaxis(h[pairs], 1, 3).reshape(-1, 6, len(here))
+        in_order = np.moveaxis(h[pairs], 1, 3).reshape(-1, 6, len(here))
         ends = np.moveaxis(constant[:, pairs], 2, 3).reshape(2, -1, len(here))
-        value = least(rows[begins[here]], own, ends).reshape(len(slots), -1, len(here))
-        found[pairs] = np.moveaxis(value, 1, 2)
-    return found
+        value = least(rows[begins[here]], in_order, ends).reshape(len(slots), -1, len(here))
+        values[pairs] = np.moveaxis(value, 1, 2)
+    return values

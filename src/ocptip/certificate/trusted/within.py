@@ -80,40 +80,40 @@ class Within:
 
     # --- what the wrench is made of -----------------------------------------------------------------------
 
-    def terms(self, at: Rows) -> Terms:
+    def terms(self, rows: Rows) -> Terms:
         """The terms of the wrench in these rows."""
-        groups = [at.some(slice(k, k + _ROWS)) for k in range(0, len(at.number), _ROWS)]
-        return Terms.joined([self._terms_of(group) for group in groups or [at]])
+        groups = [rows.some(slice(k, k + _ROWS)) for k in range(0, len(rows.number), _ROWS)]
+        return Terms.joined([self._terms_of(group) for group in groups or [rows]])
 
-    def _terms_of(self, at: Rows) -> Terms:
-        own, arm, n = self._own, self._arm, len(self._arm.armature)
-        q, qd, qdd = at.q[:n], at.qd[:n], at.qdd[:n]
-        drives = driven(at.qd[n:], at.qdd[n:]) if self._drives else None
+    def _terms_of(self, rows_here: Rows) -> Terms:
+        settings, arm, n = self._own, self._arm, len(self._arm.armature)
+        q, qd, qdd = rows_here.q[:n], rows_here.qd[:n], rows_here.qdd[:n]
+        drives = driven(rows_here.qd[n:], rows_here.qdd[n:]) if self._drives else None
         turns = arm.turns(q)
-        nothing = Form.of(np.zeros((3, at.q.r.shape[-1])))
+        nothing = Form.of(np.zeros((3, rows_here.q.r.shape[-1])))
         if self._carried is not None:
             still = arm.accelerations(turns, qd * 0.0, qdd * 0.0, self._pull)
             return self._terms_of_carried([*arm.shares(turns, qd, qdd, drives), (still, None)], nothing)
         frames = arm.frames(turns)[1:]
         of_bodies, of_base, second = [], [], []
         for moved, base in arm.shares(turns, qd, qdd, drives):
-            rows, products = bodies(arm, self._payload, own, frames, moved)
-            base_rows, more = base_bodies(self._base, own, self._shifts, base, nothing)
+            rows, products = bodies(arm, self._payload, settings, frames, moved)
+            base_rows, more = base_bodies(self._base, settings, self._shifts, base, nothing)
             of_bodies, of_base, second = [*of_bodies, rows], [*of_base, base_rows], [*second, products + more]
-        found = [term_of(*same) for same in zip(*of_bodies, strict=True)]
-        tool = len(found) - 1
+        terms = [term_of(*same) for same in zip(*of_bodies, strict=True)]
+        tool = len(terms) - 1
         if any(second):
             loose = [sum((m.size + m.r for m in products), nothing.r) for products in second]
-            turning = [Form.of(np.zeros(nothing.r.shape), radius=own) for own in loose]
-            found.append((1.0, 1.0, 0.0, joined(nothing, *(x for m in turning for x in (nothing, m)))))
-        found += [term_of(*same) for same in zip(*of_base, strict=True)]
-        ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
+            turning = [Form.of(np.zeros(nothing.r.shape), radius=settings) for settings in loose]
+            terms.append((1.0, 1.0, 0.0, joined(nothing, *(x for m in turning for x in (nothing, m)))))
+        terms += [term_of(*same) for same in zip(*of_base, strict=True)]
+        ends = np.array([(low, high, mass) for low, high, mass, _ in terms]).T
         process = joined(nothing, nothing)
-        if any(np.any(own) for own in arm.process):
+        if any(np.any(settings) for settings in arm.process):
             R, p = frames[-1]
-            force, moment = (turned(R, v) for v in arm.process_load(turns, at.ends))
+            force, moment = (turned(R, v) for v in arm.process_load(turns, rows_here.ends))
             process = joined(force, moment + crossed(p + -self._about[:, None], force))
-        return self._terms(ends, stack(*(part for *_, part in found)), process, tool)
+        return self._terms(ends, stack(*(part for *_, part in terms)), process, tool)
 
     def _terms_of_carried(self, shares: Sequence[tuple[list[Motion], Driven | None]], nothing: Form) -> Terms:
         """Of an object, in axes of its link; the last share is gravity."""
@@ -122,16 +122,16 @@ class Within:
         for k, (moved, base) in enumerate(shares):
             level = -self._pull[:, None] if k == len(shares) - 1 else np.zeros((3, 1))
             rest = nothing + level, nothing, Form.of(np.zeros((6, nothing.r.shape[1])))
-            own = moved[carried["link"] - 1] if carried["link"] else rest if base is None else base[1]
-            bodies_, second = carried_bodies(carried, self._own, own)
+            frame = moved[carried["link"] - 1] if carried["link"] else rest if base is None else base[1]
+            bodies_, second = carried_bodies(carried, self._own, frame)
             rows.append(bodies_)
             loose.append(sum((m.size + m.r for m in second), nothing.r + self._far * (level.any())))
-        found = [term_of(*same) for same in zip(*rows, strict=True)]
-        turning = [Form.of(np.zeros(nothing.r.shape), radius=own) for own in loose]
-        found.append((1.0, 1.0, 0.0, joined(nothing, *(x for m in turning for x in (nothing, m)))))
-        ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
-        parts = stack(*(part for *_, part in found))
-        return self._terms(ends, parts, joined(nothing, nothing), len(found) - 2)
+        results = [term_of(*same) for same in zip(*rows, strict=True)]
+        turning = [Form.of(np.zeros(nothing.r.shape), radius=frame) for frame in loose]
+        results.append((1.0, 1.0, 0.0, joined(nothing, *(x for m in turning for x in (nothing, m)))))
+        ends = np.array([(low, high, mass) for low, high, mass, _ in results]).T
+        parts = stack(*(part for *_, part in results))
+        return self._terms(ends, parts, joined(nothing, nothing), len(results) - 2)
 
     def _terms(self, ends: np.ndarray, parts: Form, process: Form, tool: int) -> Terms:
         """With bounds of the terms for any speed factor and any tilt of gravity."""
@@ -161,8 +161,8 @@ class Within:
         centre, error = np.sum(mean * middle, axis=0) + process.c[0], error + process.r
         half = np.sum(most * spread + width * np.abs(middle), axis=0) + pushes + error + acts - still
         half = (half + 8 * U * size) * (1 + U)
-        own = tool, self._gravity, size, error, middle, spread, centre, half
-        return Terms(low, high, masses, parts, process, *own)
+        numbers = tool, self._gravity, size, error, middle, spread, centre, half
+        return Terms(low, high, masses, parts, process, *numbers)
 
     def _middle(self, masses: np.ndarray, c: np.ndarray) -> np.ndarray:
         """(T, 6, R): wrenches of terms (T, 3 + 6 G, R) as they are in the middle."""
@@ -224,7 +224,7 @@ class Within:
             does = np.einsum("air,tir->tar", h, self._middle(0.0 * masses, c[K + k]))
             does = np.where(doubt > 0, (high - low)[:, None, None] * np.abs(does), 0.0)
             strength.append(np.max(np.sum(does, axis=0), axis=0))
-        chosen, found = np.argmax(strength, axis=0), np.empty(doubt.shape[1:])
+        chosen, values = np.argmax(strength, axis=0), np.empty(doubt.shape[1:])
         for k in np.unique(chosen):
             rows = np.flatnonzero(chosen == k)
             some = terms.some(rows)
@@ -232,9 +232,9 @@ class Within:
                 self._terms(terms.ends, some.parts.half(k, side), some.process.half(k, side), terms.tool)
                 for side in (-1.0, 1.0)
             ]
-            own = h[..., rows], constant[..., rows], halvings
-            found[:, rows] = np.min([self._least(half, *own) for half in halves], axis=0)
-        return found
+            halved = h[..., rows], constant[..., rows], halvings
+            values[:, rows] = np.min([self._least(half, *halved) for half in halves], axis=0)
+        return values
 
     def _at_ends(
         self,
@@ -251,8 +251,8 @@ class Within:
         np.put_along_axis(doubt, chosen, 0.0, axis=0)
         value = np.full(error.shape, np.inf)
         for ends in product((terms.low, terms.high), repeat=len(chosen)):
-            own = np.array([end[k] for end, k in zip(ends, chosen, strict=True)])
-            np.put_along_axis(weights, chosen, own, axis=0)
+            ends_taken = np.array([end[k] for end, k in zip(ends, chosen, strict=True)])
+            np.put_along_axis(weights, chosen, ends_taken, axis=0)
             value = np.minimum(value, self._weighted(terms, h, constant, weights))
         return value - (np.sum(doubt, axis=0) + error) * (1 + U)
 
@@ -299,14 +299,14 @@ class Within:
     def _least_at_nodes(self, X: np.ndarray) -> np.ndarray:
         """Minimum values (vertices, A, R) over speed factor, gravity, pushes at the tool and numbers e."""
         (m, i, j), g = numbers_of(len(X)), len(self._fastest)
-        at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, G + 7, A, R)
+        at_nodes = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, G + 7, A, R)
         pull_, push_, free = np.s_[:, g : g + 3], np.s_[:, g + 3 : g + 6], np.s_[:, -1]
         by_node = _NODES.reshape(-1, 1, 1, 1)
         slopes = [X[K + k] + by_node * X[K + m + k] for k in range(m)]
         bends = X[K + 2 * m :]
         push = self._push
-        reach = np.linalg.norm(at[push_], axis=1)
-        unit = at[push_] / np.maximum(reach, 1e-300)[:, None]
+        reach = np.linalg.norm(at_nodes[push_], axis=1)
+        unit = at_nodes[push_] / np.maximum(reach, 1e-300)[:, None]
         pushed = [slope[free] - push * np.sum(unit * slope[push_], axis=1) for slope in slopes]
         tilted = self._off * np.linalg.norm(bends[pull_], axis=1)
         turns = [
@@ -323,7 +323,7 @@ class Within:
         lost = lost + np.sum(np.abs(bends[free]), axis=0)
         best, gravity = np.full(reach.shape, np.inf), self._gravity
         for pace in self._paces:
-            here, found = at[:, : g + 3].copy(), at[free] - push * reach - lost
+            here, result = at_nodes[:, : g + 3].copy(), at_nodes[free] - push * reach - lost
             level = np.concatenate([pace, gravity])
             bent = np.tensordot(level, bends[:, : g + 3], axes=(0, 1))
             linear = [
@@ -332,12 +332,12 @@ class Within:
             ]
             sides, beyond = _sides(linear, bent, i, j)
             for side, slope, other, turn, more in zip(sides, slopes, pushed, turns, beyond, strict=True):
-                found = found + side * other - 2 * np.maximum(turn + more, 0.0)
+                result = result + side * other - 2 * np.maximum(turn + more, 0.0)
                 here += side[:, None] * slope[:, : g + 3]
             for bend, first, second in zip(bends, i, j, strict=True):
                 here += (sides[first] * sides[second])[:, None] * bend[: g + 3]
             moving = np.tensordot(pace, here[:, :g], axes=(0, 1))
-            best = np.minimum(best, moving + self._under_cap(here[:, g:]) + found)
+            best = np.minimum(best, moving + self._under_cap(here[:, g:]) + result)
         return best
 
     def _under_cap(self, y: np.ndarray) -> np.ndarray:
